@@ -1,4 +1,4 @@
-"""`PlaceLayouts`, an event term for mjlab: at every reset the entities of an environment get a fresh layout."""
+"""`PlaceLayouts`: an event term of mjlab that gives entities a fresh layout at every reset."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ except ImportError as error:
     raise MissingExtraError("mjlab", "mjlab") from error
 
 KEYFRAME = "init_state"
-"""The keyframe that mjlab makes of the initial states of all entities."""
+"""Name of the keyframe in which mjlab keeps the initial states of all entities."""
 _CURE = (
-    "Layouts are made for the model as mjlab compiles it: events should not change where bodies without joints are, "
-    "what joints count from (qpos0), or sizes, places and contact bits of geoms."
+    "Layouts are made for the model as mjlab compiles it: events should not change the poses of bodies without joints, "
+    "reference positions of joints (qpos0), or sizes, poses and contact bits of geoms."
 )
 
 
 class PlaceLayouts(ManagerTermBase):
-    """Gives the environments that are reset a fresh layout each, by the entities' own functions, at their origins.
+    """Gives every environment that is reset a fresh layout at its origin, by the entities' own write functions.
 
     The scene is that of `PlaceLayoutsCfg`, on the model that mjlab has compiled. Free entities get a pose and come to
-    rest, those with a mocap root get a pose, and drawn joints get a position. Nothing else is written. A layout is a
-    pure function of scene, split, seed and episode; where other events move what layouts know nothing of, such as a
-    robot whose joints they offset, objects may start in it. List this event after those that write the same entities.
+    rest, entities with a mocap root get a pose, and drawn joints get a position. Nothing else is written. A layout is a
+    pure function of scene, split, seed and episode. It does not know of other events, so objects may start inside a
+    robot whose joints another event offsets. List this event after those that write the same entities.
 
     After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, and `layout_fallback` (the layout came
     from the bank of valid ones), each of shape (num_envs,); `extras["log"]` has the share of such environments.
@@ -52,10 +52,10 @@ class PlaceLayouts(ManagerTermBase):
         layouts: The latest layout of each environment, without its origin.
 
     Raises:
-        SceneKeyError: An object of the scene that is no entity's root.
+        SceneKeyError: An object of the scene is not the root of an entity.
         ScenirisError: The scene cannot be used; see `compile_scene`.
-        SceneMismatchError: In the first reset: startup events changed what layouts depend on.
-        ArgumentError: In the first reset: something placed the objects again; see `keep_layouts`.
+        SceneMismatchError: Startup events changed the model that layouts depend on; raised in the first reset.
+        ArgumentError: Something placed the objects again, see `keep_layouts`; raised in the first reset.
     """
 
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
@@ -66,7 +66,6 @@ class PlaceLayouts(ManagerTermBase):
         self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split)
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
-        self._mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         self._fits, self._placed, self._kept = False, None, False
 
     @property
@@ -75,39 +74,39 @@ class PlaceLayouts(ManagerTermBase):
         return self._generator.layouts
 
     def __call__(self, env: Any, env_ids: Tensor | None) -> None:
-        """Place the objects of the environments `env_ids`, of all if None."""
+        """Place the objects of the environments `env_ids`, or of all if None."""
         ids = torch.arange(env.num_envs, device=env.device) if env_ids is None else env_ids
         if not self._fits:
             model, data = env.sim.wp_model, env.sim.wp_data
             check_fit(self.compiled, model, data, self.layouts, env.sim.mj_model, where="PlaceLayouts", cure=_CURE)
             warn_of_origins(self.compiled.scene, env.scene.env_origins.cpu().numpy(), "PlaceLayouts")
             self._fits = True
-        self._mask.zero_()
-        self._mask[ids] = True
-        self._generator.generate(wp.from_torch(self._mask))
+        mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
+        mask[ids] = True
+        self._generator.generate(mask)
         self._write(ids)
         self._tell()
         if not self._kept:
             self._placed = ids, self.state(ids)
 
     def reset(self, env_ids: Tensor | None) -> None:
-        """Check, the first time, that the objects are still where they were placed: a reset of mjlab ends with this."""
+        """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""
         if self._placed is None:
             return
         ids, state = self._placed
         self._placed, self._kept = None, True
         if not all(torch.equal(old, new) for old, new in zip(state, self.state(ids), strict=True)):
             raise ArgumentError(
-                f"PlaceLayouts: {', '.join(self._roots)} should stay where the layouts have them, but something placed "
+                f"PlaceLayouts: {', '.join(self._roots)} should stay where the layout has them, but something placed "
                 f"them again in the same reset. {_suspects(self, self._env)}"
             )
 
     def state(self, env_ids: Tensor) -> list[Tensor]:
-        """Return positions and velocities of what the scene places, in some environments."""
+        """Return positions and velocities of the placed entities and joints in the environments `env_ids`."""
         return [array[env_ids[:, None], adr] for array, adr in self._addresses]
 
     def restore(self, env_ids: Tensor, state: list[Tensor]) -> None:
-        """Write back what `state` returned."""
+        """Write a result of `state` back."""
         for (array, adr), values in zip(self._addresses, state, strict=True):
             array[env_ids[:, None], adr] = values
 
@@ -127,7 +126,7 @@ class PlaceLayouts(ManagerTermBase):
             entity.write_joint_state_to_sim(position, torch.zeros_like(position), joint_ids, env_ids)
 
     def _tell(self) -> None:
-        """Tell which layouts the environments are in."""
+        """Report the layouts of the environments in `env.extras`."""
         layouts, extras = self.layouts, self._env.extras
         fallback = wp.to_torch(layouts.status) == Status.FALLBACK
         extras["layout_seed"] = wp.to_torch(layouts.seed).view(torch.int64).clone()
@@ -144,7 +143,7 @@ class PlaceLayoutsCfg(EventTermCfg):
         scene: The scene: a mapping, a path or a name, without `model`. An object with the name of an entity is that
             entity; `body` names the root of another one, as in "cube_0/cube". `home` is mjlab's "init_state".
         seed: Seed of environment 0, environment i has seed + i; None takes that of the environment's cfg, or draws one.
-            Under torchrun and torchrunx it counts from RANK * 2^40 on.
+            Under torchrun and torchrunx, RANK * 2^40 is added.
         split: "train" or "eval", which share no layouts.
     """
 
@@ -156,10 +155,10 @@ class PlaceLayoutsCfg(EventTermCfg):
 
 
 class KeepLayouts:
-    """Mixin for commands that place objects themselves: they draw their targets, and objects stay where they are.
+    """Mixin for commands that place objects when they draw a target: with it, objects stay where layouts put them.
 
-    `class Command(KeepLayouts, MultiCubeLiftingCommand)` is such a command; `keep_layouts` makes one of any cfg. Where
-    no event is a `PlaceLayouts` the command places objects as ever.
+    `class Command(KeepLayouts, MultiCubeLiftingCommand)` is such a command; `keep_layouts` makes one from any cfg.
+    Without an event `PlaceLayouts` the command places objects as usual.
     """
 
     _env: Any
@@ -176,13 +175,13 @@ def keep_layouts(cfg: Any) -> Any:
     """Return the cfg of a command with `KeepLayouts` mixed into the command that it builds.
 
     Args:
-        cfg: A CommandTermCfg whose command places objects when it draws a target, as MultiCubeLiftingCommandCfg.
+        cfg: A CommandTermCfg whose command places objects when it draws a target, such as MultiCubeLiftingCommandCfg.
     """
     kind = type(cfg)
 
     def build(self: Any, env: Any) -> Any:
         command = kind.build(self, env)
-        # a cfg makes an instance of the class that is written into its `build`, so the class changes afterwards
+        # `build` of a cfg names the class that it makes, so the class can only be changed afterwards
         command.__class__ = type(type(command).__name__, (KeepLayouts, type(command)), {})
         return command
 
@@ -192,14 +191,14 @@ def keep_layouts(cfg: Any) -> Any:
 
 
 def _term(env: Any) -> PlaceLayouts | None:
-    """The event that places entities, if there is one."""
+    """Return the event `PlaceLayouts`, if there is one."""
     manager = env.event_manager
     terms = (manager.get_term_cfg(name).func for names in manager.active_terms.values() for name in names)
     return next((term for term in terms if isinstance(term, PlaceLayouts)), None)
 
 
 def _suspects(term: PlaceLayouts, env: Any) -> str:
-    """Who may have placed objects after the event, and what helps."""
+    """Return advice that names the commands and events that may have placed objects after the event."""
     commands = {name: env.command_manager.get_term(name) for name in env.command_manager.active_terms}
     names = [f"'{n}' ({type(c).__name__})" for n, c in commands.items() if not isinstance(c, KeepLayouts)]
     events = env.event_manager.active_terms["reset"]
@@ -215,7 +214,7 @@ def _suspects(term: PlaceLayouts, env: Any) -> str:
 
 
 def _as_config(scene: Any, env: Any) -> SceneConfig:
-    """The scene on the environment's model, with entities as the objects of their names."""
+    """Return the scene on the environment's model, in which objects named like entities are these entities."""
     mjm = env.sim.mj_model
     config = SceneConfig.load(scene, {"model": mjm})
     words = {} if config.home is not None or not _has_key(mjm) else {"home": KEYFRAME}
@@ -230,7 +229,7 @@ def _has_key(mjm: mujoco.MjModel) -> bool:
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
-    """The entities whose poses are placed, by the names of the objects that they are.
+    """Return the entities whose poses are placed, by the names of their objects.
 
     Raises:
         SceneKeyError: An object that is no entity.
@@ -241,14 +240,14 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
         if part.is_placed and scene.bodies[name] not in entities:
             body = scene.mjm.body(scene.bodies[name]).name
             raise SceneKeyError(
-                f"{config.where}: objects.{name}: body '{body}' should be the root of an entity, which writes its "
-                f"pose. Entities: {', '.join(env.scene.entities)}."
+                f"{config.where}: objects.{name}: body '{body}' should be the root of an entity, since entities write "
+                f"poses. Entities: {', '.join(env.scene.entities)}."
             )
     return {name: entities[scene.bodies[name]] for name, part in config.objects.items() if part.is_placed}
 
 
 def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
-    """The entities whose joints are drawn, with the joints' numbers inside them."""
+    """Return the entities with joints that are drawn, and the numbers of these joints inside the entity."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
     found = []
@@ -261,7 +260,7 @@ def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
 
 
 def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]) -> list[tuple[Any, Tensor]]:
-    """The arrays of the simulation that hold the state of entities, with where in them that is."""
+    """Return the simulation's arrays with the state of entities, and the columns of that state in them."""
     data, found = env.sim.data, []
     for entity in roots.values():
         if entity.is_fixed_base:

@@ -1,4 +1,4 @@
-"""`RslRlVecEnv`, a VecEnv for rsl-rl: `OnPolicyRunner(RslRlVecEnv(envs), config)` trains on a SceneVectorEnv."""
+"""`RslRlVecEnv`: a SceneVectorEnv as a VecEnv of rsl-rl, for `OnPolicyRunner(RslRlVecEnv(envs), config)`."""
 
 from __future__ import annotations
 
@@ -22,18 +22,17 @@ except ImportError as error:
 
 
 class RslRlVecEnv(VecEnv):
-    """A SceneVectorEnv as rsl-rl 5 takes it. Nothing is copied to the host, and nothing waits for the device.
+    """A SceneVectorEnv as a VecEnv of rsl-rl 5. Nothing is copied to the host, and nothing waits for the device.
 
     The observation groups keep their names; a runner's `obs_groups` is {"actor": ["policy"], "critic": ["critic"]}.
-    Observations handed out are never written to again, since rsl-rl keeps them by reference until after the next step.
+    Returned observations are never written to again, since rsl-rl keeps references to them until after the next step.
 
     `extras` of a step has `time_outs` (truncated and not terminated), `success` of the step, and `log` (also the
-    attribute of this name), scalars on the device:
-    `Episode/<term>` (sum over an episode), `Episode/success` (at its last step) and `Episode/length` (control steps)
-    are means over the episodes that finished in the step; if none did, they stay as they were, 0 at first.
-    `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the layouts that the worlds are in,
-    and `Reset/reject_<cause>` is the share of that cause in all candidates rejected so far. Stored layouts have no
-    attempts and no rejections: these are 0.
+    attribute of this name), scalars on the device. `Episode/<term>` (sum over an episode), `Episode/success` (at its
+    last step) and `Episode/length` (control steps) are means over the episodes that finished in the step; if none did,
+    they keep their values, which are 0 at first. `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are
+    means over the present layouts of the worlds, and `Reset/reject_<cause>` is the share of that cause in all
+    candidates rejected so far. Stored layouts have no attempts and no rejections: these are 0.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch", copy=True, and max_episode_steps.
@@ -53,7 +52,7 @@ class RslRlVecEnv(VecEnv):
             raise ArgumentError("RslRlVecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         if env.max_episode_steps is None:
             raise ArgumentError(
-                "RslRlVecEnv: env should have max_episode_steps, as rsl-rl asks for the length of the longest episode."
+                "RslRlVecEnv: env should have max_episode_steps, since rsl-rl asks for the longest episode."
             )
         assert env.single_action_space.shape is not None
         self.env, self.device, self.num_envs = env, env.device, env.num_envs
@@ -66,7 +65,7 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def episode_length_buf(self) -> Tensor:  # type: ignore[override]
-        """Control steps since the reset of each world, shape (num_envs,). Assigned values are copied into it."""
+        """Control steps since the reset of each world, shape (num_envs,); assigned values are copied into it."""
         return self.env.state.elapsed
 
     @episode_length_buf.setter
@@ -85,7 +84,7 @@ class RslRlVecEnv(VecEnv):
         return self._observation, info
 
     def get_observations(self) -> TensorDict:
-        """Return the observations that the last step or reset led to."""
+        """Return the observations of the last step or reset."""
         return self._observation
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
@@ -112,7 +111,7 @@ class RslRlVecEnv(VecEnv):
         return {f"Episode/{name}": mean.float() for name, mean in zip(statistics.names[1:], self._means, strict=True)}
 
     def _resets(self) -> dict[str, Tensor]:
-        """Return how the layouts that the worlds are in were made."""
+        """Return statistics of the present layouts of the worlds, and of rejections so far."""
         layouts = self.env.randomizer.layouts
         status = self.env.state.layout_status
         counts = wp.to_torch(layouts.rejections).sum(dim=0).float()

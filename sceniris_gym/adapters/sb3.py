@@ -1,4 +1,4 @@
-"""`SB3VecEnv`, a VecEnv for Stable-Baselines3: `PPO("MlpPolicy", SB3VecEnv(envs))` trains on a SceneVectorEnv."""
+"""`SB3VecEnv`: a SceneVectorEnv as a VecEnv of Stable-Baselines3, for `PPO("MlpPolicy", SB3VecEnv(envs))`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, UnknownNameError
-from sceniris_gym.vector.arguments import RESET_MASK
+from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 try:
@@ -25,24 +25,24 @@ except ImportError as error:
 
 
 class SB3VecEnv(VecEnv):
-    """A SceneVectorEnv as Stable-Baselines3 takes it: numpy arrays, a list of infos, one observation group.
+    """A SceneVectorEnv as a VecEnv of Stable-Baselines3: numpy arrays, a list of infos, one observation group.
 
     A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
     finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step) and `episode`
-    (`r`, `l` and `t` as Monitor has them, from the environment's own rewards). Infos of the finished worlds are
-    gathered on the device first, so the bytes that are copied grow no faster than the number of worlds. `reset_infos`
-    has `layout_seed`, `layout_episode` and `layout_fallback` of the layout that each world is in.
+    (`r`, `l` and `t` as in Monitor, from the environment's own rewards). These infos are gathered on the device first,
+    so that only those of finished worlds are copied. `reset_infos` has `layout_seed`, `layout_episode` and
+    `layout_fallback` of the present layout of each world.
 
     All worlds share one environment. `get_attr` and `env_method` ask it, or else its task, once, and repeat the answer
-    for every index; `set_attr` works for all worlds together only, and so do options, which are those of
-    SceneVectorEnv.reset. `env_is_wrapped` is true for Monitor alone, whose infos the worlds give.
+    for every index. `set_attr` works only for all worlds together, and so do options, which are those of
+    SceneVectorEnv.reset. `env_is_wrapped` is true only for Monitor, whose infos the environment provides itself.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
-        group: The observation group that the agent sees.
+        group: The observation group for the agent.
 
     Raises:
-        TypeError: Not a SceneVectorEnv.
+        ArgumentTypeError: Not a SceneVectorEnv.
         ArgumentError: A SceneVectorEnv with other settings.
         UnknownNameError: The task does not observe this group.
     """
@@ -65,12 +65,12 @@ class SB3VecEnv(VecEnv):
         self._began = time.time()
 
     def reset(self) -> np.ndarray:
-        """Reset with the seeds and options set since the last reset; return the observations of all worlds."""
+        """Reset with the seeds and options that were set since the last reset; return observations of all worlds."""
         seeds = None if all(seed is None for seed in self._seeds) else self._seeds
         options = self._options[0]
         observation, info = self.env.reset(seed=seeds, options=options)
-        mask = options.get(RESET_MASK)
-        chosen = np.ones(self.num_envs, bool) if mask is None else to_host(torch.as_tensor(mask))
+        mask = as_reset_mask(options, self.num_envs)
+        chosen = slice(None) if mask is None else mask
         self._returns[chosen], self._lengths[chosen] = 0.0, 0
         self.reset_infos = _rows(self._layouts(info), self.num_envs)
         self._reset_seeds()
@@ -117,12 +117,12 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: Neither has it.
-            IndexError: There is no such world; here and below, -1 is the last one.
+            IndexError: There is no such world; -1 is the last one.
         """
         return [getattr(self._owner(attr_name), attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute that the environment or its task has, for all worlds.
+        """Set an attribute of the environment, or else of its task, for all worlds.
 
         Raises:
             AttributeError: Neither has it.
@@ -139,19 +139,19 @@ class SB3VecEnv(VecEnv):
         return [getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)] * count
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """Return True for Monitor, whose `episode` infos the worlds give themselves, and False for all others."""
+        """Return True for Monitor, whose `episode` infos the environment provides, and False for all other wrappers."""
         return [wrapper_class is Monitor] * len(self._chosen(indices))
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Return pictures of the first `render_envs` worlds, (height, width, 3) uint8."""
         frames = self.env.render()
         if frames is None:
-            warnings.warn("To give pictures, env should be made with render_mode='rgb_array'.", stacklevel=2)
+            warnings.warn("env should be made with render_mode='rgb_array' to return pictures.", stacklevel=2)
             return [None] * self.num_envs
         return frames
 
     def _fill(self, infos: list[dict[str, Any]], worlds: np.ndarray, flags: np.ndarray, info: dict[str, Any]) -> None:
-        """Write the infos of the worlds that finished, and begin their next episodes."""
+        """Write the infos of the worlds that finished, and start their next episodes."""
         rows = torch.as_tensor(worlds, device=self.env.device)
         # a world that diverged has NaNs in its last observation, and NaN * 0 would spoil a replay buffer's targets
         last = to_host(info["final_obs"][self.group][rows].nan_to_num(0.0, 0.0, 0.0))
@@ -172,7 +172,7 @@ class SB3VecEnv(VecEnv):
         return {name: values for name, values in info.items() if name.startswith("layout_")}
 
     def _owner(self, name: str) -> Any:
-        """Return the owner of an attribute: the environment, or its task."""
+        """Return the environment or its task, whichever has the attribute."""
         for owner in (self.env, self.env.task):
             if hasattr(owner, name):
                 return owner
@@ -184,7 +184,7 @@ class SB3VecEnv(VecEnv):
 
 
 def to_host(tensor: Tensor) -> np.ndarray:
-    """Return a tensor as a numpy array: the only place where data leaves the device."""
+    """Return a tensor as a numpy array; all data leaves the device here."""
     return tensor.cpu().numpy()
 
 

@@ -1,4 +1,4 @@
-"""What captured graphs hold on to cannot be exchanged: an assignment is refused rather than without effect."""
+"""`Fixed`: refuses assignments to attributes that captured graphs already use, which would have no effect."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from sceniris_gym.errors import FixedError
 
 
 class Fixed:
-    """Base of what is made for one scene and keeps it, as its launches are captured with the arrays of that scene.
+    """Base class of objects whose launches are captured with the arrays of one scene.
 
     Attributes:
-        FIXED: Attributes that are set once, by the constructor.
-        ARGUMENTS: Arguments of the constructor that are no attributes, and so would be new ones without a meaning.
+        FIXED: Attributes that only the constructor sets.
+        ARGUMENTS: Arguments of the constructor that are no attributes: assigning to them would have no effect either.
     """
 
     FIXED: ClassVar[tuple[str, ...]] = ()
@@ -22,7 +22,7 @@ class Fixed:
         """Set an attribute.
 
         Raises:
-            FixedError: One that is fixed.
+            FixedError: A fixed one, or an argument.
         """
         if name in self.ARGUMENTS or (name in self.FIXED and name in self.__dict__):
             raise FixedError(type(self).__name__, name)
@@ -32,7 +32,7 @@ class Fixed:
         """Delete an attribute.
 
         Raises:
-            FixedError: One that is fixed.
+            FixedError: A fixed one.
         """
         if name in self.FIXED:
             raise FixedError(type(self).__name__, name)

@@ -1,4 +1,4 @@
-"""What cannot be sent to another process says what to send instead; a CompiledScene is compiled there again."""
+"""`StaysHere`: refuses pickling, and names what to send to another process instead."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from sceniris_gym.errors import NotSupportedError
 
 
 class StaysHere:
-    """Base of what holds memory of a device, and so belongs to one process.
+    """Base class of objects that hold memory of a device, and so belong to one process.
 
     Attributes:
-        SEND: What to send instead, as a message says it.
+        SEND: The object to send instead, as the error message says it.
     """
 
     SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"

@@ -1,4 +1,4 @@
-"""`LaunchSequence`: kernel launches that are captured into a graph once and then replayed."""
+"""`LaunchSequence`: kernel launches that are captured into a graph once, and replayed afterwards."""
 
 from collections.abc import Callable
 
@@ -6,17 +6,17 @@ import warp as wp
 
 
 def repeats_in_graphs(device: wp.Device) -> bool:
-    """Tell whether a graph on this device can repeat launches as long as anything is left: drivers since CUDA 12.4."""
+    """Tell whether a graph on this device can contain loops: with drivers since CUDA 12.4."""
     return not device.is_cuda or wp.is_conditional_graph_supported()
 
 
 def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> None:
-    """Make launches as long as anything is left; where a capture cannot tell, as often as the worst case needs.
+    """Repeat launches until `left` is 0; a capture without loops repeats them `most` times.
 
     Args:
-        left: Array of one element, which the launches lower to 0 in the end.
+        left: Array of one element, which the launches finally set to 0.
         launches: As in `LaunchSequence`.
-        most: How often they are made in the worst case.
+        most: Number of repetitions in the worst case.
     """
     device = left.device
     if device.is_capturing and not repeats_in_graphs(device):
@@ -37,8 +37,8 @@ class LaunchSequence:
             arrays that it reads and writes are never reallocated.
         device: The device of those arrays.
         graph: Capture and replay; if false, every call launches directly.
-        priority: Of the kernels in the graph on a GPU, -1 before those of other streams; a stream that replays a graph
-            does not lend it its own.
+        priority: Priority of the kernels in the graph on a GPU, -1 for before those of other streams. The priority of
+            the stream that replays a graph has no effect.
     """
 
     def __init__(
@@ -58,10 +58,10 @@ class LaunchSequence:
         wp.capture_launch(self._recorded)
 
     def _record(self) -> wp.Graph:
-        # a stream of its own: CUDA cannot capture the null stream, which is torch's current one by default
+        # on a stream of its own: CUDA cannot capture the null stream, which is torch's current one by default
         stream = wp.Stream(self.device, priority=self.priority) if self.device.is_cuda else None
         with wp.ScopedDevice(self.device), wp.ScopedStream(stream), wp.ScopedCapture(self.device) as capture:
             self.launches()
         if capture.graph is None:
-            raise RuntimeError(f"capturing {self.launches} on {self.device} gave no graph. Pass graph=False.")
+            raise RuntimeError(f"Capturing {self.launches} on {self.device} gave no graph. Pass graph=False.")
         return capture.graph

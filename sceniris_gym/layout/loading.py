@@ -1,4 +1,4 @@
-"""Kernels are compiled side by side ahead of the first launch: on a GPU one after the other takes a while."""
+"""Kernels of a generator, compiled in parallel before the first launch: one after the other they take a while."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sceniris_gym.layout.wave import (
 def kernel_modules(
     *, related: bool, visual: bool, staged: bool, block_dim: int
 ) -> tuple[list[wp.Module], list[wp.Module]]:
-    """Warp's modules of what a generator launches by lanes, and of what it launches by blocks.
+    """Return Warp's modules of the kernels that a generator launches by lanes, and of those that it launches by blocks.
 
     Args:
         related: Whether there are regions that differ between worlds.
@@ -45,15 +45,15 @@ def kernel_modules(
 
 
 def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
-    """Whether Warp's cache has a module, for any device."""
+    """Tell whether Warp's cache has a module, for any device."""
     return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
 
 
 def load_kernels(device: str, *, block_dim: int, related: bool, visual: bool, staged: bool) -> None:
-    """Compile and load what makes layouts on a GPU, as far as it is not loaded yet; say so before that takes a while.
+    """Compile and load the kernels of a generator on a GPU, unless they are loaded; announce it if it takes a while.
 
     Args:
-        device: The device. For a CPU, for which Warp compiles one module at a time, that is left to the launches.
+        device: The device. On a CPU, where Warp compiles one module at a time, the launches load their kernels.
         block_dim: Lanes of a block.
         related: As in `kernel_modules`, as the next two.
         visual: Whether triangles are tested.

@@ -110,8 +110,8 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
             raise SceneMismatchError(
-                f"StoredLayouts: table.{name} should have shape ({wanted_shape}), with nrow > 0 and equal in all "
-                f"columns, got {found}. Store layouts of the same scene."
+                f"StoredLayouts: table.{name} should have shape ({wanted_shape}), one row or more and as many in "
+                f"all columns, got {found}. Store layouts of the same scene."
             )
 
 

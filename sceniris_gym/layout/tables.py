@@ -1,4 +1,4 @@
-"""Makes layouts and reads them from a LayoutGenerator into a LayoutTable on the host."""
+"""Layouts on the host, as a LayoutTable: read from a LayoutGenerator, or made in any number."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.body_poses import body_poses, product, rotated
 from sceniris_gym.scene.layout_table import LayoutTable
 
-CHUNK = 4096  # worlds that are made at once
+CHUNK = 4096  # layouts that are made at once
 
 
 def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTable:

@@ -1,4 +1,4 @@
-"""The simulation: batches of worlds, the masked write of layouts, and the randomizer for your own mujoco_warp loop."""
+"""The simulation: batches of worlds, masked writes of layouts, and the randomizer for your own mujoco_warp loop."""
 
 from sceniris_gym.collecting import uncollected
 

@@ -24,12 +24,12 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
     "sensors": (mjw.forward,),
     "dynamics": (mjw.forward,),
 }
-"""What can be brought up to date after a step and after a reset, and the functions that do it."""
+"""Quantities that a step or a reset can bring up to date, and the functions that compute them."""
 
 LINE_SEARCH = 20
-"""Limit of line-search iterations in a batch, where one slow world stalls all others: below MuJoCo's default."""
+"""Limit of line-search iterations, below MuJoCo's default: in a batch one slow world stalls all others."""
 
-# Geoms whose bottoms are as level as this [m] carry a thing together.
+# Geoms of a body tree whose lowest points differ by less than this [m] carry it together.
 _LEVEL = 0.002
 
 
@@ -48,7 +48,7 @@ def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], 
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:
-    """Return a model that differs in these fields of MjOption: the same one if there are none, else a copy.
+    """Return a copy of the model with these fields of MjOption, or the model itself if there are none.
 
     Raises:
         UnknownNameError: MjOption has no such field.
@@ -67,9 +67,9 @@ def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjMo
 def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
-    Four contacts for every body that can move and collide, against its neighbours; four for every geom that it stands
-    on as the model has it, of which a plate may have a dozen; and 16. A row for every edge of their friction pyramids,
-    every limit and every friction loss, and six for every equality.
+    Contacts: 16, and four for every body that can move and collide, and four for every geom that such a body stands on
+    in the pose of the model (a plate may have a dozen). Rows: one for every edge of the friction pyramids, every limit
+    and every friction loss, and six for every equality.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
@@ -83,18 +83,18 @@ def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
 
 
 def _geoms_stood_on(mjm: mujoco.MjModel) -> int:
-    """How many geoms of things that move are lowest of their thing, in the model's own pose."""
+    """Count the geoms at the bottom of each tree of moving bodies, in the pose of the model."""
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
     geoms = np.flatnonzero(collides & (mjm.body_weldid[mjm.geom_bodyid] != 0))
-    down = data.geom_xmat[geoms, 6:]  # the world's z axis, as each geom sees it
+    down = data.geom_xmat[geoms, 6:]  # the world's z axis in the frame of each geom
     center, half = mjm.geom_aabb[geoms, :3], mjm.geom_aabb[geoms, 3:]
     bottom = data.geom_xpos[geoms, 2] + (down * center).sum(axis=1) - (np.abs(down) * half).sum(axis=1)
-    things = mjm.body_rootid[mjm.geom_bodyid[geoms]]
+    roots = mjm.body_rootid[mjm.geom_bodyid[geoms]]
     lowest = np.full(mjm.nbody, np.inf)
-    np.minimum.at(lowest, things, bottom)
-    return int((bottom < lowest[things] + _LEVEL).sum())
+    np.minimum.at(lowest, roots, bottom)
+    return int((bottom < lowest[roots] + _LEVEL).sum())
 
 
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:
@@ -103,7 +103,7 @@ def check_budget(m: mjw.Model, d: mjw.Data) -> None:
     Runs kinematics and collision for the current state, and reads the overflow flags of earlier steps.
 
     Raises:
-        ContactBudgetError: Something did not fit; the message names the argument to raise and its new value.
+        ContactBudgetError: There were more than that; the message names the argument to raise and its new value.
     """
     with wp.ScopedDevice(d.qpos.device):
         mjw.kinematics(m, d)
@@ -119,7 +119,7 @@ def check_budget(m: mjw.Model, d: mjw.Data) -> None:
 
 
 class Batch(Fixed):
-    """Many worlds of one scene, stepped together.
+    """Many worlds of one scene, which are stepped together.
 
     Args:
         scene: The scene.
@@ -127,10 +127,10 @@ class Batch(Fixed):
         device: Warp device; None is Warp's current one.
         nconmax: Contacts per world; all worlds share nworld times as many. None takes default_budget.
         njmax: Constraint rows per world. None takes default_budget.
-        nvmax: Degrees of freedom of a world that are awake at most, where bodies sleep. None is all.
+        nvmax: Most degrees of freedom of a world that are awake at a time, if bodies sleep; None is all.
         needs: What to bring up to date after every control step, keys of NEEDS.
         substeps: Physics steps in a control step.
-        options: Fields of MjOption that are other than the scene's.
+        options: Fields of MjOption that differ from the scene's.
         graph: Capture the control step into a graph and replay it.
 
     Attributes:
@@ -139,7 +139,7 @@ class Batch(Fixed):
 
     Raises:
         UnknownNameError: MjOption has no such field.
-        FixedError: An attribute that is assigned to: launches are captured with what they were.
+        FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
     FIXED = ("scene", "nworld", "device", "model", "data", "stages", "substeps")
@@ -164,7 +164,7 @@ class Batch(Fixed):
         contacts, rows = default_budget(mjm)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
-        # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need it all
+        # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need all
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(mjm)

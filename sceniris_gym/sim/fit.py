@@ -1,4 +1,4 @@
-"""Whether a Model and Data that somebody else made are those of a compiled scene."""
+"""Check that a Model and Data which the caller made belong to a compiled scene."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MEASURES = {
     "vertex": ("mesh_vert",),
 }
 _TOLERANCE = 1.0e-6
-"""Difference [m, or of an axis or quaternion] by which layouts do not change: rounding to single precision."""
+"""Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
 _CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."
 
 
@@ -42,9 +42,9 @@ def check_fit(
 ) -> None:
     """Check that a Model and Data are those of a compiled scene, and that layouts are made for them.
 
-    Sizes, the order and the places of bodies, joints and geoms, their types, and what shapes layouts of each are
-    compared; where every world has values of its own, those of all worlds. Masses, frictions, gains and options may
-    differ. A mujoco_warp Model has no names: they are compared with those of the MjModel it was made from, if given.
+    The check compares all that layouts depend on: sizes, and the order, types, places and shapes of bodies, joints and
+    geoms, in all worlds if each has values of its own. Masses, frictions, gains and options may differ. A mujoco_warp
+    Model has no names. Pass `mjm`, the MjModel that it came from, so that names are compared, too.
 
     Raises:
         SceneMismatchError: Something differs; the message begins with `where`, names it, and ends with the cure.
@@ -57,7 +57,7 @@ def check_fit(
 
 
 class _MisfitError(Exception):
-    """What differs, as the middle of a message."""
+    """A difference, as the middle of a message."""
 
 
 def _check_model(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, mjm: mujoco.MjModel | None) -> None:
@@ -90,7 +90,7 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
 
 
 def _check_field(m: mjw.Model, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float) -> None:
-    """Compare a field in all worlds that have values of their own; `qpos0` as the reference of each joint."""
+    """Compare a field, in all worlds if each has values of its own; `qpos0` only as the reference of each joint."""
     wanted, found = np.asarray(getattr(mjm, field), float), getattr(m, field).numpy().astype(float)
     if not wanted.size:
         return
@@ -101,7 +101,7 @@ def _check_field(m: mjw.Model, mjm: mujoco.MjModel, kind: str, field: str, toler
     differs = (np.abs(found - wanted) > tolerance).any(axis=2)
     if field in ("body_pos", "body_quat"):
         differs &= ~_placed_anew(mjm, len(found))
-    if field == "qpos0":  # of a free or a ball joint it moves nothing
+    if field == "qpos0":  # the reference of a free or ball joint moves nothing
         differs &= np.isin(mjm.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     if not differs.any():
         return
@@ -112,7 +112,7 @@ def _check_field(m: mjw.Model, mjm: mujoco.MjModel, kind: str, field: str, toler
 
 
 def _placed_anew(mjm: mujoco.MjModel, nrow: int) -> np.ndarray:
-    """Bodies whose pose in the model is no matter: mocap bodies, and free ones where worlds differ; shape (nbody,)."""
+    """Return the bodies whose pose in the model has no effect: mocap bodies, and free ones if worlds differ."""
     anew = mjm.body_mocapid >= 0
     if nrow > 1:
         anew[mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]] = True

@@ -1,4 +1,4 @@
-"""Names of MuJoCo and MuJoCo-Warp that differ between the supported versions, 3.11 to 4; no other file knows of it."""
+"""Names that differ between the supported versions of MuJoCo and MuJoCo-Warp, 3.11 to 4; only this file knows them."""
 
 from __future__ import annotations
 
@@ -15,32 +15,31 @@ _WITH_OVERFLOWS = mjw if hasattr(mjw, "OverflowType") else importlib.import_modu
 OverflowType: Any = _WITH_OVERFLOWS.OverflowType
 """Bits of `Data.overflow`; 3.11 does not export it, and has no bits for limits of iterations."""
 
-
 _SLEEPS = "nvmax" in inspect.signature(mjw.make_data).parameters
 
 SLEEPING: dict[str, Any] = {"enableflags": int(mujoco.mjtEnableBit.mjENBL_SLEEP)} if _SLEEPS else {}
-"""Options with which bodies at rest sleep, so that steps take less time. None before 4.0, where batches cannot."""
+"""Options that let bodies at rest sleep, so that steps take less time; none before 4.0, where batches cannot."""
 
 
 def sleeps(m: mjw.Model) -> bool:
-    """Whether bodies of a batch can sleep."""
+    """Tell whether bodies of a batch can sleep."""
     return bool(SLEEPING) and bool(m.opt.enableflags & SLEEPING["enableflags"])
 
 
 def room_for_dofs(nvmax: int | None) -> dict[str, int]:
-    """Return the argument of make_data that says how many degrees of freedom of a world may be awake: since 4.0."""
+    """Return the argument of make_data for the degrees of freedom of a world that may be awake; none before 4.0."""
     return {} if nvmax is None or not _SLEEPS else {"nvmax": nvmax}
 
 
 def silence_iterations(m: mjw.Model) -> None:
-    """Turn off warnings about the solver's limits of iterations, where there are any: since 4.0."""
+    """Turn off warnings about the solver's limits of iterations; there are none before 4.0."""
     iterations = [getattr(OverflowType, name, 0) for name in ("ITERATIONS", "LS_ITERATIONS")]
     if any(iterations):
         m.opt.warn_overflow &= ~int(iterations[0] | iterations[1])
 
 
 def fields_of_data(*names: str) -> tuple[str, ...]:
-    """Return those of the names that this version's Data has, in their order."""
+    """Return the names that are fields of this version's Data, in their order."""
     found = {field.name for field in dataclasses.fields(mjw.Data)}
     return tuple(name for name in names if name in found)
 
@@ -60,14 +59,14 @@ def actuator_outputs(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def keyframe_plastic(mjm: mujoco.MjModel, key: int) -> np.ndarray:
-    """Return the plastic references of springs in a keyframe, of which there are none before 4.0."""
+    """Return the plastic references of springs in a keyframe; none before 4.0."""
     return mjm.key_plastic[key] if hasattr(mjm, "key_plastic") else np.empty(0)
 
 
 def render_context(mjm: mujoco.MjModel, nworld: int, camera: str, **options: Any) -> Any:
     """Return mujoco_warp's context for pictures of one camera, by its name.
 
-    Before 4.0 it takes a flag for each camera, and no `samples_per_pixel`: edges in pictures are rough there.
+    Before 4.0 it takes a flag for each camera, and no `samples_per_pixel`, so that edges in pictures are rough.
     """
     known = inspect.signature(mjw.create_render_context).parameters
     if "samples_per_pixel" in known:

@@ -1,4 +1,4 @@
-"""Poses and velocities as the robot's base sees them: `BaseFrame`, or `DrawnBaseFrame` where layouts move the base."""
+"""`BaseFrame`: the frame of the robot's base; `DrawnBaseFrame`: that of a base which layouts move."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 class BaseFrame:
     """The frame of the robot's base; the world frame in a scene without a robot or with several.
 
-    A change of frame is linear in position and quaternion, and so is a constant rotation relative to the body. A pose
-    therefore takes one product with a 7 x 7 matrix, and a pair of vectors one with a 6 x 6 matrix. The matrices are
-    computed once.
+    A change of frame is linear in position and quaternion, and so is a constant rotation relative to the body. So a
+    pose takes one product with a 7 x 7 matrix, and a pair of vectors one with a 6 x 6 matrix. The matrices are computed
+    once.
 
     Args:
         mjm: The model.
@@ -40,7 +40,7 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the map that `pose` takes for a frame turned by `quat` (wxyz) relative to its body, shape (7, 7)."""
+        """Return the matrix for `pose` of a frame turned by `quat` (wxyz) relative to its body, shape (7, 7)."""
         columns = np.zeros((4, 4))
         for column, unit in zip(columns, np.eye(4), strict=True):
             mujoco.mju_mulQuat(column, self._to_base, unit)
@@ -53,7 +53,7 @@ class BaseFrame:
         Args:
             position: Positions in the world frame [m], shape (..., 3).
             quat: Orientations of the bodies in the world frame (wxyz), shape (..., 4).
-            seen: A map from `seen`; None is the frame of the body itself.
+            seen: A result of `seen`; None is the frame of the body itself.
         """
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 
@@ -102,7 +102,7 @@ class DrawnBaseFrame(BaseFrame):
         return torch.cat([rotate(back, first), rotate(back, second)], dim=-1)
 
     def _over(self, base: Tensor, values: Tensor) -> Tensor:
-        """A part of the base's pose with the axes of values (num_envs, ..., n)."""
+        """Return a part of the base's pose that broadcasts against `values` (num_envs, ..., n)."""
         return base.reshape(len(base), *[1] * (values.ndim - 2), base.shape[-1])
 
 

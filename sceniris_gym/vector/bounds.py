@@ -1,4 +1,4 @@
-"""`Bounds`: boxes around bodies, and the height of their lowest corners."""
+"""`Bounds`: boxes around bodies, and the heights of their lowest corners."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sceniris_gym.vector.state import State, find_body
 class Bounds:
     """The smallest box around each of several bodies, along the axes of the body's frame.
 
-    It contains the colliding geoms of the body itself, not those of its children. Boxes are found once, on the host;
-    reading them takes no host synchronisation.
+    It contains the colliding geoms of the body itself, not those of its children. Boxes are computed once, on the host;
+    `lowest` does not synchronise with it.
 
     Args:
         s: The worlds.
@@ -42,7 +42,7 @@ class Bounds:
         half extents. It is never above the body's lowest point, and is that point's height if the box is level.
 
         Args:
-            poses: What `State.poses` returns for the same names, shape (num_envs, len(names), 7).
+            poses: Poses of the same names from `State.poses`, shape (num_envs, len(names), 7).
         """
         row = rotations.rotate(rotations.conjugate(poses[..., 3:]), self._up.expand_as(poses[..., :3]))
         return poses[..., 2] + (row * self._middle - row.abs() * self._half).sum(dim=-1)

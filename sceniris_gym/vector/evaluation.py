@@ -1,4 +1,4 @@
-"""`evaluate`: how a policy does on layouts of your choice, episode by episode."""
+"""`evaluate`: results of a policy on layouts of your choice, episode by episode."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """How one episode went.
+    """Result of one episode.
 
     Attributes:
-        id: Its layout, as `sceniris-gym replay` takes it.
-        success: Whether its last step was a success.
-        success_ever: Whether any of its steps was.
-        total_reward: The sum of its rewards.
-        length: Its control steps.
-        fallback: Whether the layout came from the bank of valid ones, since none was found for its seed.
+        id: Its layout id, as `sceniris-gym replay` takes it.
+        success: The last step was a success.
+        success_ever: Any step was a success.
+        total_reward: Sum of the rewards.
+        length: Number of control steps.
+        fallback: The layout came from the bank of valid ones, since none was found for its seed.
     """
 
     id: str
@@ -44,22 +44,22 @@ def evaluate(
 ) -> list[EpisodeResult]:
     """Run an episode from each of the layouts, as many at a time as there are worlds.
 
-    Only the rounding of rewards depends on `num_envs`, as long as the policy looks at each world by itself.
+    Only the rounding of rewards depends on `num_envs`, as long as the policy treats each world by itself.
 
     Args:
         policy: Takes observations of all worlds as `envs` returns them, and returns actions.
-        envs: A SceneVectorEnv, or wrappers around one that pass on `info`, with max_episode_steps. It is left in the
-            middle of episodes; reset it before further use.
+        envs: A SceneVectorEnv with max_episode_steps, or wrappers around one that pass on `info`. Its episodes are left
+            unfinished; reset it before further use.
         ids: Layout ids of the scene and split of `envs`, or one; a number n for the first episodes of seeds 0 to n - 1;
             None for as many as there are worlds.
 
     Returns:
-        A result for each id, in their order.
+        A result for each id, in the same order.
 
     Raises:
         ArgumentError: Not such an environment, or one without max_episode_steps.
         CountError: A negative number of ids.
-        LayoutIdError: Not the form of an id.
+        LayoutIdError: A malformed id.
         SceneMismatchError: An id of another scene or split.
     """
     inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
@@ -86,12 +86,12 @@ def evaluate(
 
 
 def reset_to(envs: VectorEnv, inner: SceneVectorEnv, ids: Sequence[LayoutId]) -> tuple[Any, dict[str, Any]]:
-    """Reset every world to a layout of its own, and return what the reset returned.
+    """Reset every world to a layout of its own, and return observation and info.
 
     Args:
         envs: The environment, or wrappers around it.
         inner: The environment.
-        ids: A layout for each world.
+        ids: A layout id for each world.
     """
     observation, info = envs.reset(seed=[i.seed for i in ids])  # type: ignore[arg-type]
     if any(i.episode > 0 for i in ids):
@@ -102,7 +102,7 @@ def reset_to(envs: VectorEnv, inner: SceneVectorEnv, ids: Sequence[LayoutId]) ->
 
 
 def _own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
-    """Read an id, which should be of the scene and split of an environment."""
+    """Parse an id, and refuse one of another scene or split than the environment's."""
     found = LayoutId.parse(text)
     if (found.scene, found.split) != (envs.compiled.hash, split):
         raise SceneMismatchError(

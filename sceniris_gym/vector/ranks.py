@@ -1,4 +1,4 @@
-"""Processes that train together, as `torchrun` starts them: each has a device of its own, and worlds of its own."""
+"""`Rank`: one of the processes that train together under `torchrun`, with its own device and seeds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import warp as wp
 
 SEEDS = 1 << 40
-"""How many seeds each process has for itself."""
+"""Number of seeds that each process has for itself."""
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,9 @@ class Rank:
     """One of the processes that train together.
 
     Attributes:
-        number: Its number among all, from 0.
-        local: Its number among those of its host.
-        size: How many there are.
+        number: Number of this process among all, from 0.
+        local: Number of this process on its host, from 0.
+        size: Number of all processes.
     """
 
     number: int = 0
@@ -28,7 +28,7 @@ class Rank:
 
     @classmethod
     def current(cls) -> Rank:
-        """The rank of this process by RANK, LOCAL_RANK and WORLD_SIZE, which torchrun sets; else the only one."""
+        """Return the rank of this process by torchrun's RANK, LOCAL_RANK and WORLD_SIZE; without them it is alone."""
         names = ("RANK", "LOCAL_RANK", "WORLD_SIZE")
         if any(not os.environ.get(name, "").isdecimal() for name in names):
             return cls()
@@ -36,22 +36,22 @@ class Rank:
 
     @property
     def device(self) -> str | None:
-        """The GPU of this process, if there are several processes and a GPU for each; None for the usual default."""
+        """The GPU of this process, or None for the usual default, if it is alone or there is no GPU for each."""
         return f"cuda:{self.local}" if self.size > 1 and self.local < wp.get_cuda_device_count() else None
 
     def own_seed(self, seed: int) -> int:
-        """The seed of this process's first world where all processes are given the same `seed`, modulo 2^64."""
+        """Return the seed of this process's first world if all processes are given the same `seed`, modulo 2^64."""
         return (seed + self.number * SEEDS) % (1 << 64)
 
     def tell(self, device: str) -> None:
-        """Say on stderr what this process takes, if there are others."""
+        """Print the device and the seeds of this process to stderr, if there are other processes."""
         if self.size > 1:
             print(
-                f"sceniris_gym: rank {self.number} of {self.size} uses {device}; its seeds are {self.number} * 2^40 "
-                "further on than those it is given.",
+                f"sceniris_gym: rank {self.number} of {self.size} uses {device}, and adds {self.number} * 2^40 to "
+                "integer seeds.",
                 file=sys.stderr,
             )
 
 
 ALONE = Rank()
-"""The only process."""
+"""The rank of a process that trains alone."""

@@ -1,4 +1,4 @@
-"""`Rendering`: how an environment is looked at, in pictures or on a page in the browser."""
+"""`Rendering`: pictures of an environment, or a page in the browser that shows it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from sceniris_gym.vector.arguments import as_size
 from sceniris_gym.vector.window import Window
 
 RENDER_MODES = ["rgb_array", "human"]
-"""What `render_mode` may be besides None."""
+"""Values of `render_mode` besides None."""
 
 
 class Rendering:
-    """Takes pictures of the first worlds of a batch, or shows them on a page; made ready when it is first needed.
+    """Takes pictures of the first worlds of a batch, or shows them on a page; camera and page are made when needed.
 
     Args:
         mode: "rgb_array", "human" or None.
-        num_envs: How many worlds there are.
-        worlds: How many of them are looked at; None is all.
+        num_envs: Number of worlds.
+        worlds: Number of worlds that are shown, from the first one on; None is all.
         size: Width and height of a picture [pixels].
         camera: Name of the camera.
 
     Raises:
-        ArgumentError: Another mode, or a number or size that is none.
+        ArgumentError: Another mode, or a size that is no pair of numbers.
+        CountError: A number that is no integer, or out of range.
     """
 
     def __init__(self, mode: str | None, num_envs: int, worlds: Any, size: Any, camera: str) -> None:
@@ -50,7 +51,7 @@ class Rendering:
         return tuple(self._camera.take(batch.data))
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
-        """Bring the page up to date, where there is one, so much time [s] after the last time. Waits for the device."""
+        """Bring the page up to date in mode "human", so many seconds after the last call. Waits for the device."""
         if self.mode != "human":
             return
         if self._window is None:

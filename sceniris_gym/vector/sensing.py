@@ -1,4 +1,4 @@
-"""`Sensing`: noise, delay and dropout of what a policy observes, drawn from the seeds of the layouts."""
+"""`Sensing`: noise, delay and dropout of a policy's observations, drawn from the seeds of the layouts."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameErr
 from sceniris_gym.vector.state import State
 
 NOISE, DELAY, DROPOUT = (2**STREAM_BITS - i for i in (1, 2, 3))
-"""Streams of random numbers, the last ones of a task's own."""
+"""Streams of random numbers: the last ones of those that a task has for itself."""
 
 POLICY = "policy"
-"""The group that is sensed; others, such as `critic`, are exact."""
+"""The observation group with noise, delay and dropout; others, such as `critic`, are exact."""
 
 
 @dataclass(frozen=True)
 class Sensing:
-    """How the group `policy` is sensed. All of it depends on a world's seed, episode and step alone, like its layout.
+    """Noise, delay and dropout of the group `policy`, which depend on a world's seed, episode and step alone.
 
     Attributes:
-        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. A row of a table, shape
-            (rows, columns), that is 0 throughout stays so: the slot of an absent object.
-        delay: Least and greatest delay [control steps], drawn uniformly for each episode. Until so much time has
-            passed, the first observation is what is seen.
-        dropout: Chance in each step that an observation is the one before again; each name by itself.
+        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. In a table, which has
+            shape (rows, columns), a row of zeros stays so: the slot of an absent object.
+        delay: Least and greatest delay [control steps], drawn uniformly for each episode. The first observation is
+            repeated until the delay has passed.
+        dropout: Probability in each step that an observation repeats the previous one, for each name independently.
         late: Names of the observations that are delayed and dropped; None is all.
 
     Raises:
-        ArgumentError: A standard deviation or delay below 0, or a chance outside of [0, 1).
-        ArgumentTypeError: What is no mapping of numbers, no pair, no number, or no names.
+        ArgumentError: A standard deviation or delay below 0, or a probability outside of [0, 1).
+        ArgumentTypeError: Noise that is no mapping of numbers, a delay that is no pair, a dropout that is no number, or
+            `late` that is no tuple of names.
     """
 
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -89,7 +90,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _there(values: Tensor) -> Tensor:
-    """Return what takes noise: all but the rows of a table that are 0 throughout, since nothing is in them."""
+    """Return a mask of the values that take noise: all but rows of zeros in a table, which are empty slots."""
     if values.ndim < 3:
         return torch.ones_like(values, dtype=torch.bool)
     return (values != 0.0).any(dim=-1, keepdim=True).expand_as(values)
@@ -98,12 +99,12 @@ def _there(values: Tensor) -> Tensor:
 class Sensors:
     """Applies a Sensing to the observations of all worlds, without host synchronisation.
 
-    A second call in the same step returns the same, so that the worlds that a reset leaves alone keep what they saw.
+    A second call in the same step returns the same, so worlds that a reset leaves alone keep their observations.
 
     Args:
         s: The worlds.
-        sensing: What happens to observations.
-        observation: What the task observes, of which the names and shapes count.
+        sensing: Noise, delay and dropout.
+        observation: An observation of the task, for its names and shapes.
 
     Raises:
         UnknownNameError: There is no group `policy`, or no such observation in it.
@@ -135,7 +136,7 @@ class Sensors:
         self._delay = torch.zeros(s.num_envs, dtype=torch.long, device=s.device)
 
     def __call__(self, s: State, observation: Mapping[str, dict[str, Tensor]]) -> dict[str, dict[str, Tensor]]:
-        """Return the observation with the group `policy` as it is sensed."""
+        """Return the observation with noise, delay and dropout in the group `policy`."""
         seen = observation[POLICY]
         exact = torch.cat([values.reshape(len(values), -1).float() for values in seen.values()], dim=1)
         sensed = self._dropped(s, self._delayed(s, self._noisy(s, exact, seen)))

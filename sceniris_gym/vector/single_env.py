@@ -23,8 +23,8 @@ class SceneEnv(Fixed, gymnasium.Env):
     """
 
     FIXED = ("envs",)
-    ARGUMENTS = ("compiled", *SceneVectorEnv.ARGUMENTS)  # whose `compiled` is that of `envs`
-    metadata: dict[str, Any] = {"render_modes": RENDER_MODES}  # noqa: RUF012, Gymnasium wants it on the class
+    ARGUMENTS = ("compiled", *SceneVectorEnv.ARGUMENTS)  # `compiled` is an attribute of `envs`
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES}  # noqa: RUF012, Gymnasium reads it from the class
 
     def __init__(self, task: Task | type[Task] | str, **kwargs: Any) -> None:
         self.envs = SceneVectorEnv(task, 1, output="numpy", autoreset_mode=AutoresetMode.DISABLED, **kwargs)
@@ -35,7 +35,7 @@ class SceneEnv(Fixed, gymnasium.Env):
         self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Give the world a fresh layout; `seed` starts at episode 0 of that seed, None takes the next episode."""
+        """Give the world a fresh layout: episode 0 of `seed`, or the next episode if it is None."""
         observation, info = self.envs.reset(seed=seed, options=options)
         if seed is not None:
             self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed

@@ -1,4 +1,4 @@
-"""Flattens observations into one tensor per group, and describes them and actions as Gymnasium spaces."""
+"""Observations as one flat tensor per group, and the Gymnasium spaces of observations and actions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> d
     """Concatenate the tensors of each group: shape (num_envs, size), float32.
 
     Args:
-        observation: What a task observes.
+        observation: An observation of a task.
         out: Tensors to write to; None makes new ones.
     """
     return {
@@ -44,7 +44,7 @@ def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> d
 
 
 def names_of(observation: Observation) -> Names:
-    """Return the names and shapes that the flat groups consist of, in order."""
+    """Return the names and shapes of the parts of each flat group, in order."""
     return {group: [(name, tuple(t.shape[1:])) for name, t in named.items()] for group, named in observation.items()}
 
 

@@ -1,4 +1,4 @@
-"""`EpisodeStatistics`: statistics of finished episodes, summed on the device and read on request."""
+"""`EpisodeStatistics`: sums over finished episodes, kept on the device and read on request."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import torch
 from torch import Tensor
 
 COUNTS = ("episodes", "length", "success")
-"""What is summed besides the reward terms."""
+"""Names of the sums besides the reward terms."""
 
 
 class EpisodeStatistics:
-    """Sums over the episodes that finished since the last `clear`, which `read` calls unless told not to.
+    """Sums over the episodes that finished since the last `clear`; `read` clears them by default.
 
-    An episode finishes when it is terminated or truncated; one that is cut short by a reset does not count. With
-    autoreset disabled, what a world does after the end of its episode does not count either.
+    An episode finishes when it is terminated or truncated; one that a reset cuts short does not count. With autoreset
+    disabled, the steps of a world after the end of its episode do not count either.
 
-    A step adds to the sums of each world in a few small operations on the device; only `read` waits for it.
+    A step adds to the sums of each world in a few small operations on the device. Only `read` waits for the device.
 
     Args:
         num_envs: Number of worlds.
         device: Torch device.
 
     Attributes:
-        names: What is summed: "episodes", "length" [control steps], "success" (at the last step), and the reward terms,
-            which are known after the first step.
+        names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), and the reward
+            terms, which are known after the first step.
     """
 
     def __init__(self, num_envs: int, device: torch.device) -> None:
@@ -47,8 +47,8 @@ class EpisodeStatistics:
         Args:
             terms: Names of the reward terms, the same in every step.
             gained: Values of these terms, shape (len(terms), num_envs).
-            success: Where the goal is reached, shape (num_envs,), bool.
-            done: Where the episode is terminated or truncated, shape (num_envs,), bool.
+            success: Worlds in which the goal is reached, shape (num_envs,), bool.
+            done: Worlds whose episode is terminated or truncated, shape (num_envs,), bool.
             elapsed: Steps of the episode, shape (num_envs,).
         """
         if self.names == COUNTS:
@@ -68,14 +68,14 @@ class EpisodeStatistics:
         return torch.cat([self._counts, self._finished]).sum(dim=1)
 
     def latest(self) -> Tensor:
-        """Return the same sums over the episodes that finished in the last step; `clear` leaves them as they are."""
+        """Return the same sums over the episodes that finished in the last step; `clear` does not change them."""
         return torch.cat(self._latest).sum(dim=1)
 
     def read(self, clear: bool = True) -> dict[str, Any]:
         """Return the means over the finished episodes. Waits for the device.
 
         Args:
-            clear: Begin new sums, so that the next call covers later episodes only.
+            clear: Set the sums to 0, so that the next call covers later episodes only.
 
         Returns:
             `episodes` (their number), `return`, `length` [control steps], `success` (share of the episodes whose last
@@ -96,7 +96,7 @@ class EpisodeStatistics:
         }
 
     def clear(self) -> None:
-        """Begin new sums; running episodes count in full when they finish."""
+        """Set the sums to 0; episodes that are under way count in full when they finish."""
         self._counts.zero_()
         self._finished.zero_()
 

@@ -1,4 +1,4 @@
-"""`Task`: a scene, what is observed of it, what is rewarded, and when an episode ends."""
+"""`Task`: a scene with observations, rewards and ends of episodes."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ Observation = dict[str, dict[str, Tensor]]
 
 
 def regrouped(observation: Observation, policy: Sequence[str], more: Sequence[str]) -> Observation:
-    """Show the policy what it names of what the critic sees, and the critic the same and then `more`."""
+    """Return the critic's tensors named in `policy` as the group `policy`, and these and `more` as `critic`."""
     seen = observation["critic"]
     shown = {name: seen[name] for name in policy}
     return {"policy": shown, "critic": shown | {name: seen[name] for name in more}}
 
 
 FRICTION_PYRAMIDS: dict[str, Any] = {"cone": mujoco.mjtCone.mjCONE_PYRAMIDAL, "impratio": 1.0}
-"""Options for tasks that grip nothing: a step takes half the time, but what is gripped for long creeps."""
+"""Options for tasks that grip nothing: a step takes half the time, but objects slip slowly in a long grip."""
 
 
 class Task:
     """Base class of tasks. All methods work on all worlds at once, in torch operations without host synchronisation.
 
-    A task reads the worlds through a State, in which poses are in the robot's base frame. It may keep its own tensors:
-    make them in `bind`, write to them in place, and reset those of masked worlds in `on_reset`.
+    A task reads the worlds through a State, with poses in the robot's base frame. It may have tensors of its own: make
+    them in `bind`, write to them in place, and reset those of masked worlds in `on_reset`.
 
     Attributes:
         scene: The name of a shipped scene, or the path of a scene file.
-        needs: What the task reads that kinematics does not bring up to date, keys of sceniris_gym.sim.batch.NEEDS.
+        needs: Quantities that the task reads and kinematics does not update, keys of sceniris_gym.sim.batch.NEEDS.
         substeps: Physics steps in a control step.
         action_size: Length of an action; None is the number of controls of the scene.
-        options: Fields of MjOption that are other than the scene's in this task's physics. Layouts do not depend on
+        options: Fields of MjOption that differ from the scene's in the physics of this task. Layouts do not depend on
             them.
     """
 
@@ -52,16 +52,16 @@ class Task:
         """Prepare for the worlds of `s`; called once, before anything else."""
 
     def observe(self, s: State) -> Observation:
-        """Return what is observed: {group: {name: tensor of shape (num_envs, ...)}}.
+        """Return the observations: {group: {name: tensor of shape (num_envs, ...)}}.
 
         The group `policy` is for the actor, `critic` for the critic in training.
         """
         raise NotImplementedError
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the reward terms of the step just taken, each of shape (num_envs,); the reward is their sum.
+        """Return the reward terms of the last step, each of shape (num_envs,); the reward is their sum.
 
-        Any names will do except those of statistics: episodes, length, return and success.
+        A term may have any name but those of statistics: episodes, length, return and success.
         """
         raise NotImplementedError
 

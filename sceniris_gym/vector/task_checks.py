@@ -1,4 +1,4 @@
-"""Checks what the methods of a task return in their first call."""
+"""Checks of what the methods of a task return in their first call."""
 
 from __future__ import annotations
 

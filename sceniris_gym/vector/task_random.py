@@ -1,4 +1,4 @@
-"""Random numbers for tasks, from Philox streams that layouts do not use."""
+"""Random numbers for tasks, from Philox streams that no layout uses."""
 
 import warp as wp
 
@@ -45,9 +45,9 @@ def draw_uniform(
         episode: Episode of each world, shape (nworld,), int32.
         step: Control steps since the reset, shape (nworld,), int32.
         stream: Philox stream, see task_stream.
-        low: Lower bound, which may occur.
-        high: Upper bound, which does not.
-        values_out: The numbers, shape (nworld, n), float32.
+        low: Lower bound, inclusive.
+        high: Upper bound, exclusive.
+        values_out: Array to fill, shape (nworld, n), float32.
     """
     wp.launch(
         _draw_uniform,

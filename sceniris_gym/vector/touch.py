@@ -1,4 +1,4 @@
-"""`Touch`: which bodies touch each other, read from the contacts of the last physics step."""
+"""`Touch`: pairs of bodies that touch, by the contacts of the last physics step."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from sceniris_gym.vector.state import State, find_body
 
 
 class Touch:
-    """Tells which bodies of one list touch which of another, in all worlds and without host synchronisation.
+    """Finds the pairs of bodies of two lists that touch, in all worlds and without host synchronisation.
 
-    The contacts are those that the last physics step of a control step resolved, which costs nothing extra; they are
+    The contacts are those that the last physics step of a control step resolved, so they cost nothing extra. They are
     one physics step old, unless the task needs "contacts". After a reset nothing touches until the next step.
 
     Args:
         s: The worlds.
-        first, second: Names of bodies. The geoms of a body itself count, not those of its children.
+        first, second: Names of bodies. Only the geoms of a body itself count, not those of its children.
 
     Raises:
         UnknownNameError: The scene has no such body.

@@ -166,18 +166,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.lock = ObjectLock(type(self).__name__)
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
-        self.batch = Batch(
-            self.compiled.scene,
-            num_envs,
-            self.compiled.device,
-            nconmax=nconmax,
-            njmax=njmax,
-            nvmax=nvmax,
-            needs=self.task.needs,
-            substeps=self.task.substeps,
-            options=self.task.options,
-            graph=graph,
-        )
+        room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
+        task = self.task
+        physics: dict[str, Any] = {"needs": task.needs, "substeps": task.substeps, "options": task.options}
+        self.batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **room, **physics, graph=graph)
         self.randomizer = ResetRandomizer(
             self.compiled,
             self.batch.model,

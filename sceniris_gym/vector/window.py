@@ -1,4 +1,4 @@
-"""The page on which `render_mode="human"` shows an environment. The viewer stands above and is reached by its name."""
+"""The page of `render_mode="human"`, imported by its name: the viewer imports the environments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _VIEWER = "sceniris_gym.viewer.window"
 
 
 class Window(Protocol):
-    """What an environment asks of the page; see `sceniris_gym.viewer.window`."""
+    """Interface of the page for an environment; see `sceniris_gym.viewer.window`."""
 
     num: int
 
@@ -41,7 +41,7 @@ def open_window(scene: SceneModel, num: int) -> Window:
 
 
 def show(window: Window, batch: Batch, layouts: Layouts, seconds: float) -> None:
-    """Let the page show a batch as it is now. Waits for the device."""
+    """Show the present state of a batch on the page. Waits for the device."""
     data, num = batch.data, window.num
     mocap = data.mocap_quat.numpy()[:num] if data.mocap_quat.size else np.zeros((num, 0, 4))
     window.show(data.xpos.numpy()[:num], data.xmat.numpy()[:num], mocap, layouts.present.numpy()[:num], seconds)

@@ -34,7 +34,11 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "an unknown thing": ({"heaps.pile.of": ["a", "c"]}, UnknownNameError, r"heaps\.pile\.of: unknown object 'c'"),
     "an unknown container": ({"heaps.pile.fill": "bni"}, UnknownNameError, "unknown support 'bni'.*mean 'bin'"),
     "no things": ({"heaps.pile.of": []}, SceneKeyError, "at least 1 values"),
-    "a thing twice": ({"heaps.pile.of": ["a", "a"]}, SceneKeyError, r"heaps\.pile\.of: \['a', 'a'\] should name each object once"),
+    "a thing twice": (
+        {"heaps.pile.of": ["a", "a"]},
+        SceneKeyError,
+        r"heaps\.pile\.of: \['a', 'a'\] should name each object once",
+    ),
     "a thing of two heaps": (
         {"heaps.other": {"fill": "bin", "of": ["a"]}}, SceneKeyError, "'a' is also in the heap 'pile'",
     ),

@@ -118,7 +118,7 @@ def test_masked_worlds_take_their_own_rows():
     """Without a list of rows; the others keep everything."""
     poses = np.array([[0.3, 0.1], [-1.2, 0.4], [0.7, -0.2]])
     _, d = written(poses, mask=[True, False, True])
-    np.testing.assert_allclose(d.qpos.numpy(), np.float32([poses[0], [-7.0, -7.0], poses[2]]))
+    np.testing.assert_allclose(d.qpos.numpy(), np.array([poses[0], [-7.0, -7.0], poses[2]], np.float32))
     for array in (d.ctrl, d.act):
         np.testing.assert_array_equal(array.numpy()[1], -7.0)
         assert (array.numpy()[[0, 2]] != -7.0).all()
