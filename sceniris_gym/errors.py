@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -444,6 +445,18 @@ class MissingExtraError(ScenirisError, ImportError):
     def __init__(self, package: str, extra: str) -> None:
         self.package, self.extra = package, extra
         super().__init__(f"{package} is not installed. Install the extra: pip install 'sceniris-gym[{extra}]'.")
+
+
+def import_extra(module: str, extra: str, package: str = "") -> Any:
+    """Import a module that an extra of this package installs; `package` is its distribution, if named otherwise.
+
+    Raises:
+        MissingExtraError: It is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise MissingExtraError(package or module, extra) from None
 
 
 class KeysLeftOutWarning(ScenirisWarning):

@@ -37,7 +37,7 @@ def init(model: Path, device: str | None = None) -> FirstScene:
     scene = _tried(scene, build_model)
     if scene.robot is not None and not scene.robot.why:
         built = build_model(SceneConfig.load(scene.words()))
-        scene = scene.with_note(ROBOT, reach_note(built.mjm, str(scene.robot.words["in_model"]), built.tcps[ROBOT]))
+        scene = scene.with_robot_note(reach_note(built.mjm, str(scene.robot.words["in_model"]), built.tcps[ROBOT]))
     return _tried(scene, lambda config: compile_scene(config, device))
 
 

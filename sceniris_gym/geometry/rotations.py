@@ -20,6 +20,20 @@ def pose_matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
     return pose
 
 
+def product(first: np.ndarray, then: np.ndarray) -> np.ndarray:
+    """Return the product of two wxyz quaternions."""
+    quat = np.empty(4)
+    mujoco.mju_mulQuat(quat, first, then)
+    return quat
+
+
+def of_angles(angles: np.ndarray) -> np.ndarray:
+    """Return the wxyz quaternion of turns by angles [rad], shape (3,), about x, then y, then z of the fixed frame."""
+    quat = np.empty(4)
+    mujoco.mju_euler2Quat(quat, angles, "XYZ")
+    return quat
+
+
 def quaternion(mat: np.ndarray) -> np.ndarray:
     """Return the wxyz quaternion of a rotation matrix (3, 3)."""
     quat = np.empty(4)

@@ -2,9 +2,9 @@
 
 A grasp is a frame midway between the fingertips, +z the approach axis, +y the closing axis. An asset defines its own as
 sites `grasp_*`; as a gripper has two fingers, each of them is also used half a turn about its approach axis. For an
-asset without such sites, grasps are made from its geometry for every pose it may be drawn in: from above with 8 yaws,
-the same tilted by 15, 30 and 45 degrees, and from the side if the object is taller than wide. Grasps that need a wider
-opening than the gripper has are left out.
+asset without such sites, grasps are made from its geometry for every pose that it may be drawn in: from above with 8
+yaws, the same tilted by 15, 30 and 45 degrees, and from the side if the object is taller than wide. Grasps that need a
+wider opening than the gripper has are left out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from sceniris_gym.errors import GraspError, UnknownNameError
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.resting_poses import Variant
-from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.rotations import matrix, product, quaternion
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.scene.model import SceneModel
 
@@ -29,16 +29,16 @@ YAWS = 8
 TILTS = (0.0, 15.0, 30.0, 45.0)  # degrees from the vertical
 _SIDE = 90.0
 MOST_RISING = math.sin(math.radians(10.0))
-"""How far the approach axis of a grasp may point upwards, as its z component: 10 degrees. A steeper one would come from
-below, through the support."""
-# Fingertips stay this far above the plane that the object stands on, and the object off the palm [m].
+"""The largest z component of an approach axis: it may point upwards by 10 degrees. A steeper one would come from below,
+through the support."""
+# Clearance of the fingertips above the plane that the object stands on, and of the object from the palm [m].
 _ABOVE = 0.002
 # A rotation for each axis of an object that can point up: +z, -z, +x, -x, +y, -y.
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
 
 def comes_from_below(approach_z: float) -> bool:
-    """Whether a grasp whose approach axis has this z component in the world comes through what the object stands on."""
+    """Return whether an approach axis with this z component in the world comes through the support."""
     return approach_z > MOST_RISING
 
 
@@ -52,7 +52,7 @@ class Grasp:
         body: Id of the body.
         pos: Position [m] in the body's frame, shape (3,).
         quat: Orientation, wxyz.
-        opening: Gap [m] between the fingers that is needed to go around what is between them.
+        opening: Gap [m] that the fingers need to go around the part of the object between them.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Grasp:
 
 @dataclass(frozen=True)
 class GraspSet:
-    """All grasps of an object, and which of them belong to which of the poses that it is drawn from.
+    """All grasps of an object, grouped by the poses that it is drawn from.
 
     Attributes:
         grasps: In the order in which they are tried.
@@ -96,20 +96,20 @@ class Graspable:
             if p.body in self.bodies and p.mesh is not None
         ]
         self.triangles = np.concatenate([np.zeros((0, 3, 3)), *meshes])
-        self.center = self._to_root(-1, home.subtree_com[self.root][None])[0]
+        self.center = self._to_root(0, home.subtree_com[self.root][None])[0]
 
     def grasp_set(
         self, variants: list[Variant], any_turn: bool, gripper: Gripper, pattern: str | None = None
     ) -> GraspSet:
-        """The grasps that fit the gripper: the asset's own, or those made from its geometry.
+        """Return the grasps that fit the gripper: the asset's own, or those made from its geometry.
 
         Args:
             variants: Poses that the object's orientation is drawn from.
             any_turn: Whether any orientation may be drawn, so that any side may be up.
             gripper: The gripper.
-            pattern: Which of them count, by their names as a glob: sites with or without 'grasp_'. All if None.
+            pattern: A glob that the names of grasps match, those of sites with or without 'grasp_'. All count if None.
 
-        A stable pose in which the gripper cannot grasp the object has none, and is never accepted.
+        A stable pose in which the gripper cannot grasp the object has no grasps, and is never accepted.
 
         Raises:
             UnknownNameError: None of them has such a name.
@@ -132,7 +132,7 @@ class Graspable:
         return GraspSet(tuple(g for group in kept for g in group), spans)
 
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
-        """Those of grasps whose names match a glob; the half turn of a site counts with it."""
+        """Return the grasps whose names match a glob; the half turn of a site matches with it."""
         known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
         found = {name for name, site in known.items() if _matches(site, pattern)}
         if known and not found:
@@ -166,7 +166,7 @@ class Graspable:
         return found
 
     def _from_above(self, turn: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
-        """Grasps of the object turned by `turn` (3, 3), for each tilt of the approach from straight down [degrees]."""
+        """Return grasps of the object turned by `turn` (3, 3), for each tilt of the approach from down [degrees]."""
         found = []
         for tilt in tilts:
             for yaw in np.arange(YAWS) * 360.0 / YAWS:
@@ -174,13 +174,13 @@ class Graspable:
                 made = self._at_center(turn, axes, tilt, gripper)
                 if made is not None:
                     word = "top" if tilt == 0.0 else "side" if tilt == _SIDE else f"tilt {tilt:g}"
-                    found.append(Grasp(f"{word} {yaw:g}", self.root, made[0], _quat(axes), made[1]))
+                    found.append(Grasp(f"{word} {yaw:g}", self.root, made[0], quaternion(axes), made[1]))
         return found
 
     def _at_center(
         self, turn: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
     ) -> tuple[np.ndarray, float] | None:
-        """The position of a grasp with these axes, and the gap that it needs; None if it closes on nothing."""
+        """Return the position of a grasp with these axes, and the gap that it needs; None if it closes on nothing."""
         if not len(self.triangles):
             return np.zeros(3), 0.0
         low, high = _extents(self.triangles @ turn.T)
@@ -201,14 +201,12 @@ class Graspable:
         return pos + axes[:, 1] * 0.5 * (between[0] + between[1]), between[1] - between[0]
 
     def _turn(self, body: int) -> np.ndarray:
-        back = self._home.xmat[self.root].reshape(3, 3).T
-        return back if body < 0 else back @ self._home.xmat[body].reshape(3, 3)
+        """Return the rotation matrix (3, 3) from a body's frame to the root's."""
+        return self._home.xmat[self.root].reshape(3, 3).T @ self._home.xmat[body].reshape(3, 3)
 
     def _to_root(self, body: int, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) of a body's frame (-1: the world's) in the root's."""
-        at = np.zeros(3) if body < 0 else self._home.xpos[body]
-        back = self._home.xmat[self.root].reshape(3, 3).T
-        return points @ self._turn(body).T + back @ (at - self._home.xpos[self.root])
+        """Return points (n, 3) of a body's frame (0: the world's) in the root's."""
+        return points @ self._turn(body).T + self._turn(0) @ (self._home.xpos[body] - self._home.xpos[self.root])
 
 
 def _matches(name: str, pattern: str) -> bool:
@@ -216,13 +214,11 @@ def _matches(name: str, pattern: str) -> bool:
 
 
 def _rolled(grasp: Grasp) -> Grasp:
-    quat = np.empty(4)
-    mujoco.mju_mulQuat(quat, grasp.quat, np.array([0.0, 0.0, 0.0, 1.0]))
-    return replace(grasp, name=f"{grasp.name}{_ROLLED}", quat=quat)
+    return replace(grasp, name=f"{grasp.name}{_ROLLED}", quat=product(grasp.quat, np.array([0.0, 0.0, 0.0, 1.0])))
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
-    """Axes of a TCP as columns (3, 3): straight down, tilted about the closing axis, then turned about the vertical.
+    """Return axes of a TCP as columns (3, 3): down, tilted about the closing axis, then turned about the vertical.
 
     Args:
         yaw: Yaw of the closing axis from y, in degrees.
@@ -235,9 +231,9 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
 
 
 def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float] | None:
-    """What is between the fingers: its least and greatest coordinate [m] along the closing axis, measured from the TCP.
+    """Return the extent of a solid between the fingers: two coordinates [m] along the closing axis, from the TCP.
 
-    Only what lies within the fingers' width and not beyond their tips counts. Where a finger fits between two parts of
+    Only the part within the fingers' width and not beyond their tips counts. Where a finger fits between two parts of
     the solid, only the part that contains the TCP, or is nearest to it, counts.
 
     Args:
@@ -247,9 +243,9 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
         gripper: The gripper.
 
     Returns:
-        None if nothing is between the fingers, or only what is farther away than they open.
+        None if nothing is between the fingers, however wide they open.
     """
-    spans = _clipped(triangles, pos, axes, gripper.half_width, gripper.tip)[1]
+    spans = _clipped(triangles, pos, axes, gripper.half_width, gripper.tip)[:, 1]
     if not len(spans):
         return None
     spans = spans[np.argsort(spans[:, 0], kind="stable")]
@@ -263,28 +259,26 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
 
 
 def _ahead(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float]:
-    """Where the solid begins and ends along the approach axis [m], from the TCP, within the fingers' width."""
-    spans = _clipped(triangles, pos, axes, gripper.half_width, np.inf)[2]
+    """Return the extent of the solid along the approach axis [m], from the TCP, within the fingers' width."""
+    spans = _clipped(triangles, pos, axes, gripper.half_width, np.inf)[:, 2]
     return (float(spans[:, 0].min()), float(spans[:, 1].max())) if len(spans) else (0.0, 0.0)
 
 
-def _clipped(
-    triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_width: float, tip: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Extents (n, 2) along each axis of a TCP of those triangles that reach into |x| <= half_width and z <= tip.
+def _clipped(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_width: float, tip: float) -> np.ndarray:
+    """Return extents along the axes of a TCP of the triangles that reach into |x| <= half_width and z <= tip.
 
-    The corners of a clipped triangle are its own, where its edges meet the three planes, and where its plane meets the
-    two lines in which those planes meet.
+    The corners of a clipped triangle are its own, the points where its edges meet the three planes, and those where it
+    meets the two lines in which those planes meet.
+
+    Returns:
+        Least and greatest coordinate along each axis [m], shape (n, 3, 2).
     """
     local = (triangles - pos) @ axes
     low, high = local.min(axis=1), local.max(axis=1)
     local = local[(low[:, 0] <= half_width) & (high[:, 0] >= -half_width) & (low[:, 2] <= tip)]
-    points = [local]
-    for axis, value in ((0, -half_width), (0, half_width), (2, tip)):
-        if np.isfinite(value):
-            points.append(_crossings(local, axis, value))
+    points = [local, *(_crossings(local, 0, x) for x in (-half_width, half_width))]
     if np.isfinite(tip):
-        points += [_pierced(local, x, tip) for x in (-half_width, half_width)]
+        points += [_crossings(local, 2, tip), *(_pierced(local, x, tip) for x in (-half_width, half_width))]
     corners = np.concatenate(points, axis=1)
     slack = 1e-9
     inside = (np.abs(corners[..., 0]) <= half_width + slack) & (corners[..., 2] <= tip + slack)
@@ -292,12 +286,11 @@ def _clipped(
     corners, inside = corners[kept], inside[kept]
     low = np.where(inside[..., None], corners, np.inf).min(axis=1)
     high = np.where(inside[..., None], corners, -np.inf).max(axis=1)
-    spans = np.stack([low, high], axis=-1)
-    return spans[:, 0], spans[:, 1], spans[:, 2]
+    return np.stack([low, high], axis=-1)
 
 
 def _crossings(triangles: np.ndarray, axis: int, value: float) -> np.ndarray:
-    """Where the edges of triangles meet the plane of one coordinate, shape (n, 3, 3); nan where they do not."""
+    """Return where the edges of triangles meet the plane of one coordinate, shape (n, 3, 3); nan where they do not."""
     other = np.roll(triangles, -1, axis=1)
     a, b = triangles[..., axis] - value, other[..., axis] - value
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -306,7 +299,7 @@ def _crossings(triangles: np.ndarray, axis: int, value: float) -> np.ndarray:
 
 
 def _pierced(triangles: np.ndarray, x: float, z: float) -> np.ndarray:
-    """Where triangles meet the line of two coordinates, shape (n, 1, 3); nan where they do not."""
+    """Return where triangles meet the line of two coordinates, shape (n, 1, 3); nan where they do not."""
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     dx, dz = x - a[:, 0], z - a[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -320,9 +313,3 @@ def _pierced(triangles: np.ndarray, x: float, z: float) -> np.ndarray:
 def _extents(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     points = triangles.reshape(-1, 3) if len(triangles) else np.zeros((1, 3))
     return points.min(axis=0), points.max(axis=0)
-
-
-def _quat(axes: np.ndarray) -> np.ndarray:
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, axes.ravel())
-    return quat

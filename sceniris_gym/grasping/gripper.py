@@ -1,8 +1,8 @@
-"""The gripper of an arm, from its geometry: how wide it opens, and how far its fingers reach.
+"""The gripper of an arm, measured from its geometry: its opening, and the reach of its fingers.
 
-Fingers are moved by the joints that are not in the TCP's chain. Those that an equality makes follow others do so here,
-too: a gripper of two mirrored fingers opens by one joint. Everything is measured in the frame of the TCP: +z is
-the approach axis, +y the closing axis.
+Finger joints are those outside of the TCP's chain. Joints that an equality makes follow others do so here, too: a
+gripper of two mirrored fingers opens by one joint. Everything is measured in the frame of the TCP: +z is the approach
+axis, +y the closing axis.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.couplings import Coupling, driven_by, equality_label, follow, free_range, joint_couplings
 from sceniris_gym.scene.support import subtree
 
-# A tool without fingers takes no room, and may touch objects of any width.
+# The opening of a tool without fingers, which may touch objects of any width [m].
 _NO_LIMIT = 1.0e3
-# How deep a grasp may be where nothing stands behind the TCP [m].
+# The depth of a gripper that has nothing behind its TCP [m].
 _DEEP = 0.1
-# How far [m or rad] equalities may be missed beyond the start pose while the gripper opens, and in how many steps that
-# is looked at.
-_KEPT = 1e-4
-_TIPS = 0.01  # m; what ends within this of the farthest part of a finger is its tip
-_SHARES = 17
+# The largest violation of an equality beyond that of the start pose while the gripper opens [m or rad], and the number
+# of positions at which it is checked.
+_KEPT, _SHARES = 1e-4, 17
+_TIPS = 0.01  # m; pieces that end within this of the farthest one are the fingertips
 
 
 @dataclass(frozen=True)
@@ -37,14 +36,14 @@ class Gripper:
     Attributes:
         opening: Widest gap between the fingers; 1000 for a tool without fingers.
         closed: Least gap.
-        tip: How far the fingertips are beyond the TCP.
+        tip: Distance of the fingertips beyond the TCP.
         depth: Distance from the palm to the TCP.
         half_width: Half the width of the fingers at the TCP, across the closing axis.
         thickness: Thickness of a finger at the TCP, along the closing axis.
         qposadr: Addresses in qpos of the fingers' joints, without those that follow others.
         open_qpos: Their positions at the widest gap [m or rad].
         closed_qpos: Their positions at the least gap [m or rad].
-        couplings: Joints that follow them, drivers before what follows them.
+        couplings: Couplings of the joints that follow them, drivers first.
     """
 
     opening: float
@@ -69,30 +68,26 @@ class Gripper:
             pieces: Obstacles of the model.
 
         Raises:
-            NotSupportedError: Fingers in a loop that opening them would break.
+            NotSupportedError: Opening the fingers would break a loop that they are part of.
         """
         hand = carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
         couplings = joint_couplings(mjm, f"arm '{arm.name}'")
         found = _finger_joints(mjm, hand, arm, couplings, home_qpos)
-        joints, limits = list(found), np.reshape(list(found.values()), (-1, 2))
-        adr = mjm.jnt_qposadr[joints].astype(int)
-        if not joints or not own:
+        if not found or not own:
             nothing = np.zeros(0)
             return cls(_NO_LIMIT, 0.0, 0.0, _DEEP, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
-        data = mujoco.MjData(mjm)
-        data.qpos[:] = home_qpos
-        follow(couplings, data.qpos)
-        outer = [
-            _outer(mjm, data, arm, joint, ends, driven_by(couplings, [joint]), own) for joint, ends in found.items()
-        ]
+        home = home_qpos.copy()
+        follow(couplings, home)
+        measured = _Hand(mjm, arm, own, couplings, home)
+        joints, limits = list(found), np.array(list(found.values()))
+        adr = mjm.jnt_qposadr[joints].astype(int)
+        outer = [measured.outer_limit(joint, ends) for joint, ends in found.items()]
         rows = np.arange(len(joints))
         wide, narrow = limits[rows, outer], limits[rows, 1 - np.array(outer)]
-        driven = tuple(driven_by(couplings, joints))
-        moving = {b for j in (*joints, *(c.follower for c in driven)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
-        fingers = np.array([p.body in moving for p in own])
-        low, high, opening = _fingers(mjm, data, arm, own, fingers, adr, wide, driven)
-        _, _, closed = _fingers(mjm, data, arm, own, fingers, adr, narrow, driven)
+        fingers = measured.moved_by(joints)
+        low, high, opening = measured.opened(fingers, adr, wide)
+        _, _, closed = measured.opened(fingers, adr, narrow)
         at = _beside(low, high, fingers)
         between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < 0.5 * opening) & (high[:, 1] > -0.5 * opening)
         gripper = cls(
@@ -105,20 +100,20 @@ class Gripper:
             qposadr=adr,
             open_qpos=wide,
             closed_qpos=narrow,
-            couplings=driven,
+            couplings=tuple(driven_by(couplings, joints)),
         )
         gripper._check_loops(mjm, arm, home_qpos)
         return gripper
 
     def poses(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how the fingers stand when the gripper is opened by shares of its way.
+        """Return the positions of the finger joints when the gripper is opened by some shares.
 
         Args:
             share: From 0, closed, to 1, open, shape (n,).
 
         Returns:
-            Addresses in qpos of all joints that move, those that follow included, shape (nfinger,), and their positions
-            [m or rad], shape (n, nfinger).
+            Addresses in qpos of all joints that move, followers included, shape (nfinger,), and their positions [m or
+            rad], shape (n, nfinger).
         """
         adr = np.concatenate([self.qposadr, [c.adr for c in self.couplings]]).astype(int)
         qpos = np.zeros((len(share), adr.max(initial=-1) + 1))
@@ -127,7 +122,7 @@ class Gripper:
         return adr, qpos[:, adr]
 
     def _check_loops(self, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray) -> None:
-        """Check that opening the gripper breaks no equality, by MuJoCo's own account."""
+        """Check that opening the gripper violates no equality in MuJoCo."""
         alone = copy.copy(mjm)
         alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         data = mujoco.MjData(alone)
@@ -147,7 +142,7 @@ class Gripper:
 
 
 def _missed(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[int, float]:
-    """By how much each active equality is missed [m or rad]."""
+    """Return the violation of each active equality [m or rad], by its id."""
     mujoco.mj_fwdPosition(mjm, data)
     found: dict[int, float] = {}
     for row in np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY):
@@ -157,7 +152,7 @@ def _missed(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[int, float]:
 
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
-    """The bodies that the arm's last joint carries: hand and fingers, its own body among them."""
+    """Return the bodies that the arm's last joint carries, its own included: hand and fingers."""
     moved = {int(mjm.jnt_bodyid[j]) for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in arm.qposadr}
     root = int(mjm.site_bodyid[arm.tcp_site])
     while root not in moved:
@@ -168,7 +163,7 @@ def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
 def _finger_joints(
     mjm: mujoco.MjModel, hand: set[int], arm: SerialArm, couplings: tuple[Coupling, ...], home: np.ndarray
 ) -> dict[int, tuple[float, float]]:
-    """The joints that move fingers and follow no others, and how far they go with what follows within its limits."""
+    """Return the joints that move fingers and follow no others, with the ranges that their followers' limits leave."""
     scalar = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
     following = {c.follower for c in couplings}
     found = {
@@ -182,70 +177,66 @@ def _finger_joints(
     return {j: ends for j, ends in found.items() if np.isfinite(ends).all()}
 
 
-def _outer(
-    mjm: mujoco.MjModel,
-    data: mujoco.MjData,
-    arm: SerialArm,
-    joint: int,
-    ends: tuple[float, float],
-    driven: list[Coupling],
-    pieces: list[Piece],
-) -> int:
-    """Which end of a finger's joint (0: lower, 1: upper) moves it, and what follows, farther from the approach axis."""
-    below = {b for j in (joint, *(c.follower for c in driven)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
-    moved = [p for p in pieces if p.body in below]
-    adr = int(mjm.jnt_qposadr[joint])
-    home = data.qpos.copy()
-    off = []
-    for value in ends:
-        data.qpos[adr] = value
-        follow(driven, data.qpos)
-        low, high = _boxes(mjm, data, arm, moved)
-        off.append(float(np.abs(low[:, 1] + high[:, 1]).sum()))
-    data.qpos[:] = home
-    return int(off[1] > off[0])
+@dataclass(frozen=True)
+class _Hand:
+    """The pieces that the arm's last joint carries, measured in the frame of the TCP.
 
+    Attributes:
+        mjm: The model.
+        arm: The arm in it.
+        pieces: The pieces.
+        couplings: All couplings of the model, in order.
+        home: A pose of the model that keeps them, shape (nq,).
+    """
 
-def _fingers(
-    mjm: mujoco.MjModel,
-    data: mujoco.MjData,
-    arm: SerialArm,
-    pieces: list[Piece],
-    fingers: np.ndarray,
-    adr: np.ndarray,
-    qpos: np.ndarray,
-    driven: tuple[Coupling, ...],
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Boxes of all pieces in the TCP's frame, and the gap between those that stand beside the TCP."""
-    data.qpos[adr] = qpos
-    follow(driven, data.qpos)
-    low, high = _boxes(mjm, data, arm, pieces)
-    at = _beside(low, high, fingers)
-    left = at & (low[:, 1] + high[:, 1] > 0.0)
-    right = at & (low[:, 1] + high[:, 1] <= 0.0)
-    above, below = low[left, 1].min(initial=np.inf), -high[right, 1].max(initial=-np.inf)
-    if np.isfinite([above, below]).sum() == 1:  # a finger on one side alone leaves as much room on the other
-        alone = min(above, below)
-        above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked one may be around the TCP
-    return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
+    mjm: mujoco.MjModel
+    arm: SerialArm
+    pieces: list[Piece]
+    couplings: tuple[Coupling, ...]
+    home: np.ndarray
+
+    def moved_by(self, joints: list[int]) -> np.ndarray:
+        """Return which pieces joints move, be it through others that follow them, shape (npiece,)."""
+        moving = [*joints, *(c.follower for c in driven_by(self.couplings, joints))]
+        bodies = {b for j in moving for b in subtree(self.mjm, int(self.mjm.jnt_bodyid[j]))}
+        return np.array([p.body in bodies for p in self.pieces])
+
+    def outer_limit(self, joint: int, ends: tuple[float, float]) -> int:
+        """Return which end (0: lower, 1: upper) of a joint moves its finger farther from the approach axis."""
+        moved, off = self.moved_by([joint]), []
+        for value in ends:
+            low, high = self._boxes(self.mjm.jnt_qposadr[joint], value)
+            off.append(np.abs(low[moved, 1] + high[moved, 1]).sum())
+        return int(off[1] > off[0])
+
+    def opened(self, fingers: np.ndarray, adr: np.ndarray, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return the boxes of all pieces, and the gap between those beside the TCP, with finger joints at qpos."""
+        low, high = self._boxes(adr, qpos)
+        at = _beside(low, high, fingers)
+        left = at & (low[:, 1] + high[:, 1] > 0.0)
+        right = at & (low[:, 1] + high[:, 1] <= 0.0)
+        above, below = low[left, 1].min(initial=np.inf), -high[right, 1].max(initial=-np.inf)
+        if np.isfinite([above, below]).sum() == 1:  # a finger on one side alone leaves as much room on the other
+            alone = min(above, below)
+            above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked one may be around the TCP
+        return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
+
+    def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and greatest corner [m] of each piece with some joints at qpos, shapes (npiece, 3)."""
+        data = mujoco.MjData(self.mjm)
+        data.qpos[:] = self.home
+        data.qpos[adr] = qpos
+        follow(self.couplings, data.qpos)
+        mujoco.mj_kinematics(self.mjm, data)
+        axes, at = data.site_xmat[self.arm.tcp_site].reshape(3, 3).T, data.site_xpos[self.arm.tcp_site]
+        found = np.array([p.extents(axes @ data.xmat[p.body].reshape(3, 3)) for p in self.pieces])
+        shift = np.array([axes @ (data.xpos[p.body] - at) for p in self.pieces])
+        return found[:, 0] + shift, found[:, 1] + shift
 
 
 def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarray:
-    """Which boxes stand beside the TCP; where none does, the tips of the fingers, as of those that swing open."""
+    """Return which boxes are beside the TCP; if none is, the fingertips, as of fingers that swing open."""
     at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
     if at.any() or not fingers.any():
         return at
     return fingers & (high[:, 2] > high[fingers, 2].max() - _TIPS)
-
-
-def _boxes(
-    mjm: mujoco.MjModel, data: mujoco.MjData, arm: SerialArm, pieces: list[Piece]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest corner [m] of each piece in the TCP's frame, shapes (npiece, 3)."""
-    mujoco.mj_kinematics(mjm, data)
-    axes = data.site_xmat[arm.tcp_site].reshape(3, 3).T
-    at = data.site_xpos[arm.tcp_site]
-    found = [p.extents(axes @ data.xmat[p.body].reshape(3, 3)) for p in pieces]
-    shift = np.reshape([axes @ (data.xpos[p.body] - at) for p in pieces], (-1, 3))
-    low, high = (np.reshape([f[k] for f in found], (-1, 3)) + shift for k in range(2))
-    return low, high

@@ -1,4 +1,4 @@
-"""Where poses of objects and positions of joints are in qpos and among the mocap bodies, by the names of the scene."""
+"""Addresses of objects' poses and joints' positions in qpos and among the mocap bodies, by the names of the scene."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _WIDTHS = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 
 class PoseAddress(NamedTuple):
-    """Where the pose of an object is kept.
+    """The address of an object's pose.
 
     Attributes:
-        kind: "qpos", "mocap", or "body" for what never moves.
+        kind: "qpos", "mocap", or "body" for an object that never moves.
         number: Address in qpos, mocap id, or body id.
     """
 
@@ -26,7 +26,7 @@ class PoseAddress(NamedTuple):
 
 
 def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
-    """Return where the pose of an object's root body is kept, or of the robot's.
+    """Return the address of the pose of an object's root body, or of the robot's.
 
     Raises:
         UnknownNameError: The scene has no such object.
@@ -51,7 +51,7 @@ def joint_address(scene: SceneModel, name: str, where: str) -> tuple[int, int]:
     Args:
         scene: The scene.
         name: The joint's name in the model, `object/joint`, or the name inside its object if only one has it.
-        where: How errors begin.
+        where: The beginning of errors.
 
     Raises:
         UnknownNameError: There is no such joint, or several objects have one of that name.
@@ -62,8 +62,7 @@ def joint_address(scene: SceneModel, name: str, where: str) -> tuple[int, int]:
         inside = {f"{owner}/{local}": j for owner in scene.bodies for local, j in scene.joints(owner).items()}
         found = [j for full, j in inside.items() if name in (full, full.partition("/")[2])]
         if len(found) != 1:
-            raise UnknownNameError(
-                "joint", name, where, [*inside, *filter(None, (mjm.joint(j).name for j in range(mjm.njnt)))]
-            )
+            named = filter(None, (mjm.joint(j).name for j in range(mjm.njnt)))
+            raise UnknownNameError("joint", name, where, [*inside, *named])
         joint = found[0]
     return int(mjm.jnt_qposadr[joint]), _WIDTHS.get(mujoco.mjtJoint(int(mjm.jnt_type[joint])), 1)

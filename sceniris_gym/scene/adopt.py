@@ -1,7 +1,7 @@
-"""Bodies of the user's own model as objects of a scene, and what such a model must have for that.
+"""Bodies of the user's own model as objects of a scene, and checks that they can be.
 
-A model from a file is changed where the scene needs it. One in memory is somebody else's: it is taken as it is, and
-`place_on` is what changes it.
+A model from a file is changed where the scene needs it. A model in memory belongs to the user: it is taken as it is,
+and only `place_on` changes it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.objects import ObjectConfig
@@ -18,10 +19,11 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
+from sceniris_gym.scene.support import subtree
 from sceniris_gym.scene.tcp import tcp_site
 
 HOME = "home"
-"""The keyframe of a model that is its start pose, where the scene names no other."""
+"""The keyframe that is a model's start pose, unless the scene names another one."""
 _MOCAP = ("fixture", "marker")
 _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoco.mjtJoint.__members__.values()}
 PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
@@ -29,7 +31,7 @@ PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and 
 
 @dataclass(frozen=True)
 class _Root:
-    """A body of a model, as far as it decides what kind of object it can be.
+    """The properties of a body that decide which kinds of object it can be.
 
     Attributes:
         name: Its name.
@@ -53,7 +55,7 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
         spec: The specification.
         name: The object, or the robot.
         config: Its words.
-        where: The file and the key that they are in, which begin errors.
+        where: The file and the key that they are in, the beginning of errors.
 
     Raises:
         UnknownNameError: The model has no such body.
@@ -72,7 +74,7 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
 
 
 def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
-    """Check that a model that is taken as it is has the bodies of a scene, of the right kinds, and its parking ground.
+    """Check that a model in memory has the bodies of a scene, of the right kinds, and its parking ground.
 
     Raises:
         UnknownNameError: The model has no such body.
@@ -81,14 +83,15 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
     for name, part in config.parts.items():
         if part.asset is not None:
             continue
-        root = _root(mjm, part.body or name, f"{config.where}: {config.key(name)}")
-        where = f"{config.where}: {config.key(name)}.kind"
+        where = f"{config.where}: {config.key(name)}"
+        root = _root(mjm, part.body or name, where)
+        where = f"{where}.kind"
         _check_kind(root, part.kind, where)
         if part.is_placed and _needs_change(root, part.kind):
-            lacks = "a mocap body" if not root.mocap else "without collisions"
+            wanted = "a mocap body" if not root.mocap else "without collisions"
             raise SceneKeyError(
-                f"{where}: body '{root.name}' should be {lacks} to be placed as a '{part.kind}', and a model in memory "
-                f"is taken as it is. {PLACE_ON}"
+                f"{where}: body '{root.name}' should be {wanted} to be placed as a '{part.kind}', and a model in "
+                f"memory is taken as it is. {PLACE_ON}"
             )
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         raise SceneKeyError(
@@ -124,8 +127,8 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
     """Change a specification, in place, so that a scene can be placed on the model that is compiled from it.
 
     Bodies that are placed and have no freejoint become mocap bodies; markers, the floor, and the ground on which absent
-    members of groups are parked are added; mocap bodies stand where the start keyframe has them. Nothing else changes.
-    The scene is compiled afterwards, with the specification or the MjModel compiled from it as its `model`.
+    members of groups are parked are added; mocap bodies take their poses of the start keyframe. Nothing else changes.
+    Compile the scene afterwards, with the specification or the MjModel compiled from it as its `model`.
 
     Args:
         spec: The specification, before it is compiled.
@@ -136,9 +139,9 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
         SceneKeyError: A body cannot be of its object's kind, or the scene has assets, which `compile_scene` attaches.
     """
     config = SceneConfig.load(scene, {"model": spec})
-    named = {f"objects.{n}.asset": p.asset for n, p in config.objects.items()}
-    named = {**{robot.key: robot.file for robot in config.all_robots.values()}, **named}
-    if key := next((key for key, value in named.items() if value is not None), None):
+    assets = [robot.key for robot in config.all_robots.values() if robot.file is not None]
+    assets += [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
+    if key := next(iter(assets), None):
         raise SceneKeyError(
             f"{config.where}: {key}: place_on changes bodies of the model, and attaches nothing to it. Let "
             "compile_scene attach assets to the MjSpec, and make Model and Data from its `mjm`."
@@ -166,18 +169,12 @@ def _root(mjm: mujoco.MjModel, name: str, where: str) -> _Root:
     if body <= 0:
         raise _unknown(name, [mjm.body(i).name for i in range(mjm.nbody)], where)
     first = int(mjm.body_jntadr[body])
-    joints = mjm.jnt_type[first : first + int(mjm.body_jntnum[body])] if first >= 0 else []
-    geoms = [g for g in range(mjm.ngeom) if _is_below(mjm, int(mjm.geom_bodyid[g]), body)]
-    paired = {*mjm.pair_geom1.tolist(), *mjm.pair_geom2.tolist()}
-    touches = any(mjm.geom_contype[g] or mjm.geom_conaffinity[g] or g in paired for g in geoms)
+    joints = mjm.jnt_type[first : first + int(mjm.body_jntnum[body])].tolist() if first >= 0 else []
+    paired = np.isin(np.arange(mjm.ngeom), [mjm.pair_geom1, mjm.pair_geom2])
+    touching = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0) | paired
+    touches = bool(touching[np.isin(mjm.geom_bodyid, subtree(mjm, body))].any())
     parent = mjm.body(int(mjm.body_parentid[body])).name
-    return _Root(name, parent, tuple(int(j) for j in joints), bool(mjm.body_mocapid[body] >= 0), touches)
-
-
-def _is_below(mjm: mujoco.MjModel, body: int, root: int) -> bool:
-    while body > root:  # parents come before their children
-        body = int(mjm.body_parentid[body])
-    return body == root
+    return _Root(name, parent, tuple(joints), bool(mjm.body_mocapid[body] >= 0), touches)
 
 
 def _unknown(name: str, bodies: list[str], where: str) -> UnknownNameError:

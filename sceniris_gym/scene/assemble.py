@@ -1,8 +1,7 @@
-"""Assembling assets into one MuJoCo specification: each object's root body gets its name, what is inside `name/...`."""
+"""Assembly of assets into one MuJoCo specification: an object's root body gets its name, all else in it `name/...`."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +13,14 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
 
 FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
 
 MARK_GROUP = 4
-"""Group of geoms that show where a marker is: they appear in pictures, but are not part of what is placed."""
+"""Group of the geoms that show a marker: they appear in pictures, but are not part of the object that is placed."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,11 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
             mass=0.0,
         )
         return Home({}, {})
-    child = _load_asset(config.asset, f"{where}: objects.{name}.asset")
-    home = _take_home(child, name, keyframe=None, where=f"{where}: objects.{name}.asset")
-    root = _attach(spec, child, name, spec.worldbody.add_frame(), f"{where}: objects.{name}.asset")
-    make_kind(spec, root, name, config.kind, f"{where}: objects.{name}.kind")
+    where = f"{where}: objects.{name}"
+    child = _load_asset(config.asset, f"{where}.asset")
+    home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
+    root = _attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
+    make_kind(spec, root, name, config.kind, f"{where}.kind")
     return home
 
 
@@ -61,7 +62,7 @@ def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
     named = "keyframe" in config.model_fields_set
     child = _load_asset(config.file, where)
     home = _take_home(child, config.name, config.keyframe if named else None, where)
-    frame = spec.worldbody.add_frame(pos=config.base, quat=turn_of(config.roll, config.pitch, config.yaw))
+    frame = spec.worldbody.add_frame(pos=config.base, quat=_turn(config))
     if config.placing is None:
         _attach(spec, child, config.name, frame, where)
         return home
@@ -73,21 +74,10 @@ def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
 
 
 def prefix_of(robot: RobotConfig) -> str:
-    """Return what names inside the robot begin with: 'panda/', or '' for a robot in a model without prefixes."""
+    """Return the prefix of names inside the robot: 'panda/', or '' for a robot in a model without prefixes."""
     if robot.in_model is None:
         return f"{robot.name}/"
     return robot.name[: robot.name.rfind("/") + 1]
-
-
-def turn_of(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Return the quaternion of a turn by angles [degrees] about x, then y, then z of the frame that is turned in."""
-    quat = np.array([1.0, 0.0, 0.0, 0.0])
-    for axis, angle in enumerate((roll, pitch, yaw)):
-        if angle:
-            half, turn = math.radians(angle) / 2.0, np.zeros(4)
-            turn[0], turn[1 + axis] = math.cos(half), math.sin(half)
-            mujoco.mju_mulQuat(quat, turn, quat.copy())
-    return quat
 
 
 def check_assets(config: SceneConfig) -> None:
@@ -117,7 +107,7 @@ class Names:
 
 
 def names_in(asset: str, where: str) -> Names:
-    """Return the names inside an asset, either a shipped one or an MJCF file.
+    """Return the names inside an asset, which is either shipped or an MJCF file.
 
     Raises:
         UnknownNameError: There is no such shipped asset.
@@ -139,10 +129,10 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
 
 
 def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
-    """Put the mocap bodies of a model where a keyframe has them, and leave that keyframe to repeat it.
+    """Move the poses of mocap bodies from a keyframe into the bodies themselves, which the keyframe then repeats.
 
-    Poses of mocap bodies in keyframes are told apart by their order alone, which changes with every body that becomes
-    one; the pose of a body stays with the body, and all that looks at the start pose finds it there.
+    In keyframes, the poses of mocap bodies are identified by their order alone, which changes with every body that
+    becomes one. The pose of a body stays with the body, and is its pose at the start, too.
     """
     bodies = [body for body in spec.bodies if body.mocap]
     if not bodies or keyframe not in {key.name for key in spec.keys}:
@@ -189,9 +179,13 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
 
 
 def attach_frame(spec: mujoco.MjSpec, config: RobotConfig) -> None:
-    """Attach a body without geoms where the base of a robot would be that is not in the scene."""
-    quat = turn_of(config.roll, config.pitch, config.yaw)
-    spec.worldbody.add_body(name=config.name, pos=config.base, quat=quat, mocap=config.placing is not None)
+    """Attach a body without geoms at the base of a robot that is not in the scene."""
+    mocap = config.placing is not None
+    spec.worldbody.add_body(name=config.name, pos=config.base, quat=_turn(config), mocap=mocap)
+
+
+def _turn(config: RobotConfig) -> np.ndarray:
+    return of_angles(np.radians([config.roll, config.pitch, config.yaw]))
 
 
 def _attach(
@@ -203,18 +197,18 @@ def _attach(
     *,
     around: bool = False,
 ) -> mujoco.MjsBody:
-    """Attach an asset as one body of that name: its only body, or a new one around all that it has."""
+    """Attach an asset as one body of that name: its only body, or a new one around everything in it."""
     world = child.worldbody
     tops = [body for body in world.bodies if body.parent.name == "world"]
-    shapes = [geom for geom in world.geoms if geom.type != mujoco.mjtGeom.mjGEOM_PLANE]
-    if not tops and not shapes:
+    planes = [geom for geom in world.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    if not tops and len(planes) == len(world.geoms):
         raise SceneKeyError(
             f"{where}: an asset should have a body below its worldbody; found none. 'sceniris-gym import' makes "
             "assets of meshes and of USD files."
         )
     if len(tops) > 1:
         _check_rigid(tops, name, where)
-    for element in (*(world.geoms if tops else ()), *world.sites, *world.cameras, *world.lights):
+    for element in (*(world.geoms if tops else planes), *world.sites, *world.cameras, *world.lights):
         child.delete(element)  # a floor or a light for viewing the asset on its own
     child.option, child.visual = spec.option, spec.visual  # the scene's apply; equal ones raise no warning
     _keep_files_apart(spec, child, name)
@@ -225,8 +219,6 @@ def _attach(
         root = spec.body(f"{name}/{old}")
         _rename(spec, root, name)
         return root
-    for plane in [geom for geom in world.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]:
-        child.delete(plane)
     root = spec.worldbody.add_body(name=name, pos=frame.pos, quat=frame.quat)
     spec.attach(child, prefix=f"{name}/", frame=root.add_frame())
     return root
@@ -244,7 +236,7 @@ def _check_rigid(tops: list[mujoco.MjsBody], name: str, where: str) -> None:
 
 
 def _keep_files_apart(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str) -> None:
-    """Give files of an asset another name where the scene has others of the same name, in whatever folder."""
+    """Rename files of an asset where the scene has different ones of the same name, in whatever folder."""
     present = {file.rpartition("/")[2]: content for file, content in spec.assets.items()}
     taken = {f for f, content in child.assets.items() if present.get(f.rpartition("/")[2], content) != content}
     for element in (*child.meshes, *child.hfields, *child.skins, *child.textures) if taken else ():
@@ -259,25 +251,21 @@ def _keep_files_apart(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str) -> N
 def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
     """Rename a body and all references to it, which MuJoCo keeps as names."""
     old, body.name = body.name, name
-    for exclude in spec.excludes:
-        exclude.bodyname1 = name if exclude.bodyname1 == old else exclude.bodyname1
-        exclude.bodyname2 = name if exclude.bodyname2 == old else exclude.bodyname2
-    for equality in spec.equalities:
-        if equality.objtype in _BODIES:
-            equality.name1 = name if equality.name1 == old else equality.name1
-            equality.name2 = name if equality.name2 == old else equality.name2
-    for sensor in spec.sensors:
-        sensor.objname = name if sensor.objtype in _BODIES and sensor.objname == old else sensor.objname
-        sensor.refname = name if sensor.reftype in _BODIES and sensor.refname == old else sensor.refname
-    for eye in (*spec.cameras, *spec.lights):
-        eye.targetbody = name if eye.targetbody == old else eye.targetbody
-    for actuator in spec.actuators:
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_BODY and actuator.target == old:
-            actuator.target = name
+    references = [
+        *((exclude, field) for exclude in spec.excludes for field in ("bodyname1", "bodyname2")),
+        *((eq, field) for eq in spec.equalities if eq.objtype in _BODIES for field in ("name1", "name2")),
+        *((sensor, "objname") for sensor in spec.sensors if sensor.objtype in _BODIES),
+        *((sensor, "refname") for sensor in spec.sensors if sensor.reftype in _BODIES),
+        *((eye, "targetbody") for eye in (*spec.cameras, *spec.lights)),
+        *((act, "target") for act in spec.actuators if act.trntype == mujoco.mjtTrn.mjTRN_BODY),
+    ]
+    for element, field in references:
+        if getattr(element, field) == old:
+            setattr(element, field, name)
 
 
 def make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
-    """Make a body below the world one of an object's kind: with a freejoint, as a mocap body, or as it is.
+    """Make a child of the world an object of some kind: with a freejoint, as a mocap body, or as it is.
 
     Raises:
         SceneKeyError: It has joints that an object of this kind cannot have.

@@ -1,4 +1,4 @@
-"""What a scene gets besides its objects: solver options, the floor, lights, and a camera."""
+"""Solver options, the floor, lights, and the camera of a scene."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.scene import Floor
+from sceniris_gym.geometry.rotations import quaternion
 
 OVERVIEW = "overview"
 
@@ -83,6 +84,4 @@ def add_camera(spec: mujoco.MjSpec, position: np.ndarray, axes: np.ndarray, fovy
         axes: Its axes, the columns right, up and backward, shape (3, 3).
         fovy: Vertical field of view [degrees].
     """
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, axes.flatten())
-    spec.worldbody.add_camera(name=OVERVIEW, pos=position, quat=quat, fovy=fovy)
+    spec.worldbody.add_camera(name=OVERVIEW, pos=position, quat=quaternion(axes), fovy=fovy)

@@ -1,4 +1,4 @@
-"""Where a body is in many layouts at once, by the kinematics of MuJoCo, without a loop over layouts."""
+"""Poses of a body in many layouts at once, by the kinematics of MuJoCo, without a loop over layouts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def body_poses(
 def _moved(
     mjm: mujoco.MjModel, joint: int, qpos: np.ndarray, pos: np.ndarray, quat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poses after a joint."""
+    """Return the poses after a joint."""
     adr, kind = mjm.jnt_qposadr[joint], mjm.jnt_type[joint]
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         return qpos[:, adr : adr + 3].astype(float), _unit(qpos[:, adr + 3 : adr + 7])

@@ -1,4 +1,4 @@
-"""Joints that follow others: MuJoCo's joint equalities, read once and in the order in which they are to be applied.
+"""Joints that follow others: MuJoCo's joint equalities, in the order in which they are to be applied.
 
 An equality says `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4`, with y the position of its first joint, x that of
 its second one, and y0 and x0 those of `qpos0`. Without a second joint the first one is held at `y0 + a0`.
@@ -7,16 +7,16 @@ its second one, and y0 and x0 those of `qpos0`. Without a second joint the first
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from sceniris_gym.errors import CycleError, SceneKeyError
 
-# Positions that differ by less [m or rad] are the same one, rounded.
+# Positions that differ by less than this [m or rad] are equal but for rounding.
 _SAME = 1e-9
-# How far [m or rad] a joint without limits is followed until what follows it meets its own.
+# The range [m or rad] of a joint without limits in which followers may meet theirs.
 _FAR = 1e3
 
 
@@ -48,15 +48,15 @@ class Coupling:
 
     @property
     def is_straight(self) -> bool:
-        """Whether each position of the follower belongs to one of the driver, in a straight line."""
+        """True if the position of the follower is linear in that of the driver, and changes with it."""
         return self.coef[0] != 0.0 and not any(self.coef[1:])
 
     def at(self, x: np.ndarray | float) -> np.ndarray:
-        """Position of the follower [m or rad] where the driver is at x."""
+        """Return the position of the follower [m or rad] when the driver is at x."""
         return np.polyval((*reversed(self.coef), self.offset), np.asarray(x, float) - self.origin)
 
     def over(self, low: float, high: float) -> tuple[float, float]:
-        """Least and greatest position of the follower [m or rad] while the driver is in [low, high]."""
+        """Return the least and greatest position of the follower [m or rad] while the driver is in [low, high]."""
         turns = np.roots(np.polyder(np.poly1d((*reversed(self.coef), 0.0))).coeffs)
         turns = self.origin + turns.real[np.abs(turns.imag) < _SAME]
         values = self.at(np.array([low, high, *turns[(turns > low) & (turns < high)]]))
@@ -64,11 +64,11 @@ class Coupling:
 
 
 def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
-    """Read the active joint equalities of a model, drivers before what follows them.
+    """Read the active joint equalities of a model, drivers before their followers.
 
     Args:
         mjm: The model.
-        where: How errors begin.
+        where: The beginning of errors.
 
     Raises:
         SceneKeyError: A joint that two equalities determine.
@@ -89,9 +89,9 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
 
 
 def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iterable[int]) -> tuple[Coupling, ...]:
-    """Return the couplings with those turned round that make drawn joints follow ones that are not drawn.
+    """Return the couplings, reversed where they would make a drawn joint follow one that is not drawn.
 
-    Both directions say the same where the coupling is a straight line, x = x0 + (y - y0 - a0) / a1; others stay.
+    Both directions are equivalent if the coupling is a straight line, x = x0 + (y - y0 - a0) / a1; others stay.
 
     Args:
         mjm: The model.
@@ -117,17 +117,17 @@ def active_equalities(mjm: mujoco.MjModel) -> list[int]:
 
 
 def equality_label(mjm: mujoco.MjModel, eq: int) -> str:
-    """Return an equality as errors name it: its kind and its name, or its number if it has none."""
+    """Return the name of an equality in errors: its kind, and its name or number."""
     kind = mujoco.mjtEq(int(mjm.eq_type[eq])).name.removeprefix("mjEQ_").lower()
     name = mjm.equality(eq).name
     return f"equality '{name}' ({kind})" if name else f"equality {eq} ({kind})"
 
 
 def follow(couplings: Iterable[Coupling], qpos: np.ndarray) -> None:
-    """Put all joints that follow others where they belong, in place.
+    """Set the positions of all joints that follow others, in place.
 
     Args:
-        couplings: In order, drivers before what follows them.
+        couplings: In order, drivers before their followers.
         qpos: Positions, shape (..., nq).
     """
     for c in couplings:
@@ -146,9 +146,9 @@ def driven_by(couplings: Iterable[Coupling], joints: Iterable[int]) -> list[Coup
 
 
 def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, home: np.ndarray) -> tuple[float, float]:
-    """Return the interval around home in which a joint and all that follows it stay within their limits.
+    """Return the interval around home in which a joint and all its followers stay within their limits.
 
-    It is the joint's own interval of limits where nothing follows it.
+    Without followers it is the interval of the joint's own limits.
 
     Args:
         mjm: The model.
@@ -175,7 +175,7 @@ def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, h
 
 
 def _farthest(within, start: float, end: float) -> float:
-    """The farthest position towards `end` up to which a joint may go, by bisection; `end` where it may go there."""
+    """Return the farthest position towards `end` that a joint may take, by bisection; `end` itself if it may."""
     goal = end if np.isfinite(end) else float(np.copysign(_FAR, end))
     if within(goal):
         return end
@@ -189,7 +189,7 @@ def _farthest(within, start: float, end: float) -> float:
 def _coupling(mjm: mujoco.MjModel, eq: int) -> Coupling:
     follower, driver = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
     held = driver < 0
-    data = mjm.eq_data[eq]
+    offset, a1, a2, a3, a4 = mjm.eq_data[eq, :5].tolist()
     adr = int(mjm.jnt_qposadr[follower])
     driver_adr = adr if held else int(mjm.jnt_qposadr[driver])
     return Coupling(
@@ -199,14 +199,14 @@ def _coupling(mjm: mujoco.MjModel, eq: int) -> Coupling:
         adr=adr,
         driver_adr=driver_adr,
         origin=float(mjm.qpos0[driver_adr]),
-        offset=float(mjm.qpos0[adr] + data[0]),
-        coef=(0.0, 0.0, 0.0, 0.0) if held else (float(data[1]), float(data[2]), float(data[3]), float(data[4])),
+        offset=float(mjm.qpos0[adr] + offset),
+        coef=(0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4),
         limits=_limits(mjm, follower),
     )
 
 
 def _chain(found: dict[int, Coupling], joint: int) -> list[Coupling]:
-    """The couplings from a joint up to the one that everything above it follows."""
+    """Return the couplings from a joint up to the first driver, in that order."""
     chain: list[Coupling] = []
     follower: int | None = joint
     while follower in found:
@@ -216,10 +216,10 @@ def _chain(found: dict[int, Coupling], joint: int) -> list[Coupling]:
 
 
 def _turned(mjm: mujoco.MjModel, c: Coupling) -> Coupling:
-    """The same straight line, the driver following the follower."""
+    """Return the same straight line with the driver following the follower."""
     assert c.driver is not None
-    return Coupling(
-        label=c.label,
+    return replace(
+        c,
         follower=c.driver,
         driver=c.follower,
         adr=c.driver_adr,
@@ -237,7 +237,7 @@ def _limits(mjm: mujoco.MjModel, joint: int) -> tuple[float, float]:
 
 
 def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> list[Coupling]:
-    """The couplings, each after the one that its driver follows."""
+    """Return the couplings, each after the one that its driver follows."""
     ordered: dict[int, Coupling] = {}
     for first in found:
         chain: list[int] = []

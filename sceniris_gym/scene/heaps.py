@@ -1,4 +1,4 @@
-"""Settled heaps: the rows of a file, and what they were settled with."""
+"""Settled heaps: the rows of a file, and the hash of the shapes that they were settled with."""
 
 from __future__ import annotations
 
@@ -16,12 +16,11 @@ from sceniris_gym.errors import HeapError, NotSupportedError
 from sceniris_gym.scene.model import SceneModel
 
 DEEPEST = 1e-3
-"""How deep [m] MuJoCo's soft contacts may let things of a heap sink into each other and into the container."""
+"""The greatest depth [m] to which things of a heap may sink into each other and into the container."""
 STILL = 1e-2
-"""A heap is at rest if nothing of it goes faster than this [m/s]."""
+"""A heap is at rest if nothing in it moves faster than this [m/s]."""
 
-
-# What of a geom decides how it comes to rest.
+# The fields of a geom that decide how it comes to rest.
 _GEOM = ("geom_type", "geom_size", "geom_pos", "geom_quat", "geom_contype", "geom_conaffinity", "geom_friction")
 
 
@@ -31,7 +30,7 @@ class HeapRows:
 
     Attributes:
         names: The things.
-        pos: Where their roots are [m], shape (nrow, nthing, 3).
+        pos: Positions of their roots [m], shape (nrow, nthing, 3).
         quat: Their orientations, wxyz, shape (nrow, nthing, 4).
         settled_with: Identifies the shapes that they were settled with: 16 hexadecimal digits.
     """
@@ -59,10 +58,10 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
     Args:
         path: The file.
         heap: The heap that they are for.
-        where: Begins errors.
+        where: The beginning of errors.
 
     Raises:
-        HeapError: The file is missing, is none of `sceniris-gym settle`, or is of other things.
+        HeapError: The file is missing, is not one of `sceniris-gym settle`, or is of other things.
     """
     mend = "Make it with `sceniris-gym settle SCENE`."
     if not path.is_file():
@@ -91,11 +90,11 @@ def rigid_part(mjm: mujoco.MjModel, body: int) -> list[int]:
     top = body
     while mjm.body_parentid[top] and not mjm.body_jntnum[top]:
         top = int(mjm.body_parentid[top])
-    found = {top}
+    found = [top]
     for b in range(top + 1, mjm.nbody):
-        if int(mjm.body_parentid[b]) in found and not mjm.body_jntnum[b]:
-            found.add(b)
-    return sorted(found)
+        if mjm.body_parentid[b] in found and not mjm.body_jntnum[b]:
+            found.append(b)
+    return found
 
 
 def filled_body(scene: SceneModel, heap: HeapConfig, where: str) -> int:
@@ -112,7 +111,7 @@ def filled_body(scene: SceneModel, heap: HeapConfig, where: str) -> int:
 
 
 def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
-    """Return what identifies the shapes and masses of a heap's things and of its container.
+    """Return the hash of the shapes and masses of a heap's things and of its container.
 
     Raises:
         NotSupportedError: A thing with joints of its own.

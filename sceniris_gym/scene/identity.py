@@ -1,7 +1,7 @@
-"""The hash that identifies a scene: its words, and what of its files shapes layouts.
+"""The hash that identifies a scene: its words, and everything in its files that shapes layouts.
 
-A model from files is identified by what is written in them, so its hash is the same with every version of MuJoCo. A
-model in memory is identified by its compiled arrays, which differ in their last digits from version to version.
+A model from files is identified by their contents, so its hash is the same with every version of MuJoCo. A model in
+memory is identified by its compiled arrays, which differ in their last digits from version to version.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _NO_MATTER = frozenset(
 )
 """Elements of MJCF that shape no layout."""
 _SEEN_IN_URDF = frozenset(("visual", "material"))
-"""Those that have another meaning in a URDF: geoms that collide with nothing, where its compiler keeps them."""
+"""Elements that differ in a URDF: geoms that collide with nothing, if its compiler keeps them."""
 _OPTIONS = frozenset(("gravity", "o_margin"))
-"""Attributes of `option` that shape layouts; the others are about how time goes on. Its flags all count."""
+"""Attributes of `option` that shape layouts; the others concern the simulation. All of its flags count."""
 _LOOKS = frozenset(("rgb1", "rgb2", "material", "texcoord", "texuniform"))
-"""Attributes that are about looks alone; `rgba` counts, as what is not seen is no obstacle with `geometry: visual`."""
+"""Attributes of appearance alone; `rgba` counts, as invisible geoms are no obstacles with `geometry: visual`."""
 _FOLDERS = ("meshdir", "assetdir", "texturedir")
 
 _ARRAYS = (
@@ -47,15 +47,15 @@ _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjO
 
 
 def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> str:
-    """Return what identifies a scene: equal for equal scenes, in every process and folder; 16 hexadecimal digits.
+    """Return the hash of a scene, equal for equal scenes in every process and folder: 16 hexadecimal digits.
 
-    Covered are the words of the scene that differ from their defaults, the files of its model and its assets, and the
-    map of what its arm reaches where that matters, and rows of heaps. Names of files, cameras, lights, looks and solver
-    options are not.
+    It covers the words of the scene that differ from their defaults, the files of its model and its assets, the
+    reachability map of its arm where that matters, and rows of heaps; but neither names of files, cameras, lights and
+    appearance, nor solver options.
 
     Args:
         config: The scene as written.
-        mjm: The compiled model, which is read where the scene's own model is in memory.
+        mjm: The compiled model, which is hashed if the scene's own model is in memory.
         home_qpos: Its start pose, shape (nq,).
     """
     digest = hashlib.sha256(config.canonical().encode())
@@ -63,8 +63,7 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         _update_from_arrays(digest.update, mjm, home_qpos)
     elif config.model is not None:
         _update_from_file(digest.update, config.model)
-    parts = {**config.all_robots, **config.objects}
-    for name, part in parts.items():
+    for name, part in {**config.all_robots, **config.objects}.items():
         file = part.file if isinstance(part, RobotConfig) else part.asset
         if file is not None:
             digest.update(f"{name}:".encode())
@@ -74,7 +73,7 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         digest.update(rows.read_bytes() if rows is not None and rows.is_file() else b"")
     if any(part.reachable for part in config.objects.values()):
         for robot in config.all_robots.values():
-            path = map_of(robot)  # what the arm reaches shapes the layouts, too
+            path = map_of(robot)  # the reach of the arm shapes the layouts, too
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
     return digest.hexdigest()[:16]
 
@@ -101,7 +100,7 @@ def _update_from_arrays(update: Callable[[bytes], None], mjm: mujoco.MjModel, ho
 
 
 def _update_from_file(update: Callable[[bytes], None], path: Path) -> None:
-    """Add what is written in a file and in those that it refers to, meshes as their bytes."""
+    """Add the contents of a file and of those that it refers to, meshes as their bytes."""
     try:
         root = _with_includes(path, path.parent)
     except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
@@ -128,7 +127,7 @@ def _update_from_file(update: Callable[[bytes], None], path: Path) -> None:
 
 
 def _with_includes(path: Path, folder: Path) -> ElementTree.Element:
-    """Return what is written in a file, with that of included files, which lie in `folder`, in the place of these."""
+    """Return the contents of a file, with those of included files, which are in `folder`, in the place of includes."""
     root = ElementTree.fromstring(path.read_bytes())
     for parent in list(root.iter()):
         for i in reversed([i for i, child in enumerate(parent) if child.tag == "include"]):
@@ -137,7 +136,7 @@ def _with_includes(path: Path, folder: Path) -> ElementTree.Element:
 
 
 def _tokens(element: ElementTree.Element, no_matter: frozenset[str]) -> Iterator[str]:
-    """Yield an element and what is in it, as far as it shapes layouts; attributes in the order of their names."""
+    """Yield an element and its contents, as far as they shape layouts; attributes in the order of their names."""
     if element.tag in no_matter:
         return
     yield element.tag

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import copy
 import fnmatch
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -43,18 +44,18 @@ class SceneModel:
 
     Attributes:
         config: The scene as written by the user.
-        spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it. None where the scene is made of
+        spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it. None if the scene is made from
             a MjModel, which cannot be edited.
         mjm: The compiled model.
         bodies: Root body id of every object by its name, and of every robot: the only one is 'robot'.
-        keyframe: The keyframe of `mjm` that is the start pose, -1 if it has none: then `qpos0` is.
-        home_qpos: Start pose, shape (nq,), with free objects where the model has them, and joints that an equality ties
-            to others where it has them.
+        keyframe: The keyframe of `mjm` that is the start pose; -1 if it has none and `qpos0` is.
+        home_qpos: Start pose, shape (nq,): free objects have their poses of the model, and joints that follow others
+            the positions that equalities give them.
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
-        tcps: Name of the site that is each robot's tool centre point, whether there is one or not.
-        couplings: Joints that follow others, drivers before what follows them; a joint that is drawn by its name drives
-            the one that it would follow, where that one is not drawn and the coupling is a straight line.
+        tcps: Name of the site that is each robot's tool centre point, which need not exist.
+        couplings: Joints that follow others, drivers first; a joint that is drawn by its name drives the one that it
+            would follow, where that one is not drawn and the coupling is a straight line.
         apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
     """
 
@@ -75,7 +76,7 @@ class SceneModel:
         return (self.apart[robot], ROBOT) if robot in self.apart else (self, robot)
 
     def support(self, parent: str, where: str) -> Support:
-        """Return what a scene file calls 'floor', 'object' or 'object/body', or a static geom or body of the model.
+        """Return the support named 'floor', 'object' or 'object/body', or after a static geom or body of the model.
 
         Raises:
             UnknownNameError: There is nothing of that name.
@@ -96,8 +97,8 @@ class SceneModel:
 
     def parts(self, name: str) -> dict[str, int]:
         """Return the bodies inside an object, without its root: id by the name inside the object."""
-        prefix = self._prefix(name)
-        return {_local(self.mjm.body(i).name, prefix): i for i in self.subtree(name) if i != self.bodies[name]}
+        found = self._inside(name, np.arange(self.mjm.nbody), self.mjm.body)
+        return {local: i for local, i in found.items() if i != self.bodies[name]}
 
     def subtree(self, name: str) -> list[int]:
         """Return the ids of an object's root body and of all bodies below it, in ascending order."""
@@ -109,30 +110,30 @@ class SceneModel:
         return {body: name for name in self.bodies for body in self.subtree(name)}
 
     def around(self, support: Support) -> list[int]:
-        """Return the bodies of the object that a support is part of: they may be its roof; of none, its own body."""
+        """Return the bodies that may cover a support: those of the object that it is part of, or its own body."""
         return [support.body] if support.owner is None else self.subtree(support.owner)
 
     def joints(self, name: str) -> dict[str, int]:
         """Return the joints inside an object or the robot, except a root's freejoint: id by the name inside it."""
-        prefix = self._prefix(name)
-        joints = np.flatnonzero(np.isin(self.mjm.jnt_bodyid, self.subtree(name))).tolist()
-        return {
-            _local(self.mjm.joint(i).name, prefix): i
-            for i in joints
-            if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE
-        }
+        found = self._inside(name, self.mjm.jnt_bodyid, self.mjm.joint)
+        return {local: i for local, i in found.items() if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE}
 
     def sites(self, name: str) -> dict[str, int]:
         """Return the sites inside an object or the robot: id by the name inside it."""
-        prefix = self._prefix(name)
-        sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, self.subtree(name))).tolist()
-        return {_local(self.mjm.site(i).name, prefix): i for i in sites if self.mjm.site(i).name}
+        found = self._inside(name, self.mjm.site_bodyid, self.mjm.site)
+        return {local: i for local, i in found.items() if local}
+
+    def _inside(self, name: str, bodies: np.ndarray, element: Callable[[int], Any]) -> dict[str, int]:
+        """Return the elements on bodies of an object or the robot, given the body of each: id by the name inside it."""
+        prefix = f"{self._prefix(name)}/"
+        ids = np.flatnonzero(np.isin(bodies, self.subtree(name))).tolist()
+        return {element(i).name.removeprefix(prefix): i for i in ids}
 
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
-        """Return how the joints of an object, or of the robot, are drawn: by joint id, in ascending order.
+        """Return the joints of an object, or of the robot, that are drawn, with their words: by id, in ascending order.
 
         A joint's own name takes precedence over a pattern, and an earlier pattern over a later one. Joints that nothing
-        names are left out; they keep their home position. So are joints that follow others, which patterns pass over.
+        names are left out, and keep their home position. Patterns skip joints that follow others.
 
         Raises:
             UnknownNameError: A name or a pattern that no joint matches.
@@ -159,11 +160,8 @@ class SceneModel:
 
     def named_joints(self) -> list[int]:
         """Return the joints that the scene draws by their names, not by a pattern."""
-        found = []
-        for name in self.bodies:
-            joints = self.joints(name)
-            found += [joints[word] for word in self._joint_words(name) if word in joints]
-        return found
+        inside = [(self.joints(name), self._joint_words(name)) for name in self.bodies]
+        return [joints[word] for joints, words in inside for word in words if word in joints]
 
     def moving_joints(self, name: str) -> set[int]:
         """Return the joints that differ between layouts because those of an object, or of the robot, are drawn.
@@ -178,7 +176,7 @@ class SceneModel:
         return self.config.objects[name].joints if robot is None else robot.joints
 
     def _prefix(self, name: str) -> str:
-        """What names inside an object begin with: its own, or that of the model which its body was attached from."""
+        """Return the prefix of names inside an object: its own name, or that of the model that its body came with."""
         robot = self.config.all_robots.get(name)
         if robot is not None:
             return assemble.prefix_of(robot).removesuffix("/")
@@ -213,29 +211,28 @@ class SceneModel:
                 "Correct the start pose, or give a 'range'."
             )
         for word in ("range", "choice", "value"):
-            values = np.atleast_1d([]) if getattr(config, word) is None else np.atleast_1d(getattr(config, word))
-            if np.any(values < low - 1e-6) or np.any(values > high + 1e-6):
+            values = getattr(config, word)
+            if values is not None and (np.less(values, low - 1e-6) | np.greater(values, high + 1e-6)).any():
                 raise SceneKeyError(
-                    f"{where}.{word}: {getattr(config, word)} should be inside the limits of '{name}', "
-                    f"[{low:g}, {high:g}]."
+                    f"{where}.{word}: {values} should be inside the limits of '{name}', [{low:g}, {high:g}]."
                 )
 
 
 def build_model(config: SceneConfig) -> SceneModel:
     """Compose the model of a scene and compile it.
 
-    The root body of an object has the object's name, everything inside it is `name/...`; inside `robot` the prefix is
-    the name of the robot's asset, inside one of `robots` its name there. A free object's joint is `name/free`. Fixtures
-    and markers are mocap bodies. The user's own `model` keeps its names and options; objects without an asset are
-    bodies of it. A model in memory is copied, and its bodies stay what they are.
+    The root body of an object has the object's name, and everything inside it is `name/...`; inside `robot` the prefix
+    is the name of the robot's asset, inside one of `robots` its name there. A free object's joint is `name/free`.
+    Fixtures and markers are mocap bodies. The user's own `model` keeps its names and options; objects without an asset
+    are bodies of it. A model in memory is copied, and its bodies are not changed.
 
     Raises:
         ArgumentTypeError: `config` is no SceneConfig, which `SceneConfig.load` makes.
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
         UnknownNameError: An asset, body, joint or keyframe that does not exist.
         SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits; a joint that an
-            equality ties to another one, and that is drawn itself or tied twice; what would have to be added to a
-            MjModel, or changed in a model in memory.
+            equality ties to another one, and that is drawn itself or tied twice; anything that would have to be added
+            to a MjModel, or changed in a model in memory.
         CycleError: Joints that equalities tie to each other in a cycle.
     """
     check_type(config, SceneConfig, "build_model: config")
@@ -256,7 +253,7 @@ def build_model(config: SceneConfig) -> SceneModel:
     if spec.camera(backdrop.OVERVIEW) is None:
         backdrop.add_camera(spec, *overview(config, mjm, home.qpos), FOVY)
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
-        spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # of the scene without its parking ground
+        spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
         add_parking_ground(spec, len(config.objects))
     keyframe = config.home or HOME
     if spec.key(keyframe) is None:
@@ -268,7 +265,7 @@ def build_model(config: SceneConfig) -> SceneModel:
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
-    """The scene of a MjModel, of which a copy is taken as it is."""
+    """Return the scene of a copy of a MjModel, which is not changed."""
     check_additions(config)
     check_bodies(model, config)
     mjm = copy.copy(model)
@@ -290,7 +287,7 @@ def _scene(
     couplings: tuple[Coupling, ...],
     tcps: Mapping[str, str],
 ) -> SceneModel:
-    """The scene of a compiled model, in which all names that the scene refers to are looked up once."""
+    """Return the scene of a compiled model, after a look-up of all names that the scene refers to."""
     check_numbers(mjm, config.where)
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
@@ -308,7 +305,7 @@ def _scene(
 
 
 def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
-    """A robot that is not in the scene as a model of its own."""
+    """Return the model of a robot that is not in the scene."""
     words = {word: getattr(robot, word) for word in ("asset", "model", "tcp", "map", "keyframe")}
     given = {word: value for word, value in words.items() if word in robot.model_fields_set}
     with reading(f"{config.where}: {robot.section}"):
@@ -316,7 +313,7 @@ def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
 
 
 def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> dict[str, str]:
-    """The names of the robots' tool centre points; a robot in the model must be there."""
+    """Return the names of the robots' tool centre points, after a check that robots of the model exist."""
     bodies, found = [mjm.body(i).name for i in range(1, mjm.nbody)], {}
     for name, robot in config.all_robots.items():
         if not robot.in_scene:
@@ -358,7 +355,7 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     for i, (name, part) in enumerate(config.objects.items()):
         tell("objects", i + 1, len(config.objects))
         if part.asset is None and (part.kind != "marker" or part.body is not None or spec.body(name) is not None):
-            if not config.has_model_in_memory:  # whose bodies are checked once it is compiled
+            if not config.has_model_in_memory:  # bodies of that one are checked once it is compiled
                 adopt_body(spec, name, part, f"{config.where}: objects.{name}")
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
@@ -395,7 +392,3 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) 
     mujoco.mj_normalizeQuat(mjm, exact)
     qpos = qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact
     return _Home(keyframe, qpos, ctrl)
-
-
-def _local(name: str, prefix: str) -> str:
-    return name.removeprefix(f"{prefix}/")

@@ -1,4 +1,4 @@
-"""Reading models from MJCF and URDF files, with the files that they refer to held in `MjSpec.assets`.
+"""Models read from MJCF and URDF files, with the files that they refer to held in `MjSpec.assets`.
 
 So the scene can be moved, and written as a zip file. A model may attach others (`<model>` and `<attach>`), whose files
 lie beside them; a URDF may name its meshes by package.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -17,24 +16,16 @@ from xml.etree import ElementTree
 import mujoco
 
 from sceniris_gym.config.paths import user_path
-from sceniris_gym.errors import MissingExtraError, SceneFileError
+from sceniris_gym.errors import SceneFileError, import_extra
 
 URDF = ".urdf"
-"""Suffix of URDF files; whatever has another one is read as MJCF."""
+"""Suffix of URDF files; files with any other suffix are read as MJCF."""
 THINGS = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of meshes and USD, which are no models; the importer makes assets of them."""
 _COLLADA = ".dae"
 _PACKAGES = ("package://", "model://")
-# What MuJoCo makes at least of masses and inertias that a URDF leaves out [kg, kg m^2].
+# Lower bounds for the masses and inertias of a URDF, which may leave them out [kg, kg m^2].
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
-
-
-@dataclass(frozen=True)
-class _Folder:
-    """Where the files of a model lie, and what the names of its elements begin with once it is attached."""
-
-    prefix: str
-    path: Path
 
 
 def load_model(path: Path, where: str) -> mujoco.MjSpec:
@@ -42,7 +33,7 @@ def load_model(path: Path, where: str) -> mujoco.MjSpec:
 
     Raises:
         SceneFileError: The file or one that it refers to is missing, or MuJoCo cannot read it.
-        MissingExtraError: A Collada mesh, and nothing that reads it is installed.
+        MissingExtraError: It has a Collada mesh, and pycollada is not installed.
     """
     path = user_path(path, Path(), where)
     if not path.is_file():
@@ -59,7 +50,7 @@ def load_model(path: Path, where: str) -> mujoco.MjSpec:
             f"{where}: MuJoCo cannot read '{path}': {' '.join(str(error).split())}. It should be an MJCF or URDF file."
         ) from None
     if path.suffix.lower() == URDF:
-        spec.compiler.fusestatic = False  # links that are fixed to each other keep their names
+        spec.compiler.fusestatic = False  # so that links that are fixed to each other keep their names
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST_MASS, _LEAST_INERTIA
     folders = list(_folders(path, ""))
@@ -71,7 +62,7 @@ def load_model(path: Path, where: str) -> mujoco.MjSpec:
     for (element, _, file), source in zip(referring, sources, strict=True):
         assert source is not None
         key, content = _as_mesh(source, file)
-        if spec.assets.get(key, content) != content:  # of another model that is attached, under the same name
+        if spec.assets.get(key, content) != content:  # a file of another attached model has the same name
             key = renamed(key, f"{len(spec.assets)}_")
         if key != file and element.file == file:
             element.file = key
@@ -80,14 +71,14 @@ def load_model(path: Path, where: str) -> mujoco.MjSpec:
 
 
 def renamed(file: str, prefix: str) -> str:
-    """Return a name for a file that begins with a prefix, without folders: MuJoCo looks for both, with and without."""
+    """Return a file's name with a prefix and without folders, as MuJoCo also looks for it without them."""
     return prefix + file.rpartition("/")[2]
 
 
 def file_of(uri: str, folder: Path) -> Path | None:
-    """The file that a URDF in a folder means by a mesh's file name; None if there is none.
+    """Return the file that a URDF in a folder refers to by a mesh's file name; None if it does not exist.
 
-    A package is looked for among the folders above the URDF, as what it is named or as what holds the same files.
+    A package is looked for among the folders above the URDF: a folder of its name, or one that holds the same files.
     """
     for scheme in _PACKAGES:
         if uri.startswith(scheme):
@@ -99,9 +90,9 @@ def file_of(uri: str, folder: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def _folders(path: Path, prefix: str) -> Iterator[_Folder]:
-    """Yield the folder of a model, and those of all models that it attaches, with their prefixes."""
-    yield _Folder(prefix, path.parent)
+def _folders(path: Path, prefix: str) -> Iterator[tuple[str, Path]]:
+    """Yield the folder of a model, and those of all models that it attaches, each after the prefix of its names."""
+    yield prefix, path.parent
     try:
         root = ElementTree.fromstring(path.read_bytes())
     except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
@@ -114,7 +105,7 @@ def _folders(path: Path, prefix: str) -> Iterator[_Folder]:
 
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """Yield what refers to a file, in which folder it is below that of its model, and the file."""
+    """Yield each element that refers to a file, the file's folder below that of the model, and the file."""
     for element in (*spec.meshes, *spec.hfields, *spec.skins):
         if element.file:
             yield element, _compiler(element, spec).meshdir, element.file
@@ -125,42 +116,34 @@ def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
 
 
 def _compiler(element: Any, spec: mujoco.MjSpec) -> Any:
-    """Settings of the model that an element comes from, which may have been attached."""
+    """Return the compiler settings of the model that an element comes from, which may have been attached."""
     return getattr(element, "compiler", None) or spec.compiler
 
 
-def _source(path: Path, folders: list[_Folder], element: Any, subfolder: str, file: str) -> Path | None:
+def _source(path: Path, folders: list[tuple[str, Path]], element: Any, subfolder: str, file: str) -> Path | None:
+    """Return the file that an element refers to: in the folder of its own model if there, else of any other."""
     if path.suffix.lower() == URDF:
-        found = file_of(file, path.parent / subfolder)
-        return file_of(file, path.parent) if found is None else found
-    own = [f for f in folders if element.name.startswith(f.prefix)]
-    nearest = sorted(own, key=lambda f: -len(f.prefix))
-    places = [folder.path / subfolder / file for folder in (*nearest, *(f for f in folders if f not in own))]
-    return next((place for place in places if place.is_file()), None)
+        return file_of(file, path.parent / subfolder) or file_of(file, path.parent)
+    ranked = sorted(folders, key=lambda each: -len(each[0]) if element.name.startswith(each[0]) else 1)
+    return next((place for _, folder in ranked if (place := folder / subfolder / file).is_file()), None)
 
 
 def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
-    """Files that are missing, and where they would be found."""
-    names = list(dict.fromkeys(_shown(path, subfolder, file) for _, subfolder, file in missing))
+    """Return the first of the missing files, and where it should be."""
+    places = (file if "://" in file else str(path.parent / subfolder / file) for _, subfolder, file in missing)
+    names = list(dict.fromkeys(places))
     more = f", nor do other files ({len(names)} in all)" if len(names) > 1 else ""
     package = " in a folder of the package's name above the file" if "://" in names[0] else ""
     return f"'{names[0]}', which does not exist{more}. Put it there{package}, or correct its name"
 
 
-def _shown(path: Path, subfolder: str, file: str) -> str:
-    return file if "://" in file else str(path.parent / subfolder / file)
-
-
 def _as_mesh(source: Path, name: str) -> tuple[str, bytes]:
-    """The name and the content of a file as MuJoCo reads it: a Collada mesh becomes an STL file."""
+    """Return the name and the content of a file as MuJoCo reads it: a Collada mesh becomes an STL file."""
     if source.suffix.lower() != _COLLADA:
         return name, source.read_bytes()
-    try:
-        import collada  # noqa: F401  # pyright: ignore[reportMissingImports]
-        import trimesh
-    except ImportError:
-        raise MissingExtraError("pycollada", "import") from None
-    mesh = trimesh.load_mesh(source)
+    import_extra("collada", "import", "pycollada")
+    import trimesh
+
     content = io.BytesIO()
-    mesh.export(content, file_type="stl")
+    trimesh.load_mesh(source).export(content, file_type="stl")
     return f"{name.removesuffix(source.suffix)}.stl", content.getvalue()

@@ -1,4 +1,4 @@
-"""Numbers of a model that MuJoCo takes although no simulation can use them: refused by their names."""
+"""A check for numbers that MuJoCo accepts in a model although no simulation can use them."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ _KINDS = ("body", "geom", "jnt", "site", "mesh", "pair", "key", "actuator", "sen
 
 
 def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
-    """Check that a model holds no nan, and no length, mass, coefficient or option that nothing real has.
+    """Check that a model holds no nan, and no length, mass, coefficient or option out of all realistic bounds.
 
-    Infinity is left to MuJoCo where it means that there is no limit (`range` and the like).
+    Infinity is accepted where MuJoCo takes it for the absence of a limit (`range` and the like).
 
     Raises:
         SceneKeyError: The first such number, by its field and element.
@@ -69,7 +69,7 @@ def _check_field(mjm: mujoco.MjModel, where: str, name: str, values: np.ndarray)
 
 
 def _element(mjm: mujoco.MjModel, field: str, index: int) -> str:
-    """What a row of a field belongs to: "geom 'top'"; without a name, its number."""
+    """Return the element that a row of a field belongs to: "geom 'top'", or its number if it has no name."""
     kind = field.split("_", maxsplit=1)[0]
     if kind not in _KINDS:
         return f"element {index}"

@@ -1,4 +1,4 @@
-"""From where a scene's camera looks: so that it sees where things are put, and not the back of a robot."""
+"""The camera of a scene: it sees the places where objects are put, and not the back of a robot."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from sceniris_gym.scene.support import subtree
 FOVY = 40.0
 """Vertical field of view [degrees]."""
 _ASPECT = 4.0 / 3.0
-# Headings from the scene to the eye, seen from above; the first of those from which nearly most is seen is taken.
+# Headings from the scene to the eye, seen from above; the first that sees nearly as much as the best one is taken.
 _HEADINGS = (
     *((0.45, -1.0), (-0.45, -1.0), (1.0, -0.45), (-1.0, -0.45)),
     *((0.45, 1.0), (-0.45, 1.0), (1.0, 0.45), (-1.0, 0.45)),
 )
 _NEARLY = 0.05
-# How steeply it looks down: into a drawer over its face, and where there is none.
+# Slopes of the view: into a drawer over its face, and where there is none.
 _INTO_DRAWERS, _ELSEWHERE = np.tan(np.radians(62.0)), np.tan(np.radians(42.0))
 _SHOWN = (0, 1, 2)
 _HIDDEN_GROUP = 5
@@ -32,7 +32,7 @@ _Box = tuple[np.ndarray, np.ndarray]
 
 
 def overview(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a camera stands that sees all of a scene, position (3,) [m] and axes (3, 3): right, up, backward.
+    """Return the pose of a camera that sees all of a scene: position (3,) [m] and axes (3, 3): right, up, backward.
 
     Args:
         config: The scene.
@@ -43,10 +43,7 @@ def overview(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) ->
 
 
 def seen(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> np.ndarray:
-    """Return corners of boxes around all that is to be seen of a scene, shape (n, 3) [m].
-
-    That is what stays where it is, and where objects are put, whatever the layout.
-    """
+    """Return corners of boxes around everything that stays in place, and around all places of objects, (n, 3) [m]."""
     return _Overview(config, mjm, home_qpos).seen()
 
 
@@ -74,7 +71,7 @@ class _Overview:
         return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
 
     def seen(self) -> np.ndarray:
-        """Corners of what is to be seen: what stays where it is, and where objects are put."""
+        """Return corners of everything that stays in place, and of the places of objects, shape (n, 3)."""
         corners = [self._corners(int(g)) for g in np.flatnonzero(self.shown & ~self.of_placed)]
         corners += [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
         if not corners:
@@ -87,7 +84,7 @@ class _Overview:
         return [box for box in boxes if box is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
-        """Which share of the places is seen from each point: past the robot, and what stays where it is."""
+        """Return the share of the places that is seen from each point, past everything that stays in place."""
         mjm = copy.copy(self.mjm)
         mjm.geom_group[self.of_placed] = _HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
@@ -100,37 +97,38 @@ class _Overview:
         return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
 
     def _box(self, name: str) -> _Box | None:
-        """The box that an object is put into, with some of its size beyond where its pivot may be; None if it stays."""
-        if name in self.boxes:
-            return self.boxes[name]
-        self.boxes[name] = None  # objects on each other in a circle
-        part = self.config.parts[name]
-        if not part.is_placed:
-            return None
+        """Return the box that an object is put into, its pivot's range and some of its size; None if it stays."""
+        if name not in self.boxes:
+            self.boxes[name] = None  # for objects on each other in a circle
+            part = self.config.parts[name]
+            if part.is_placed:
+                self.boxes[name] = self._placed_box(name, part)
+        return self.boxes[name]
+
+    def _placed_box(self, name: str, part: ObjectConfig) -> _Box | None:
         if part.support is None:
             assert part.region is not None
             assert part.region.corners is not None
-            low, high = part.region.corners
-            self.boxes[name] = np.array(low, float), np.array(high, float)
-            return self.boxes[name]
+            low, high = np.array(part.region.corners, float)
+            return low, high
         base = self._support(part)
-        if base is not None:
-            low, high = base
-            radius, height = self._size(self._body(part.body or name))
-            half = (high - low)[:2] / 2.0
-            beyond = np.array([*np.maximum(radius / 2.0, radius - half / 2.0), 0.0])
-            self.boxes[name] = low - beyond, np.array([*high[:2], low[2] + height]) + beyond
-        return self.boxes[name]
+        if base is None:
+            return None
+        low, high = base
+        radius, height = self._size(self._body(part.body or name))
+        half = (high - low)[:2] / 2.0
+        beyond = np.array([*np.maximum(radius / 2.0, radius - half / 2.0), 0.0])
+        return low - beyond, np.array([*high[:2], low[2] + height]) + beyond
 
     def _support(self, part: ObjectConfig) -> _Box | None:
-        """Where pivots may be, as a flat box: the region, or the top of what carries the object."""
+        """Return the range of an object's pivot as a flat box: its region, or the top of its support."""
         assert part.support is not None
         corners = None if part.region is None else part.region.corners
         region = None if corners is None else np.array(corners, float)[:, :2]
         parent = part.support.parent
         if parent == FLOOR and self.config.floor is not None:
             half = np.array(self.config.floor.size) / 2.0
-            low, high = (-half, half) if region is None else (region[0], region[1])
+            low, high = (-half, half) if region is None else region
             return np.array([*low, 0.0]), np.array([*high, 0.0])
         owner = parent.partition("/")[0]
         body = self._body(parent)
@@ -138,7 +136,7 @@ class _Overview:
             return None
         if owner in self.config.parts and self.config.parts[owner].is_placed:
             box = self._box(owner)
-            return None if box is None else (np.array([*box[0][:2], box[0][2]]), np.array([*box[1][:2], box[0][2]]))
+            return None if box is None else (box[0], np.array([*box[1][:2], box[0][2]]))
         geoms = np.flatnonzero((self.mjm.geom_bodyid == body) & self.shown)
         points = np.concatenate([self._corners(int(g)) for g in geoms] or [self.data.xpos[body][None]])
         low, high = points.min(axis=0), points.max(axis=0)
@@ -149,7 +147,7 @@ class _Overview:
         return np.array([*low[:2], high[2]]), high
 
     def _size(self, root: int) -> tuple[float, float]:
-        """Radius [m] of an object around its root, seen from above at home, and its height [m]."""
+        """Return the radius [m] of an object around its root, seen from above at home, and its height [m]."""
         geoms = np.flatnonzero(np.isin(self.mjm.geom_bodyid, subtree(self.mjm, root)) & self.shown)
         if not len(geoms):
             return 0.0, 0.0
@@ -161,7 +159,7 @@ class _Overview:
         return box @ self.data.geom_xmat[geom].reshape(3, 3).T + self.data.geom_xpos[geom]
 
     def _is_drawer(self, part: ObjectConfig) -> bool:
-        """Whether an object is put on something that slides out."""
+        """Return whether an object is put on something that slides out."""
         body = -1 if part.support is None else self._body(part.support.parent)
         joints = np.flatnonzero(self.mjm.jnt_bodyid == body)
         return bool(body > 0 and np.any(self.mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE))

@@ -1,8 +1,8 @@
-"""Where absent members of groups are parked: on a square lattice far away, which nothing that is placed may reach.
+"""The parking ground of absent members of groups: a square lattice far away, which no placed object may reach.
 
 Absent objects are parked without any collision test, and objects placed before them are not tested against them. That
-is correct as long as nothing else gets there and each of them has a place of its own, which `program/parking_check.py`
-makes sure of.
+is correct as long as nothing else gets there and each of them has a place of its own, which
+`program/checks/parking.py` ensures.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 from sceniris_gym.errors import SceneKeyError
 
 PARKING_FROM = 40.0
-"""First corner [m] of the square lattice, far from every scene, on which absent members of groups are parked."""
+"""First corner [m] of the lattice, far from every scene."""
 PARKING_SPACING = 2.0
-"""Distance [m] between neighbours on that lattice."""
+"""Distance [m] between neighbours on the lattice."""
 PARKING_COLUMNS = 8
-"""Places in one row of that lattice."""
+"""Places in one row of the lattice."""
 
 _SLAB = "parking_ground"
 LEVEL = 1.0e-3
-"""What rises less than this [m] above the ground counts as part of it."""
+"""Geoms that rise less than this [m] above the ground count as part of it."""
 
 
 def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
@@ -40,10 +40,10 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
 
 
 def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
-    """Whether the model has ground at z = 0 on which absent objects are parked: a plane, or a slab that was added.
+    """Return whether the model has ground at z = 0 where absent objects are parked: a plane, or a slab that was added.
 
     Raises:
-        SceneKeyError: A plane lies above the place where they are parked.
+        SceneKeyError: A plane lies above the parking ground.
     """
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
@@ -64,7 +64,7 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
 
 
 def _has_slab(mjm: mujoco.MjModel, data: mujoco.MjData, low: np.ndarray, high: np.ndarray) -> bool:
-    """Whether the slab of `add_parking_ground` is there and as large as it has to be."""
+    """Return whether the slab of `add_parking_ground` exists and is large enough."""
     slab = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, _SLAB)
     if slab < 0:
         return False
@@ -73,7 +73,7 @@ def _has_slab(mjm: mujoco.MjModel, data: mujoco.MjData, low: np.ndarray, high: n
 
 
 def _corners(nslot: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner [m] of the rectangle in which objects are parked, with half a place around them."""
+    """Return the lower and upper corner [m] of the parking rectangle, with a margin of half a place."""
     rows = max(PARKING_COLUMNS, math.ceil(nslot / PARKING_COLUMNS))
     low = np.full(2, PARKING_FROM - 0.5 * PARKING_SPACING)
     return low, low + PARKING_SPACING * np.array([PARKING_COLUMNS, rows])

@@ -1,4 +1,4 @@
-"""Heaps are settled by MuJoCo C: things are dropped into a container until they lie still in it."""
+"""Heaps, settled by MuJoCo C: things are dropped into a container until they lie still in it."""
 
 from __future__ import annotations
 
@@ -11,34 +11,35 @@ import numpy as np
 
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
+from sceniris_gym.geometry.rotations import product
 from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigid_part, rigid_thing, settled_with
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 
-# A thing falls from above those before it; all have as long as this to come to rest [s], and then lie for so long.
+# The longest that things may take to come to rest, and how long they then have to lie still [s].
 _FALL, _LIE = 8.0, 0.5
-# What lies moves by less than this meanwhile [m].
+# The least motion [m] that does not count as lying still.
 _MOVED = 1e-3
 # Heaps that are tried for each row before the container counts as too small.
 _TRIES = 20
 # Inertia of all joints but those of the things [kg or kg m^2], which are put back after every step. With a million and
-# more, next to things of some grams, MuJoCo's solver does not find its solution.
+# more, next to things of some grams, MuJoCo's solver does not converge.
 _HELD = 1e3
 
 
 @dataclass(frozen=True)
 class _Drop:
-    """What falls where.
+    """The things of a heap and the container that they fall into.
 
     Attributes:
         mjm: The model, in which only the container and the things of the heap meet.
         home: Its start pose, shape (nq,).
-        held, held_qpos: Which entries of qvel and qpos stay as they are, shapes (nv,) and (nq,).
+        held, held_qpos: Entries of qvel and qpos that stay as they are, as masks of shapes (nv,) and (nq,).
         body: The body that is filled.
         things: Root bodies of the things.
         low, high: Bounds of the container in the world [m], shape (3,) each.
-        sizes: How far each thing reaches from its root [m].
+        sizes: The largest distance of each thing's geoms from its root [m].
     """
 
     mjm: mujoco.MjModel
@@ -71,14 +72,14 @@ def settle(
         name: The heap.
         num: Number of heaps.
         seed: Row i depends on the seed and on i alone.
-        progress: Called with how many are done, and how many there are.
+        progress: Called with the number of heaps done, and that of all.
 
     Raises:
         HeapError: The container does not hold the things.
     """
     heap, where = scene.config.heaps[name], f"{scene.config.where}: heaps.{name}"
     drop = _prepare(scene, heap, where)
-    pos, quat = [], []
+    rows = []
     for i in range(num):
         row = _row(drop, np.random.default_rng([seed, i]))
         if row is None:
@@ -86,10 +87,10 @@ def settle(
                 f"{where}: '{heap.fill}' does not hold {len(heap.of)} things: in {_TRIES} tries they did not all come "
                 "to rest inside of it. Take things out of the heap, or use smaller ones or a larger container."
             )
-        pos.append(row[0])
-        quat.append(row[1])
+        rows.append(row)
         progress(i + 1, num)
-    return HeapRows(heap.of, np.array(pos), np.array(quat), settled_with(scene, heap, where))
+    pos, quat = (np.array([row[k] for row in rows]) for k in range(2))
+    return HeapRows(heap.of, pos, quat, settled_with(scene, heap, where))
 
 
 def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
@@ -126,21 +127,19 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
 
 
 def _row(drop: _Drop, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:
-    """Poses of the things in the filled body, shapes (nthing, 3) and (nthing, 4); None if no heap came about."""
+    """Return poses of the things in the filled body, shapes (nthing, 3) and (nthing, 4), or None."""
     for _ in range(_TRIES):
         data = _dropped(drop, rng)
         if data is not None:
             mat = data.xmat[drop.body].reshape(3, 3)
             back = np.array([1.0, -1.0, -1.0, -1.0]) * data.xquat[drop.body]
-            quat = np.zeros((len(drop.things), 4))
-            for i, thing in enumerate(drop.things):
-                mujoco.mju_mulQuat(quat[i], back, data.xquat[thing])
+            quat = np.array([product(back, data.xquat[thing]) for thing in drop.things])
             return (data.xpos[drop.things] - data.xpos[drop.body]) @ mat, quat
     return None
 
 
 def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
-    """The model with the things at rest in the container; None if they are not."""
+    """Drop the things; return the model with them at rest in the container, or None if they are not."""
     mjm, data = drop.mjm, mujoco.MjData(drop.mjm)
     data.qpos[:] = drop.home
     height = drop.high[2]
@@ -165,9 +164,9 @@ def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
 
 
 def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
-    """Whether the things are inside, not too deep in anything, and stay where they are from rest.
+    """Return whether the things are inside, not too deep in anything, and stay in place when released from rest.
 
-    A layout has nothing but their poses: neither speeds nor the forces of the step before.
+    A layout holds nothing but their poses: neither velocities nor the forces of the previous step.
     """
     tried = mujoco.MjData(drop.mjm)
     tried.qpos[:] = data.qpos.astype(np.float32)
@@ -183,15 +182,15 @@ def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
 
 
 def _still(drop: _Drop, data: mujoco.MjData) -> bool:
-    """Whether nothing of the heap goes faster than what counts as rest."""
+    """Return whether nothing in the heap moves faster than `STILL`."""
     dofs = drop.mjm.jnt_dofadr[drop.mjm.body_jntadr[drop.things]]
     return all(np.abs(data.qvel[d : d + 3]).max() < STILL for d in dofs)
 
 
 def _lost(drop: _Drop, data: mujoco.MjData, *, inside: bool = False) -> bool:
-    """Whether a thing is below the container; with `inside`, whether its centre is not within the bounds."""
+    """Return whether a thing is below the container, or, with `inside`, has its centre outside of the bounds."""
     centers = data.xipos[drop.things]
     if not inside:
         return bool((centers[:, 2] < drop.low[2] - 0.1).any())
-    top = drop.high + np.array([[0.0, 0.0, size] for size in drop.sizes])  # the upper ones may look out of it
+    top = drop.high + np.outer(drop.sizes, [0.0, 0.0, 1.0])  # the upper ones may stick out at the top
     return bool(((centers < drop.low) | (centers > top)).any())

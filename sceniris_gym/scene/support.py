@@ -1,4 +1,4 @@
-"""What an object can be placed on: the floor, a part of an object, or what never moves in the scene's own model."""
+"""Supports of objects: the floor, a part of another object, or a static geom or body of the scene's own model."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Support:
     """A support, found by its name.
 
     Attributes:
-        body: Id of the body that carries; 0 for the world.
-        owner: The object that it is part of; None for the floor, and for what never moves and is no object.
-        geom: Id of the one geom that carries; None for all of the body, or for the floor.
+        body: Id of its body; 0 for the world.
+        owner: The object that it is part of; None for the floor, and for static geoms and bodies outside of objects.
+        geom: Id of the one geom that it consists of; None for all of the body, or for the floor.
         is_floor: Whether it is the ground workspace that the scene's `floor` describes.
     """
 
@@ -32,11 +32,11 @@ def static_geoms(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str, Support]:
-    """Return what never moves and has a name, by name: bodies, and geoms, which go before bodies of the same name.
+    """Return the static bodies and geoms that have names, by name; a geom takes precedence over a body.
 
     Args:
         mjm: The model.
-        bodies: Root body ids of the objects, by name; parts of these know their owner.
+        bodies: Root body ids of the objects, by name, which own the supports below them.
     """
     owners = {root: name for name, root in bodies.items()}
     owner: list[str | None] = [None]
@@ -52,13 +52,13 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
 
 
 def is_static(mjm: mujoco.MjModel) -> np.ndarray:
-    """Which bodies never move: without a joint up to the world, and not below a mocap body; shape (nbody,)."""
+    """Return which bodies never move: without a joint up to the world, and not below a mocap body; shape (nbody,)."""
     return (mjm.body_weldid == 0) & (mjm.body_mocapid[mjm.body_rootid] < 0)
 
 
 def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
     """Return the ids of a body and of all bodies below it, in ascending order."""
-    end = root + 1  # bodies are numbered depth first: what is below one follows it
+    end = root + 1  # bodies are numbered depth first: descendants follow a body
     while end < mjm.nbody and mjm.body_parentid[end] >= root:
         end += 1
     return list(range(root, end))

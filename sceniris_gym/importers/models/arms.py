@@ -1,4 +1,4 @@
-"""Arms in a model: where a chain of joints ends in a gripper or in nothing, and where its tool centre point is."""
+"""Arms in a model: chains of joints, with or without a gripper at the end, and their tool centre points."""
 
 from __future__ import annotations
 
@@ -10,21 +10,23 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.robot import TcpConfig
+from sceniris_gym.geometry.framing import box_corners
 from sceniris_gym.scene.support import subtree
 
 # A chain of fewer joints is no arm.
 _LEAST_JOINTS = 4
-# A branch goes on as the arm if it has as many joints in a row, and twice as many as any other: a neck or a bellows.
+# A branch continues the arm if it has at least this many joints in a row, and more than twice as many as any other: the
+# others are a neck or a bellows.
 _LEAST_BRANCH = 3
-# What has more joints in a row is no finger, and what has as many below a torso may be an arm.
+# A branch with more joints in a row is no finger; below a torso it may be an arm.
 _MOST_FINGER = 5
-# What the names of sites that are tool centre points have in them, best first.
+# Parts of the names of sites that are tool centre points, best first.
 _TCP_WORDS = ("tcp", "grip_site", "gripsite", "pinch", "grasp", "attachment", "ee_site", "eef", "end_effector", "tool")
-# The fingertips are this far behind the ends of the fingers [m].
+# The tool centre point is this far behind the ends of the fingers [m].
 _TIP = 0.01
-# Fingers whose middle is this near to the origin of the hand do not say where they point [m].
+# Fingers whose middle is nearer than this to the origin of the hand show no direction [m].
 _AT_ORIGIN = 0.03
-# A frame within this angle of what the fingers say is taken as it is; turns are rounded to quarters within it [deg].
+# An axis of the frame is taken as the approach axis if the fingers point within this angle of it [deg].
 _CLOSE = 15.0
 
 
@@ -55,17 +57,17 @@ class FoundArm:
     def tcp(self, data: mujoco.MjData) -> TcpConfig:
         """Return the tool centre point as a scene file names it.
 
-        It is a site on the hand whose name says so; else it is between the tips of the fingers, or at the origin of the
-        last body without any. Its +z points from the hand to the tips, or along the axis of the last joint where these
-        are at the origin of the hand.
+        It is a site on the hand that is named like one; else it is between the fingertips, or, without fingers, at the
+        origin of the last body. Its +z points from the hand to the fingertips, or along the axis of the last joint if
+        these are at the origin of the hand.
 
         Args:
             data: The model in its start pose, after `mj_kinematics`.
         """
         site = self._named_site()
         if site is not None:
-            mat, pos = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
-            return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_turn_to(self._along(data, mat))})
+            along = self._along(data, data.site_xmat[site].reshape(3, 3))
+            return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_turn_to(along)})
         body = self.hand if self.fingers else self.palm[-1]
         mat, pos = data.xmat[body].reshape(3, 3), data.xpos[body]
         along, offset = self._along(data, mat), [0.0, 0.0, 0.0]
@@ -78,15 +80,11 @@ class FoundArm:
         return TcpConfig.model_validate({"body": name, "offset": offset, **_turn_to(along)})
 
     def _named_site(self) -> int | None:
-        own = [s for s in range(self.mjm.nsite) if self.mjm.site_bodyid[s] in self.palm and self.mjm.site(s).name]
-        for word in _TCP_WORDS:
-            for site in own:
-                if word in self.mjm.site(site).name.lower():
-                    return site
-        return None
+        own = [s for s in range(self.mjm.nsite) if self.mjm.site_bodyid[s] in self.palm]
+        return next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
 
     def _along(self, data: mujoco.MjData, mat: np.ndarray) -> np.ndarray:
-        """The approach axis, in a frame of the hand; the nearest axis of that frame, if it is near."""
+        """Return the approach axis in a frame of the hand: an axis of that frame, if one is near."""
         along, hand = np.zeros(3), data.xpos[self.hand]
         if self.fingers:
             points = _points(self.mjm, data, self.fingers)
@@ -104,12 +102,10 @@ def find_arms(mjm: mujoco.MjModel) -> list[FoundArm]:
     """Return the arms of a model, those with fingers first, then those with more joints.
 
     An arm begins at a child of the world and follows the branch with the most joints in a row, as long as the others
-    are short beside it; where they are not, its fingers begin, or the arms of a torso do.
+    are much shorter. Where they are not, its fingers begin, or the arms of a torso do.
     """
-    found = []
-    for root in range(1, mjm.nbody):
-        if mjm.body_parentid[root] == 0:
-            found += _arms_below(mjm, root, root, ())
+    roots = (root for root in range(1, mjm.nbody) if mjm.body_parentid[root] == 0)
+    found = [arm for root in roots for arm in _arms_below(mjm, root, root, ())]
     return sorted(found, key=lambda arm: (not arm.fingers, -len(arm.joints)))
 
 
@@ -121,8 +117,7 @@ def _arms_below(mjm: mujoco.MjModel, base: int, body: int, joints: tuple[int, ..
     children = np.flatnonzero(mjm.body_parentid == body)
     depth = {int(c): _in_a_row(mjm, int(c)) for c in children if c and _in_a_row(mjm, int(c))}
     ranked = sorted(depth, key=lambda child: -depth[child])
-    longest = depth[ranked[0]] if ranked else 0
-    second = depth[ranked[1]] if len(ranked) > 1 else 0
+    longest, second = [*(depth[child] for child in ranked), 0, 0][:2]
     if ranked and (second == 0 or (longest >= _LEAST_BRANCH and longest > 2 * second)):
         alone = second == 0 and longest < _LEAST_BRANCH and len(joints) >= _LEAST_JOINTS
         if not (alone and _ends_in_finger(mjm, ranked[0])):
@@ -135,7 +130,7 @@ def _arms_below(mjm: mujoco.MjModel, base: int, body: int, joints: tuple[int, ..
 
 
 def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
-    """The most joints on a way from a body down to any below it, its own among them."""
+    """Return the largest number of joints on a path from a body down to any below it, its own included."""
     count = {int(mjm.body_parentid[root]): 0}
     for body in subtree(mjm, root):
         count[body] = count[int(mjm.body_parentid[body])] + int(mjm.body_jntnum[body])
@@ -143,18 +138,17 @@ def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
 
 
 def _ends_in_finger(mjm: mujoco.MjModel, body: int) -> bool:
-    """Whether the only joint that is left is a slide, as of a gripper with one moving finger."""
+    """Return whether the only joint that is left is a slide, as in a gripper with one moving finger."""
     own = [j for b in subtree(mjm, body) for j in range(mjm.njnt) if mjm.jnt_bodyid[j] == b]
     return len(own) == 1 and mjm.jnt_type[own[0]] == mujoco.mjtJoint.mjJNT_SLIDE
 
 
 def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -> np.ndarray:
-    """The corners of the boxes around the geoms of bodies, in the world [m], shape (n, 3)."""
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    """Return the origins of bodies, and the corners of the boxes around their geoms, in the world [m], shape (n, 3)."""
     found = [data.xpos[list(bodies)]]
     for geom in np.flatnonzero(np.isin(mjm.geom_bodyid, bodies)):
-        middle, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
-        found.append(data.geom_xpos[geom] + (middle + corners * half) @ data.geom_xmat[geom].reshape(3, 3).T)
+        corners = box_corners(mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:])
+        found.append(data.geom_xpos[geom] + corners @ data.geom_xmat[geom].reshape(3, 3).T)
     return np.concatenate(found)
 
 
@@ -163,8 +157,7 @@ def _turn_to(along: np.ndarray) -> dict[str, float]:
     if math.degrees(math.acos(np.clip(along[2], -1.0, 1.0))) < _CLOSE:
         return {}
     x, y, z = along
-    roll, pitch = math.degrees(math.asin(np.clip(-y, -1.0, 1.0))), math.degrees(math.atan2(x, z))
-    if abs(y) > 1.0 - 1e-9:
-        pitch = 0.0
+    roll = math.degrees(math.asin(np.clip(-y, -1.0, 1.0)))
+    pitch = math.degrees(math.atan2(x, z)) if abs(y) <= 1.0 - 1e-9 else 0.0
     turns = {"roll": round(roll, 2), "pitch": round(pitch, 2)}
     return {word: turn for word, turn in turns.items() if turn}

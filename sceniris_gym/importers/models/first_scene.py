@@ -16,6 +16,7 @@ import numpy as np
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.errors import ArmError, NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, extract_pieces
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.models.arms import FoundArm, find_arms
 from sceniris_gym.importers.models.standing import (
     FoundSupport,
@@ -30,12 +31,12 @@ from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.support import subtree
 
-# On a larger support things stay within this half edge [m] of where they stand at the start.
+# On a support with a longer edge [m], things stay within this half edge [m] of where they stand at the start.
 _LARGE, _AROUND = 2.0, 0.3
-# What is as much higher than the lowest surface [m] is not the ground.
+# A surface that is higher than the lowest one by more than this [m] is not the ground.
 _RAISED = 0.05
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
-# Words of YAML that are no strings.
+# Plain words that YAML does not read as strings.
 _NOT_STRINGS = frozenset(("true", "false", "null", "yes", "no", "on", "off"))
 _WIDTH = 100
 
@@ -46,9 +47,9 @@ class Entry:
 
     Attributes:
         name: Its name; 'robot' for the robot.
-        words: What the scene says of it; empty for a body that cannot be named at all.
-        notes: What is said about it in comments above.
-        why: Why it is commented out; "" if it is not.
+        words: Its words in the scene file; empty for a body that cannot be named at all.
+        notes: Comments above it.
+        why: The reason for which it is commented out; "" if it is not.
     """
 
     name: str
@@ -58,10 +59,10 @@ class Entry:
 
     def lines(self, indent: str) -> list[str]:
         """Return its lines of YAML."""
-        text = f"{self.name}: {_flow(self.words)}" if self.words else ""
-        said = [*self.notes, *([self.why] if self.why else [])]
-        commented = [f"{indent}# {line}" for note in said for line in _wrapped(note)]
-        return commented + ([f"{indent}{'# ' if self.why else ''}{text}"] if text else [])
+        lines = [f"# {line}" for note in (*self.notes, self.why) for line in _wrapped(note)]
+        if self.words:
+            lines.append(f"{'# ' if self.why else ''}{self.name}: {_flow(self.words)}")
+        return [indent + line for line in lines]
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,10 @@ class FirstScene:
 
     Attributes:
         model: The model's file.
-        start: What is said of the start pose.
+        start: A sentence on the start pose.
         robot: The robot, if there is one.
         objects: Its objects.
-        supports: Everything that never moves and carries things, the largest first.
+        supports: Everything that never moves and can carry things, the largest first.
     """
 
     model: Path
@@ -94,18 +95,15 @@ class FirstScene:
         if name == ROBOT and self.robot is not None:
             return replace(self, robot=replace(self.robot, why=why))
         out = {name: why}
-        for entry in self.objects:  # those that stand on others come after them
-            carrier = str(entry.words.get("on", entry.words.get("in", ""))).partition("/")[0]
-            if carrier in out and not entry.why:
+        for entry in self.objects:  # objects that stand on others come after them
+            if (carrier := _carrier(entry)) in out and not entry.why:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
         return replace(self, objects=tuple(replace(e, why=out.get(e.name, e.why)) for e in self.objects))
 
-    def with_note(self, name: str, note: str) -> FirstScene:
-        """Return the scene with one more comment above an object or the robot."""
-        if name == ROBOT and self.robot is not None:
-            return replace(self, robot=replace(self.robot, notes=(*self.robot.notes, note)))
-        noted = (replace(e, notes=(*e.notes, note)) if e.name == name else e for e in self.objects)
-        return replace(self, objects=tuple(noted))
+    def with_robot_note(self, note: str) -> FirstScene:
+        """Return the scene with one more comment above its robot."""
+        assert self.robot is not None
+        return replace(self, robot=replace(self.robot, notes=(*self.robot.notes, note)))
 
     def text(self, model: str) -> str:
         """Return the scene file.
@@ -145,9 +143,7 @@ def first_scene(path: Path) -> FirstScene:
     key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, HOME)
     data.qpos[:] = mjm.key_qpos[key] if key >= 0 else mjm.qpos0
     mujoco.mj_kinematics(mjm, data)
-    start = (
-        f"The start pose is {f'its keyframe {HOME!r}' if key >= 0 else 'qpos0, as it has no keyframe ' + repr(HOME)}."
-    )
+    start = f"its keyframe '{HOME}'" if key >= 0 else f"qpos0, as it has no keyframe '{HOME}'"
     pieces = extract_pieces(mjm, "physics", where=dict.fromkeys(range(mjm.nbody), where))
     arms = find_arms(mjm)
     roots = {arm.base for arm in arms}
@@ -156,12 +152,12 @@ def first_scene(path: Path) -> FirstScene:
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
-    return FirstScene(path, start, _robot(mjm, data, arms), tuple(entries), tuple(supports))
+    return FirstScene(path, f"The start pose is {start}.", _robot(mjm, data, arms), tuple(entries), tuple(supports))
 
 
 @dataclass(frozen=True)
 class _Bodies:
-    """The free bodies of a model, with all that decides where they are placed."""
+    """The free bodies of a model, and the data that decide where they are placed."""
 
     mjm: mujoco.MjModel
     data: mujoco.MjData
@@ -170,7 +166,7 @@ class _Bodies:
     supports: list[FoundSupport]
 
     def entries(self) -> list[Entry]:
-        """An entry for each, what carries others first."""
+        """Return an entry for each body, carriers before what they carry."""
         found = {name: self._entry(name, body) for name, body in self.free.items()}
         ordered: dict[str, Entry] = {}
         for name in found:
@@ -181,14 +177,12 @@ class _Bodies:
         return list(ordered.values())
 
     def _entry(self, name: str, body: int) -> Entry:
-        own = subtree(self.mjm, body)
-        words: dict[str, Any] = {} if self.mjm.body(body).name == name else {"body": self.mjm.body(body).name}
-        if not self.mjm.body(body).name:
-            return Entry(name, {"on": "SUPPORT"}, why=f"Body {body} of the model has no name. Give it one.")
-        if self._is_driven(own):
-            return Entry(
-                name, {**words, "on": "SUPPORT"}, why=f"'{name}' has actuators: it is a robot that moves freely."
-            )
+        own_name = self.mjm.body(body).name
+        words: dict[str, Any] = {} if own_name == name else {"body": own_name}
+        if not own_name:
+            return _commented_out(name, {}, f"Body {body} of the model has no name. Give it one.")
+        if self._is_driven(subtree(self.mjm, body)):
+            return _commented_out(name, words, f"'{name}' has actuators: it is a robot that moves freely.")
         geom = geom_beneath(self.mjm, self.data, body)
         named = None if geom is None else named_support(self.mjm, geom, self.free)
         support = None if named is None else support_of(*named, self.pieces)
@@ -196,7 +190,7 @@ class _Bodies:
             return Entry(name, {**words, **self._standing(support, body)}, self._tilted(body))
         said = self._not_beneath(geom, named)
         if not self.supports:
-            return Entry(name, {**words, "on": "SUPPORT"}, why=f"{said} Nothing else carries it, either.")
+            return _commented_out(name, words, f"{said} Nothing else carries it, either.")
         ground = min(self._height(s) for s in self.supports)
         raised = [s for s in self.supports if self._height(s) > ground + _RAISED]
         largest = (raised or self.supports)[0]
@@ -204,18 +198,16 @@ class _Bodies:
         return Entry(name, {**words, **self._standing(largest, body)}, (said, *self._tilted(body)))
 
     def _not_beneath(self, geom: int | None, named: tuple | None) -> str:
-        """Why what is beneath a body in the start pose does not carry it in the scene."""
+        """Explain why a body does not stand in the scene on what is beneath it in the start pose."""
         if geom is None:
             return "Nothing is beneath it in the start pose."
+        if named is not None:
+            return f"'{named[0]}', which is beneath it, has no level surface of 2 cm or more in width."
         label = self.mjm.body(int(self.mjm.geom_bodyid[geom])).name
-        if named is None:
-            return (
-                f"What is beneath it, geom {geom} of body '{label}', moves or has no name, so nothing can be put on it."
-            )
-        return f"'{named[0]}', which is beneath it, has no level surface of 2 cm or more in width."
+        return f"What is beneath it, geom {geom} of body '{label}', moves or has no name, so nothing can be put on it."
 
     def _standing(self, support: FoundSupport, body: int) -> dict[str, Any]:
-        """The words that place a body on a support."""
+        """Return the words that place a body on a support."""
         words: dict[str, Any] = {"on" if support.open_above else "in": support.name}
         if support.is_endless or max(support.extent) > _LARGE:
             mat = self.data.xmat[support.body].reshape(3, 3)
@@ -225,12 +217,12 @@ class _Bodies:
         return words
 
     def _height(self, support: FoundSupport) -> float:
-        """The height of its highest surface in the world [m]."""
+        """Return the height of a support's highest surface in the world [m]."""
         return float(self.data.xpos[support.body][2]) + support.surfaces[-1].height
 
     def _tilted(self, body: int) -> tuple[str, ...]:
-        """A note if a body lies otherwise in the start pose than the model has it, which is how it will lie."""
-        turn = self.data.xmat[body].reshape(3, 3)[2] @ _matrix(self.mjm.body_quat[body])[2]
+        """Return a note if a body's start pose is tilted against that of `qpos0`, in which it will be placed."""
+        turn = self.data.xmat[body].reshape(3, 3)[2] @ matrix(self.mjm.body_quat[body])[2]
         note = "It lies otherwise in the start pose than `qpos0` has it, which is how it is placed: see `orientation`."
         return (note,) if turn < np.cos(np.radians(5.0)) else ()
 
@@ -241,25 +233,22 @@ class _Bodies:
 
 
 def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> Entry | None:
-    """The first arm of a model as its robot."""
+    """Return the first arm of a model as its robot."""
     if not arms:
         return None
-    arm = arms[0]
+    arm, *others = arms
     name = mjm.body(arm.base).name
-    others = [mjm.body(other.hand).name for other in arms[1:]]
-    notes = [f"An arm of {len(arm.joints)} joints" + (", with fingers." if arm.fingers else ", without fingers.")]
+    notes = [f"An arm of {len(arm.joints)} joints, {'with' if arm.fingers else 'without'} fingers."]
     if others:
-        notes.append(f"More arms end at {', '.join(map(repr, others))}.")
+        notes.append(f"More arms end at {', '.join(repr(mjm.body(other.hand).name) for other in others)}.")
     if not name:
         return Entry(ROBOT, {"in_model": "NAME"}, tuple(notes), "Its root body has no name. Give it one.")
-    tcp = arm.tcp(data).model_dump(exclude_defaults=True)
-    tcp = {word: list(v) if isinstance(v, tuple) else v for word, v in tcp.items()}
-    words = {"in_model": name, "tcp": next(iter(tcp.values())) if len(tcp) == 1 else tcp}
-    return Entry(ROBOT, words, tuple(notes))
+    tcp = arm.tcp(data).model_dump(mode="json", exclude_defaults=True)
+    return Entry(ROBOT, {"in_model": name, "tcp": next(iter(tcp.values())) if len(tcp) == 1 else tcp}, tuple(notes))
 
 
 def reach_note(mjm: mujoco.MjModel, base: str, tcp: str) -> str:
-    """Return what is said above a robot about `reachable`: that it works, or why it does not.
+    """Return a comment on `reachable` for a robot: that it works, or why it does not.
 
     Args:
         mjm: The model of the scene.
@@ -274,7 +263,7 @@ def reach_note(mjm: mujoco.MjModel, base: str, tcp: str) -> str:
 
 
 def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
-    """Names of objects by which bodies of the model go in a scene file; those without a name go by their number."""
+    """Return bodies by the names that their objects get in the scene file: from their own names, or their numbers."""
     found: dict[str, int] = {}
     for body in bodies:
         parts = mjm.body(body).name.split("/")
@@ -291,7 +280,7 @@ def _is_free(mjm: mujoco.MjModel, body: int) -> bool:
 
 
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:
-    """Whether a body moves on slides of its own in place of a freejoint, and nothing drives them."""
+    """Return whether a body moves on slides of its own in place of a freejoint, without actuators."""
     first, num = int(mjm.body_jntadr[body]), int(mjm.body_jntnum[body])
     slides = [j for j in range(first, first + num) if mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE]
     return len(slides) >= 2 and not np.isin(mjm.actuator_trnid[:, 0], slides).any()
@@ -300,7 +289,11 @@ def _slides(mjm: mujoco.MjModel, body: int) -> bool:
 def _not_free(mjm: mujoco.MjModel, body: int) -> Entry:
     num = int(mjm.body_jntnum[body])
     why = f"Body '{mjm.body(body).name}' hangs on {num} joints of its own. Write <freejoint/> in their place."
-    return Entry(next(iter(_names(mjm, [body]))), {"on": "SUPPORT"}, why=why)
+    return _commented_out(next(iter(_names(mjm, [body]))), {}, why)
+
+
+def _commented_out(name: str, words: Mapping[str, Any], why: str) -> Entry:
+    return Entry(name, {**words, "on": "SUPPORT"}, why=why)
 
 
 def _carrier(entry: Entry) -> str:
@@ -317,19 +310,12 @@ def _support_line(support: FoundSupport) -> str:
 
 
 def _flow(value: Any) -> str:
-    """A value as YAML on one line."""
+    """Return a value as YAML on one line."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{k}: {_flow(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, str):
-        return value if _PLAIN.fullmatch(value) and value.lower() not in _NOT_STRINGS else json.dumps(value)
-    return json.dumps(value)
+    is_plain = isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _NOT_STRINGS
+    return value if is_plain else json.dumps(value)
 
 
 def _wrapped(text: str) -> list[str]:
     return textwrap.wrap(text, _WIDTH, break_long_words=False, break_on_hyphens=False)
-
-
-def _matrix(quat: np.ndarray) -> np.ndarray:
-    mat = np.zeros(9)
-    mujoco.mju_quat2Mat(mat, quat)
-    return mat.reshape(3, 3)

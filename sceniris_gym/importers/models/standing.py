@@ -1,4 +1,4 @@
-"""What a body of a model stands on in the start pose, and what it could stand on."""
+"""The supports of a model: that of a body in the start pose, and all that it could stand on."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class FoundSupport:
     """A support by its name in a scene file, with its level surfaces.
 
     Attributes:
-        name: As a scene file names it.
-        body: Id of the body that carries.
+        name: Its name in a scene file.
+        body: Id of the body that it is part of.
         surfaces: Its level surfaces, lowest first; empty if it has none.
-        open_above: Whether they are open above, so that the word is 'on' and not 'in'.
+        open_above: Whether they are open above, so that things stand 'on' it and not 'in' it.
     """
 
     name: str
@@ -41,31 +41,33 @@ class FoundSupport:
 
     @property
     def extent(self) -> tuple[float, float]:
-        """The edges of the box around its surfaces along its body's axes [m]."""
+        """The lengths of its surfaces' bounds along the x and y axes of its body [m]."""
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in self.surfaces]).bounds
         return x1 - x0, y1 - y0
 
     @property
     def is_endless(self) -> bool:
-        """Whether one of its surfaces is a plane without sizes."""
+        """True if one of its surfaces is a plane without sizes."""
         return any(s.is_endless for s in self.surfaces)
 
 
 def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | None:
-    """Return the first geom that collides, straight below the middle of a body and of what is fixed to it; or None.
+    """Return the first colliding geom straight below the middle of a body and its descendants; None if there is none.
 
-    The ray begins at the top of the body, so that what it is sunk into counts.
+    The ray begins at the top of the body, so that a geom that the body is sunk into counts.
 
     Args:
         mjm: The model.
         data: The model in its start pose, after `mj_kinematics`.
         root: The body.
     """
-    own = subtree(mjm, root)
-    low, high = _bounds(mjm, data, own)
+    own = np.isin(mjm.geom_bodyid, subtree(mjm, root))
+    low = high = data.xpos[root]
+    if own.any():
+        low, high = upright_box(mjm, data, np.flatnonzero(own))
     at, down, hit = np.array([*(low + high)[:2] / 2.0, high[2]]), np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
-    counts = ((mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)) & ~np.isin(mjm.geom_bodyid, own)
-    seen = copy.copy(mjm)  # MuJoCo's rays pass through what is transparent
+    counts = ((mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)) & ~own
+    seen = copy.copy(mjm)  # MuJoCo's rays pass through transparent geoms
     seen.geom_matid[:], seen.geom_rgba[:, 3] = -1, counts
     return int(hit[0]) if mujoco.mj_ray(seen, data, at, down, None, 1, -1, hit, None) >= 0.0 else None
 
@@ -73,13 +75,13 @@ def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | N
 def supports_of(
     mjm: mujoco.MjModel, bodies: Mapping[str, int], robots: Iterable[int], pieces: Sequence[Piece]
 ) -> list[FoundSupport]:
-    """Return everything that never moves, has a name and a level surface, the largest first.
+    """Return everything that never moves and has a name and a level surface, the largest first.
 
-    A body of which a geom has a name and all of its surface is left out, and so are robots.
+    Robots are left out, and so is a body all of whose surface belongs to one geom that has a name.
 
     Args:
         mjm: The model.
-        bodies: Root bodies of what is an object of the scene, by name.
+        bodies: Root bodies of the objects of the scene, by name.
         robots: Root bodies of robots.
         pieces: The pieces of the model.
     """
@@ -91,7 +93,7 @@ def supports_of(
 
 
 def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSupport:
-    """Return what a name stands for as a support, open above if any of its surface is."""
+    """Return a support with its level surfaces: those that are open above, or, without any, those that are covered."""
     own = [p for p in pieces if p.body == support.body]
     above = level_surfaces(support.body, own, open_above=True, geom=support.geom)
     found = above or level_surfaces(support.body, own, open_above=False, geom=support.geom)
@@ -99,7 +101,7 @@ def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSup
 
 
 def named_support(mjm: mujoco.MjModel, geom: int, bodies: Mapping[str, int]) -> tuple[str, Support] | None:
-    """Return how a scene names a geom as a support: the geom or its body, a part of an object; None if it cannot."""
+    """Return the support that a geom belongs to, by its name: the geom, its body, or a part of an object; or None."""
     body = int(mjm.geom_bodyid[geom])
     owner = next((name for name, root in bodies.items() if body in subtree(mjm, root)), None)
     if owner is not None:
@@ -112,12 +114,3 @@ def named_support(mjm: mujoco.MjModel, geom: int, bodies: Mapping[str, int]) -> 
     if mjm.geom(geom).name:
         return mjm.geom(geom).name, Support(body, None, geom)
     return (mjm.body(body).name, Support(body)) if body > 0 and mjm.body(body).name else None
-
-
-def _bounds(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """The box around bodies in the world [m], or around their origins where they have no geoms."""
-    geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
-    if not len(geoms):
-        at = data.xpos[list(bodies)]
-        return at.min(axis=0), at.max(axis=0)
-    return upright_box(mjm, data, geoms)

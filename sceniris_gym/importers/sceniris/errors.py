@@ -12,7 +12,7 @@ _PLACE = re.compile(r"^scene: (?P<path>[^:\s]+)", re.MULTILINE)
 
 
 def in_its_keys(error: ScenirisError, origins: Mapping[str, str]) -> ScenirisError:
-    """Return an error about a scene as one that names the keys that its parts were made from.
+    """Return an error about a scene as one that names the keys of the configuration.
 
     Args:
         error: The error raised while reading the scene.

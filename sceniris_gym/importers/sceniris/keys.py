@@ -11,20 +11,18 @@ import numpy as np
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 
-_SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
-
-
 CONFIGURATION = "original configuration"
-"""What errors call the configuration as a whole."""
+"""The name of the configuration as a whole in errors."""
+_SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
 
 
 @dataclass
 class Notes:
-    """What the user is told about a configuration.
+    """Notes for the user about a configuration.
 
     Attributes:
         left_out: Dotted paths of keys that are not carried over.
-        changed: What keys mean here and in the original, by their dotted paths, where the two differ.
+        changed: The meanings of keys here and in the original where the two differ, by their dotted paths.
         origins: Dotted path of a part of the scene -> that of the key that it was made from.
         advice: Sentences on how to carry over more of it.
     """
@@ -98,7 +96,7 @@ class KeyReader:
     def checked(self, key: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         """Return a value that was found at `key` as an array of floats, as `array` does."""
         array = _numbers(value)
-        if array is None or array.shape != shape:
+        if array.shape != shape:
             raise self.wrong(key, f"{short(value)} should be {_SHAPES[shape]}")
         return array
 
@@ -109,7 +107,7 @@ class KeyReader:
             SceneKeyError: It is not a matrix of 4 x 4 or 3 x 3 numbers.
         """
         array = _numbers(value)
-        if array is None or array.shape not in ((4, 4), (3, 3)):
+        if array.shape not in ((4, 4), (3, 3)):
             raise self.wrong(key, f"{short(value)} should be a matrix of 4 x 4 or 3 x 3 numbers")
         return array[:3, :3]
 
@@ -129,7 +127,7 @@ class KeyReader:
         return [KeyReader(data, self.at(f"{key}.{i}"), self.notes) for i, data in enumerate(self.values(key))]
 
     def everything(self) -> dict[str, Any]:
-        """Take everything that was not taken yet, and return it."""
+        """Take all keys that were not taken yet, and return them with their values."""
         rest, self._rest = self._rest, {}
         return rest
 
@@ -157,11 +155,10 @@ class KeyReader:
             self.leave_out(key)
 
 
-def _numbers(value: Any) -> np.ndarray | None:
+def _numbers(value: Any) -> np.ndarray:
+    """Return a value as an array of floats; an empty one if it is anything but finite numbers."""
     try:
         array = np.asarray(value)
     except ValueError:  # lists of different lengths
-        return None
-    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        return None
-    return array.astype(float)
+        array = np.zeros(0)
+    return array.astype(float) if array.dtype.kind in "iuf" and np.isfinite(array).all() else np.zeros(0)

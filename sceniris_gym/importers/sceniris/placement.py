@@ -1,4 +1,4 @@
-"""Where an object of an original configuration is placed: on its parent, or at a fixed position."""
+"""The place of an object of an original configuration: on its parent, or at a fixed position."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_
 _PLANE = "_plane"  # the original's name for its ground
 _SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}
 _FIXED = "fixed_world_positions"
-GROUND = 1e-6  # m; what is no further from the height of the ground is on it
-_LIFTED = 1.1e-3  # m over the floor, where nothing carries an object: a little more than its clearance
+GROUND = 1e-6  # m; positions that are no farther from the height of the ground are on it
+_LIFTED = 1.1e-3  # m over the floor, for objects that nothing carries: a little more than their clearance
 
 
 def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
@@ -33,7 +33,7 @@ def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
 def fixed_points(keys: KeyReader) -> np.ndarray | None:
     """Return the fixed positions of an object, shape (n, 3), if it has any, without taking them.
 
-    Those on the ground have a z of 0, without what rounding made of it.
+    Those on the ground have a z of exactly 0.
     """
     fixed = keys.value(_FIXED)
     if not isinstance(fixed, Sequence | np.ndarray) or len(fixed) == 0:
@@ -70,7 +70,7 @@ def place(keys: KeyReader, views: Views, limits: np.ndarray | None) -> dict:
     keys.known("parent_id", "object", parent.split("/")[0], [_PLANE, *views.objects], views.own)
     parent = FLOOR if parent == _PLANE else parent
     relation = keys.take("relation_to_parent", "top")
-    keys.known("relation_to_parent", "relation to a parent", relation, _SUPPORT_WORDS)
+    word = _SUPPORT_WORDS[keys.known("relation_to_parent", "relation to a parent", relation, _SUPPORT_WORDS)]
     position = keys.section("position")
     is_cropped = position.value("xy_limit") is not None
     limit = position.array("xy_limit", [[0.0, 0.0], [1.0, 1.0]], (2, 2))
@@ -86,15 +86,10 @@ def place(keys: KeyReader, views: Views, limits: np.ndarray | None) -> dict:
         if (found := read_relation(constraint, views)) is not None:
             note_origins(constraint, f"{keys.path}.relations.{len(relations)}", found)
             relations.append(found)
-    keys.made(f"{keys.path}.{_SUPPORT_WORDS[relation]}", "parent_id")
+    keys.made(f"{keys.path}.{word}", "parent_id")
     keys.made(f"{keys.path}.region", "position.xy_limit")
     keys.made(f"{keys.path}.relations", "constraints")
-    return {
-        _SUPPORT_WORDS[relation]: parent,
-        "ratio_on_support": _ratio(keys),
-        "region": region,
-        "relations": relations,
-    }
+    return {word: parent, "ratio_on_support": _ratio(keys), "region": region, "relations": relations}
 
 
 def _ratio(keys: KeyReader) -> float:

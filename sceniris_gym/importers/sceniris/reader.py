@@ -42,9 +42,10 @@ def read_sceniris(
       within which its base is drawn on the floor, or in the middle of which it is above it.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
-      support's bounds, clipped to them), `constraints`, and `fixed_world_positions`, which override those five: it is
-      put at one of them, each as likely as any other, on the floor where z = 0 and else in the air. If one on the floor
-      is outside the workspace, the floor is made larger, and objects without such positions keep to the workspace.
+      support's bounds, clipped to them), `constraints`, and `fixed_world_positions`, which override those five: the
+      object is put at one of them, all equally likely, on the floor where z = 0 and else in the air. If one on the
+      floor is outside the workspace, the floor is made larger, and objects without such positions keep to the
+      workspace.
     - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
       with `z_rotation`, 'face_to' with `face_to_object_id`.
@@ -84,16 +85,21 @@ def read_sceniris(
     views = Views(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
-    (arm, under), known = robot_words(robot, env), _known_tier(tier)
+    arm, under = robot_words(robot, env)
+    if tier not in TIERS:
+        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
     size, limits = _workspace(env, objects, under)
-    _check_assets(assets or {}, objects)
+    assets = assets or {}
+    for name in assets:
+        if name not in objects:
+            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
-    reach = None if arm is None else known
+    reach = None if arm is None else tier
     scene = {
         "floor": {"size": size},
         "robot": arm,
         "objects": {
-            name: _object(part, replace(views, own=name), limits, (assets or {}).get(name), name in parents, reach)
+            name: _object(part, replace(views, own=name), limits, assets.get(name), name in parents, reach)
             for name, part in objects.items()
         },
     }
@@ -117,7 +123,7 @@ def _workspace(
     """
     limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
     edge = env.number("env_size", 1.0)
-    size = np.array([edge, edge]) if limits is None else 2.0 * np.abs(limits).max(axis=0)
+    size = np.full(2, edge) if limits is None else 2.0 * np.abs(limits).max(axis=0)
     env.made("floor.size", "env_size" if limits is None else "workspace_limits")
     env.finish()
     needed = np.maximum(needed_floor(objects), under)
@@ -125,18 +131,6 @@ def _workspace(
         limits = 0.5 * np.array([-size, size]) if limits is None else limits
         size = np.maximum(size, needed)
     return size, limits
-
-
-def _check_assets(assets: Mapping[str, str], objects: Mapping[str, KeyReader]) -> None:
-    for name in assets:
-        if name not in objects:
-            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
-
-
-def _known_tier(tier: str) -> str:
-    if tier not in TIERS:
-        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
-    return tier
 
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
@@ -199,7 +193,7 @@ def _object(
 
 
 def _reachable(keys: KeyReader, tier: str | None) -> dict:
-    """Return whether the robot should reach an object; `tier` is how thoroughly, None without a robot."""
+    """Return the word for an object that the robot should reach; `tier` is None without a robot."""
     wanted = keys.value("reachable")
     if wanted is True and tier is None:
         keys.leave_out("reachable")
@@ -269,7 +263,7 @@ def _constant(rotation: KeyReader) -> Any:
         return {"yaw": (angle, angle)}
     matrix = rotation.rotation("orientation", value)
     if matrix[2, 2] < 1.0 - 1e-6:
-        return "fixed"  # and the key is left out
+        return "fixed"  # the key is left out
     rotation.ignore("orientation")
     angle = math.degrees(math.atan2(matrix[1, 0], matrix[0, 0]))
     return {"yaw": (angle, angle)}

@@ -43,25 +43,24 @@ def read_relation(keys: KeyReader, views: Views) -> dict | None:
         for name in keys.values("anchor_object_ids")
     ]
     direction, kind = keys.take("direction"), keys.take("distance_type")
-    if isinstance(direction, str):
-        direction = direction.lower()
-    middle = kind == "middle" or (isinstance(direction, str) and direction == "middle")
+    side = direction.lower() if isinstance(direction, str) else None
+    middle = "middle" in (kind, side)
     if middle and len(anchors) == 1:
         raise keys.wrong("anchor_object_ids", f"{anchors} should name two objects or more for 'middle'")
     if len(anchors) > 1 and (middle or direction is None):
         if len(anchors) == 2:
-            said = "direction" if direction == "middle" else "distance_type" if middle else "anchor_object_ids"
+            said = "direction" if side == "middle" else "distance_type" if middle else "anchor_object_ids"
             keys.change(said, "a strip between two anchors here, a rectangle along the support's axes in the original")
         return _between(keys, anchors)
     distance = _distance(keys, kind)
     # Without an anchor the original ignores a constraint; in the other cases it stops with an error.
-    is_side_by_side = isinstance(direction, str) and direction == "next_to"
-    if len(anchors) != 1 or is_side_by_side or (direction is None and not distance):
+    if len(anchors) != 1 or side == "next_to" or (direction is None and not distance):
         keys.leave_out()
         return None
-    relation = distance | (
-        _around(keys, anchors[0], distance) if direction is None else _towards(keys, anchors[0], direction, views)
-    )
+    if direction is None:
+        relation = distance | _around(keys, anchors[0], distance)
+    else:
+        relation = distance | _towards(keys, anchors[0], side or direction, views)
     keys.finish()
     return relation
 
@@ -119,8 +118,7 @@ def _towards(keys: KeyReader, anchor: str, direction: Any, views: Views) -> dict
         vector = np.array([math.cos(HEADINGS[side]), math.sin(HEADINGS[side])])
     else:
         vector = keys.checked("direction", direction, (2,))
-    vector = vector if turn is None else turn[:2, :2] @ vector
-    return words | {"direction": vector, "of": anchor}
+    return words | {"direction": vector if turn is None else turn[:2, :2] @ vector, "of": anchor}
 
 
 def _frame(keys: KeyReader, anchor: str, views: Views) -> tuple[str, np.ndarray | None]:

@@ -25,11 +25,11 @@ def robot_words(
 ) -> tuple[dict[str, Any] | None, tuple[float, float]]:
     """Return the words for the robot, which stands at `robot_position` if nothing else is said; None without a robot.
 
-    The original documents a single position as that of the robot, and several as bounds of it; its check of reach takes
-    the world's origin all the same. Within bounds on the floor the base is drawn; those in space become their middle,
-    since a drawn base stands on what is lowest of its robot. With `in_scene: false` no robot stands there, and reach is
-    judged from there. A `base` that the caller gives wins, and is told where it contradicts them, as is one that is
-    drawn.
+    The original documents a single position as that of the robot, and several as bounds of it; its check of reach uses
+    the world's origin all the same. The base is drawn within bounds on the floor; of bounds in space it takes the
+    middle, since a drawn base stands on the lowest point of its robot. With `in_scene: false` no robot stands there,
+    but reach is judged from there. A `base` that the caller gives, or one that is drawn, takes precedence, with a
+    warning where it contradicts the positions.
 
     Args:
         robot: The robot as the caller gives it: an asset, or a mapping as in a scene file.
@@ -39,7 +39,7 @@ def robot_words(
         The words, and the smallest size of a floor [m] that contains bounds on it.
 
     Raises:
-        SceneKeyError: The robot, or the positions, are no such things.
+        SceneKeyError: The robot or the positions are wrong.
     """
     positions = _positions(env)
     if robot is None:
@@ -69,10 +69,10 @@ def robot_words(
     if config.placing is not None:
         env.change(_KEY, "the base of the robot is drawn, as it was said to be")
         return words, _NO_FLOOR
-    if (low != high).any() and not positions[:, 2].any() and config.roll == config.pitch == 0.0:
-        return _drawn(words, config.yaw, low[:2], high[:2], env)
     middle = 0.5 * (low + high)
     if (low != high).any():
+        if not positions[:, 2].any() and config.roll == config.pitch == 0.0:
+            return _drawn(words, config.yaw, low[:2], high[:2], env)
         env.change(_KEY, f"the robot stands at {middle.tolist()}, the middle of its bounds; reach is from there alone")
     env.made("robot.base", _KEY)
     return words | {"base": middle.tolist()}, _NO_FLOOR
@@ -95,7 +95,7 @@ def _drawn(
 
 
 def _positions(env: KeyReader) -> np.ndarray | None:
-    """The positions [m], shape (n, 3), without taking the key; None if there are none.
+    """Return the positions [m], shape (n, 3), without taking the key; None if there are none.
 
     Raises:
         SceneKeyError: They are no positions.

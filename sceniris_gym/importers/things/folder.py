@@ -1,4 +1,4 @@
-"""Imports all things of a folder side by side: what is wrong with one, or ends its process, stops no other."""
+"""Imports all things of a folder in parallel; a failure or a crash of one stops no other."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.errors import SceneFileError, ScenirisError
+from sceniris_gym.files import replacing
 from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
 
 MOST_SECONDS = 1800.0
-"""How long one thing may take: with fewer than `MOST_FACES` faces none was seen to take a tenth of it."""
+"""The longest that one thing may take; none with fewer than `MOST_FACES` faces was seen to take a tenth of it."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a thing.
+    """The result of an import.
 
     Attributes:
-        source: Its file.
-        asset: The MJCF file that was written; None if it was refused.
-        manifest: Its manifest; None if it was refused.
-        error: Why it was refused.
+        source: The file of the thing.
+        asset: The MJCF file that was written; None if the thing was refused.
+        manifest: Its manifest; None if the thing was refused.
+        error: The reason for which it was refused; None if it was not.
     """
 
     source: Path
@@ -67,13 +68,13 @@ def import_folder(
     Args:
         sources: Their files; assets get their names, with a number where a name comes again.
         out: The folder of assets.
-        options: What holds for all of them. Nobody is asked.
-        jobs: How many at a time; by default one for each core.
-        done: Is told of each as it ends.
-        seconds: How long one may take.
+        options: The choices for all of them. Nobody is asked.
+        jobs: The number of imports at a time; by default one for each core.
+        done: Called with each outcome as it arrives.
+        seconds: The longest that one may take.
 
     Returns:
-        What came of each, in the order of the sources.
+        The outcomes, in the order of the sources.
     """
     sources = list(sources)
     out.mkdir(parents=True, exist_ok=True)
@@ -87,20 +88,14 @@ def import_folder(
     with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
         outcomes = list(pool.map(work, zip(sources, targets, strict=True)))
     imported = {str(o.source): {"asset": o.asset.name, **(o.manifest or {})} for o in outcomes if o.asset is not None}
-    refused = {
-        str(o.source): {"error": type(o.error).__name__, "reason": str(o.error)}
-        for o in outcomes
-        if o.error is not None
-    }
-    text = json.dumps({"imported": imported, "refused": refused}, indent=1)
-    draft = out / f".manifest-{os.getpid()}.json"
-    draft.write_text(text + "\n")
-    os.replace(draft, out / "manifest.json")
+    refused = {str(o.source): {"error": type(o.error).__name__, "reason": str(o.error)} for o in outcomes if o.error}
+    with replacing(out / "manifest.json") as file:
+        file.write_text(json.dumps({"imported": imported, "refused": refused}, indent=1) + "\n")
     return outcomes
 
 
 def _targets(sources: list[Path], out: Path) -> list[Path]:
-    """An MJCF file for each source, with a name that MuJoCo and scene files take."""
+    """Return an MJCF file for each source, with a name that MuJoCo and scene files accept."""
     taken: set[str] = set()
     targets = []
     for source in sources:
@@ -146,5 +141,5 @@ def _work(far: Connection, source: Path, target: Path, options: Options) -> None
         far.send(import_thing(source, target, options))
     except ScenirisError as error:
         far.send(error)
-    except Exception as error:  # one thing of many: it is told, and the others go on
+    except Exception as error:  # one thing of many: its error is reported, and the others go on
         far.send(SceneFileError(f"{source}: it cannot be imported: {type(error).__name__}: {error}"))

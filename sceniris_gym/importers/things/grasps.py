@@ -1,4 +1,4 @@
-"""Antipodal grasps: where two fingers that close on a thing press on faces that look away from each other."""
+"""Antipodal grasps: two fingers that close on a thing press on faces that look away from each other."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from sceniris_gym.geometry.rotations import matrix, quaternion
+from sceniris_gym.importers.things.fit import points_with_normals
 
 OPENING = 0.08
-"""How far the gripper opens [m]: as far as the narrowest of the shipped arms."""
+"""Opening of the gripper [m]: that of the narrowest of the shipped arms."""
 MOST = 16
-# The cosine of 15 degrees: how far the normals at both fingers may be off the closing axis. Rubber pads hold more.
+# The cosine of 15 degrees, by which the normals at both fingers may be off the closing axis. Rubber pads hold more.
 _ALIGNED = 0.966
-_TRIALS = 400  # points that a first finger may touch
-_APPROACHES = 12  # about the closing axis
+_TRIALS = 400  # points that the first finger may touch
+_APPROACHES = 12  # directions about the closing axis
 # A hand in its TCP's frame [m]: fingers (half width, thickness, palm to TCP, tip beyond TCP), and its palm.
 _FINGER = (0.011, 0.02, 0.038, 0.009)
 _PALM = (0.032, 0.1, 0.1)  # half depth, half width, height
 _ROOM = 0.005  # between an open finger and the surface
-_FLOOR = 0.002  # how far the fingers stay above what the thing stands on
+_FLOOR = 0.002  # between the hand and what the thing stands on
 
 
 @dataclass(frozen=True)
@@ -31,35 +32,29 @@ class GraspSite:
     width: float
 
 
-def antipodal_grasps(triangles: np.ndarray, points: np.ndarray, floor: float) -> list[GraspSite]:
-    """Find grasps that are spread over a thing.
+def antipodal_grasps(triangles: np.ndarray, points: np.ndarray) -> list[GraspSite]:
+    """Find grasps that are spread over a thing that stands at z = 0.
 
     Args:
         triangles: Its surface, facing outwards [m], shape (n, 3, 3).
         points: Points on it that a hand must not touch [m], shape (m, 3).
-        floor: Height of what it stands on [m].
     """
-    rng = np.random.default_rng(0)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normals, axis=1)
     keep = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-30)
-    triangles, normals, area = triangles[keep], normals[keep] / area[keep][:, None], area[keep]
-    which = rng.choice(len(area), _TRIALS, p=area / area.sum())
-    u, v = np.sqrt(rng.random(_TRIALS)), rng.random(_TRIALS)
-    weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
-    starts = (triangles[which] * weights[:, :, None]).sum(axis=1)
+    triangles, normals = triangles[keep], normals[keep] / area[keep][:, None]
     found = []
-    for start, normal in zip(starts, normals[which], strict=True):
+    for start, normal in zip(*points_with_normals(triangles, _TRIALS), strict=True):
         hit = _through(triangles, start, -normal)
         if hit is None or not 1e-3 < hit[0] < OPENING - _ROOM or normals[hit[1]] @ -normal < _ALIGNED:
             continue
         middle = start - 0.5 * hit[0] * normal
-        found += _around(middle, normal, hit[0], points, floor)
+        found += _around(middle, normal, hit[0], points)
     return _spread(found, float(np.ptp(points, axis=0).max()))
 
 
 def _through(triangles: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple[float, int] | None:
-    """How far a ray from the surface goes through the solid, and the triangle where it leaves (Moeller-Trumbore)."""
+    """Return the length of a ray within the solid, and the triangle where it leaves (Moeller and Trumbore 1997)."""
     a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     p = np.cross(direction, e2)
     det = (e1 * p).sum(axis=1)
@@ -73,21 +68,21 @@ def _through(triangles: np.ndarray, start: np.ndarray, direction: np.ndarray) ->
     return (float(ahead[first]), first) if np.isfinite(ahead[first]) else None
 
 
-def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.ndarray, floor: float) -> list[GraspSite]:
-    """The grasps with this closing axis whose hand is free: one for each direction that it may come from."""
+def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.ndarray) -> list[GraspSite]:
+    """Return the collision-free grasps with this closing axis, one for each direction of approach."""
     side = np.cross(closing, np.eye(3)[np.argmin(np.abs(closing))])
     side /= np.linalg.norm(side)
     other, found = np.cross(closing, side), []
     for angle in 2.0 * np.pi * np.arange(_APPROACHES) / _APPROACHES:
         approach = np.cos(angle) * side + np.sin(angle) * other
         axes = np.stack([np.cross(closing, approach), closing, approach], axis=1)
-        if not _is_blocked((points - middle) @ axes, 0.5 * width + _ROOM) and _lowest(axes, width) + middle[2] > floor:
+        if not _is_blocked((points - middle) @ axes, 0.5 * width + _ROOM) and _lowest(axes, width) + middle[2] > _FLOOR:
             found.append(GraspSite(middle, quaternion(axes), width))
     return found
 
 
 def _is_blocked(local: np.ndarray, gap: float) -> bool:
-    """Whether any of some points, in the frame of the TCP, is inside of the open hand."""
+    """Return whether any of some points, in the frame of the TCP, is inside the open hand."""
     half, thickness, palm, tip = _FINGER
     x, y, z = np.abs(local[:, 0]), np.abs(local[:, 1]), local[:, 2]
     fingers = (x < half) & (y > gap) & (y < gap + thickness) & (z > -palm) & (z < tip)
@@ -96,16 +91,16 @@ def _is_blocked(local: np.ndarray, gap: float) -> bool:
 
 
 def _lowest(axes: np.ndarray, width: float) -> float:
-    """Height of the lowest point of the open hand over its TCP [m], less what it keeps from the floor."""
+    """Return the height of the lowest point of the open hand over its TCP [m]."""
     half, thickness, palm, tip = _FINGER
     reach = 0.5 * width + _ROOM + thickness
     corners = [(x, y, z) for x in (-half, half) for y in (-reach, reach) for z in (-palm, tip)]
     corners += [(x, y, -palm - _PALM[2]) for x in (-_PALM[0], _PALM[0]) for y in (-_PALM[1], _PALM[1])]
-    return float((np.array(corners) @ axes[2]).min()) - _FLOOR
+    return float((np.array(corners) @ axes[2]).min())
 
 
 def _spread(found: list[GraspSite], size: float) -> list[GraspSite]:
-    """The grasps that are farthest from each other, up to the most that an asset gets."""
+    """Return the grasps that are farthest from each other, up to the most that an asset gets."""
     if not found:
         return []
     features = np.array([np.concatenate([g.pos / size, matrix(g.quat).ravel() * 0.5]) for g in found])

@@ -12,36 +12,36 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, SliverError
 from sceniris_gym.importers.things import meshes, usd
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts
-from sceniris_gym.importers.things.grasps import antipodal_grasps
+from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
 from sceniris_gym.importers.things.inertia import inertia_of
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.rest import STILL, Rest, resting_poses, stands
 from sceniris_gym.importers.things.thing import LEAST_MOMENT, Inertia, Link, Surface, Thing
-from sceniris_gym.importers.things.units import Ask, find_scale, find_up, parse_scale, upright
+from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
 from sceniris_gym.importers.things.urdf import read_urdf
-from sceniris_gym.importers.things.write import Body, write_asset
+from sceniris_gym.importers.things.write import write_asset
 
 SUFFIXES = (*meshes.SUFFIXES, *usd.SUFFIXES, ".urdf")
 """What can be imported."""
-_MARK = 1e-6  # kg, of a link that is nothing but a frame
+_FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
+"""Inertia of a link that is only a frame."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a user may say about a thing.
+    """The user's choices for an import.
 
     Attributes:
-        scale: Metres for each unit of length, or the name of a unit; None to take what the file says, or guess.
+        scale: Metres for each unit of length, or the name of a unit; None for the file's own, or a guess.
         up: The axis that points up; None likewise.
         density: In kg/m^3.
-        tolerance: How far convex parts may be from the surface [m]; None for 2 mm or 2%, whichever is larger.
-        shell: Whether open surfaces are sheets without inside.
+        tolerance: The largest distance of convex parts from the surface [m]; None for 2 mm or 2%, whichever is larger.
+        shell: Whether open surfaces are sheets, which enclose nothing.
     """
 
     scale: str | None = None
@@ -54,7 +54,7 @@ class Options:
         """Refuse numbers that make no sense.
 
         Raises:
-            ArgumentError: The scale, the density or the tolerance is none.
+            ArgumentError: The scale, the density or the tolerance is out of range.
         """
         if self.scale is not None:
             parse_scale(self.scale)
@@ -72,8 +72,8 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     Args:
         source: A file of one of `SUFFIXES`.
         out: The MJCF file to write; meshes, pictures and `manifest.json` go into a folder of its name beside it.
-        options: What is known of the thing.
-        ask: Asks the user for the scale where it makes no sense; None if there is nobody to be asked.
+        options: The user's choices.
+        ask: Asks the user for the scale where it makes no sense; None if nobody can be asked.
 
     Returns:
         The manifest: what was read, guessed, repaired and measured, with the hashes of all files.
@@ -81,7 +81,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     Raises:
         MeshError: It is empty, flat, open, too large, too small or thin, has too many faces, or no convex parts fit.
         SceneFileError: It cannot be read, or a file that it refers to does not exist.
-        NotSupportedError: It is of another kind, or has what things cannot have.
+        NotSupportedError: It is of another kind, or has something that things cannot have.
         MissingExtraError: It needs a package of the extra `import`.
     """
     options = options or Options()
@@ -91,29 +91,36 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     check_faces([surface for link in thing.links for surface in link.touched], where)
     scale, scale_how = find_scale(thing, options.scale, ask, where)
     thing = thing.scaled(scale)
-    solids = [_solid(link, f"{where}: {link.name}", options.shell) for link in thing.links]
+    solids = [
+        repair(link.touched, f"{where}: {link.name}", shell=options.shell) if link.touched else None
+        for link in thing.links
+    ]
     if not any(solids):
         raise FlatMeshError(f"{where}: nothing of it has a volume.")
     cut = [solid and convex_parts(solid, where, options.tolerance) for solid in solids]
-    weighed = [
-        replace(
-            link,
-            surfaces=_patched(link, solid),
-            inertia=_weigh(link, solid, parts, options.density, where),
-        )
-        for link, solid, parts in zip(thing.links, solids, cut, strict=True)
+    patched = [
+        link if solid is None or link.solids else replace(link, surfaces=(*link.surfaces, *solid.patches))
+        for link, solid in zip(thing.links, solids, strict=True)
     ]
-    thing = replace(thing, name=out.stem, links=tuple(weighed))
+    thing = replace(thing, name=out.stem, links=tuple(patched))
+    written = [_written(*each, options.density, where) for each in zip(patched, solids, cut, strict=True)]
+    asset = replace(thing, links=tuple(written))
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".import-", dir=out.parent) as folder:
         draft = Path(folder) / out.name
-        rests = _draft(thing, cut, np.eye(3), np.zeros(3), draft)
-        up, up_how = find_up(thing, options.up, lambda axis: stands(rests, _axis(axis)))
-        turn = upright(up)
-        low, high = _bounds(thing, cut, turn)
+        write_asset(asset, [], draft)
+        rests = resting_poses(draft)
+        up, up_how = find_up(thing, options.up, lambda axis: stands(rests, np.eye(3)["xyz".index(axis)]))
+        turn = UPRIGHT[up]
+        touched = tuple(replace(link, surfaces=link.touched, solids=()) for link in thing.links)
+        points = replace(thing, links=touched).points() @ turn.T
+        low, high = points.min(axis=0), points.max(axis=0)
         shift = np.array([*(-0.5 * (low + high)[:2]), -low[2]])
+        asset = asset.moved(turn, shift)
+        grasps = _grasps(thing.moved(turn, shift).links[0], asset.links[0])
         shutil.rmtree(draft.parent / draft.stem)
-        files, rests, grasps = _final(thing, cut, turn, shift, draft)
+        files = write_asset(asset, grasps, draft)
+        rests = resting_poses(draft)
         manifest = {
             "source": source.name,
             "sha256": _hash(source),
@@ -122,9 +129,9 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
             "up": up,
             "up_from": up_how,
             "size_m": [round(float(v), 5) for v in high - low],
-            "mass_kg": round(sum(link.inertia.mass for link in thing.links if link.inertia), 6),
-            **_told(thing, solids, cut, rests),
-            "grasps": grasps,
+            "mass_kg": round(sum(link.inertia.mass for link in asset.links if link.inertia), 6),
+            **_findings(thing, solids, cut, rests),
+            "grasps": len(grasps),
             "files": {file.name: _hash(file) for file in files},
         }
         text = json.dumps(manifest, indent=1)
@@ -150,21 +157,15 @@ def _read(source: Path) -> Thing:
     return usd.read_usd(source) if suffix in usd.SUFFIXES else meshes.read_mesh(source)
 
 
-def _solid(link: Link, where: str, shell: bool) -> Solid | None:
-    return repair(link.touched, where, shell=shell) if link.touched else None
-
-
-def _patched(link: Link, solid: Solid | None) -> tuple[Surface, ...]:
-    """What is seen of a link, with what closed its holes if that is also what is touched."""
-    own = link.surfaces
-    return (*own, solid.patches) if solid is not None and solid.patches is not None and not link.solids else own
-
-
-def _weigh(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Inertia:
-    if link.inertia is not None:
-        return link.inertia
+def _written(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Link:
+    """Return a link as it is written: with an inertia, and its convex parts as solids."""
     if solid is None or parts is None:
-        return Inertia(_MARK, np.zeros(3), np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * _MARK * 1e-6)
+        return replace(link, inertia=link.inertia or _FRAME)
+    hulls = tuple(Surface(np.asarray(part.vertices), np.asarray(part.faces)) for part in parts.meshes)
+    return replace(link, solids=hulls, inertia=link.inertia or _weigh(link, solid, parts, density, where))
+
+
+def _weigh(link: Link, solid: Solid, parts: Parts, density: float, where: str) -> Inertia:
     found = inertia_of(solid, parts, density)
     if (least := found.least) <= LEAST_MOMENT:
         raise SliverError(
@@ -175,57 +176,19 @@ def _weigh(link: Link, solid: Solid | None, parts: Parts | None, density: float,
     return found
 
 
-def _draft(thing: Thing, cut: Sequence[Parts | None], turn: np.ndarray, shift: np.ndarray, path: Path) -> list[Rest]:
-    """Write the thing so, and return how it rests."""
-    _write(thing, cut, turn, shift, [], path)
-    return resting_poses(path)
+def _grasps(link: Link, written: Link) -> list[GraspSite]:
+    """Return grasps of the root link that keep clear of its surface, and of its convex parts as it is written."""
+    if not written.solids:
+        return []
+    triangles = np.concatenate([surface.vertices[surface.faces] for surface in link.touched])
+    parts = [part.vertices for part in written.solids]
+    return antipodal_grasps(triangles, np.concatenate([triangles.reshape(-1, 3)[::7], triangles.mean(axis=1), *parts]))
 
 
-def _final(
-    thing: Thing, cut: Sequence[Parts | None], turn: np.ndarray, shift: np.ndarray, path: Path
-) -> tuple[list[Path], list[Rest], int]:
-    """Write the thing upright, with its grasps; return the files, its resting poses, and how many grasps it has."""
-    root = thing.moved(turn, shift).links[0]
-    grasps = []
-    if root.touched and cut[0] is not None:
-        triangles = np.concatenate([surface.vertices[surface.faces] for surface in root.touched])
-        points = np.concatenate([triangles.reshape(-1, 3)[::7], triangles.mean(axis=1)])
-        parts = np.concatenate([part.vertices for part in cut[0].meshes]) @ turn.T + shift
-        grasps = antipodal_grasps(triangles, np.concatenate([points, parts]), 0.0)
-    files = _write(thing, cut, turn, shift, grasps, path)
-    return files, resting_poses(path), len(grasps)
-
-
-def _write(
-    thing: Thing, cut: Sequence[Parts | None], turn: np.ndarray, shift: np.ndarray, grasps: list, path: Path
-) -> list[Path]:
-    moved, bodies = thing.moved(turn, shift), []
-    for i, (link, parts) in enumerate(zip(moved.links, cut, strict=True)):
-        shapes = [] if parts is None else [(np.asarray(m.vertices), np.asarray(m.faces)) for m in parts.meshes]
-        if i == 0:
-            shapes = [(vertices @ turn.T + shift, faces) for vertices, faces in shapes]
-        assert link.inertia is not None
-        bodies.append(Body(shapes, link.inertia))
-    files = write_asset(moved, bodies, grasps, path)
-    # MuJoCo knows meshes by their paths and times in seconds: it would take those of the draft, written just before.
-    mujoco.mj_clearCache(mujoco.mj_getCache())
-    return files
-
-
-def _bounds(thing: Thing, cut: Sequence[Parts | None], turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The bounds of what is touched of a thing, turned [m]."""
-    solids = tuple(
-        replace(link, surfaces=link.touched, solids=()) if parts is not None else replace(link, surfaces=(), solids=())
-        for link, parts in zip(thing.links, cut, strict=True)
-    )
-    points = replace(thing, links=solids).points() @ turn.T
-    return points.min(axis=0), points.max(axis=0)
-
-
-def _told(
+def _findings(
     thing: Thing, solids: Sequence[Solid | None], cut: Sequence[Parts | None], rests: list[Rest]
 ) -> dict[str, Any]:
-    """What was done and found, for the manifest."""
+    """Return the repairs, parts, resting poses and notes of the manifest."""
     made = [parts for parts in cut if parts is not None]
     notes = [*thing.notes]
     if not any(rest.moved < STILL for rest in rests):
@@ -248,10 +211,6 @@ def _told(
         ],
         "notes": notes,
     }
-
-
-def _axis(name: str) -> np.ndarray:
-    return np.eye(3)["xyz".index(name)]
 
 
 def _hash(path: Path) -> str:

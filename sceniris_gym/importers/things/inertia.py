@@ -1,4 +1,4 @@
-"""Mass and inertia of a link from a density: of its closed surface, or of its convex parts."""
+"""Mass and inertia of a homogeneous link: from its closed surface, or from its convex parts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ _CELLS = 40  # along the longest edge: the mass of a mug comes out within 3%
 def inertia_of(solid: Solid, parts: Parts, density: float) -> Inertia:
     """Return the inertia of a homogeneous link.
 
-    Pieces that overlap would be counted twice, and a shell has no inside: there the convex parts are taken.
+    It is computed from the convex parts where the surface would not do: overlapping pieces would be counted twice, and
+    a shell has no inside.
 
     Args:
         solid: Its surface [m].
@@ -25,14 +26,14 @@ def inertia_of(solid: Solid, parts: Parts, density: float) -> Inertia:
     mesh = solid.mesh
     if solid.closed and mesh.is_watertight and mesh.body_count == 1:
         full = np.asarray(mesh.moment_inertia) * density
-        found = Inertia(float(mesh.volume) * density, np.asarray(mesh.center_mass), _moments(full))
-        if found.mass > 0.0 and np.linalg.eigvalsh(full)[0] > 0.0:
+        found = Inertia(float(mesh.volume) * density, np.asarray(mesh.center_mass), full)
+        if found.mass > 0.0 and found.least > 0.0:
             return found
     return _of_cells(parts, density)
 
 
 def _of_cells(parts: Parts, density: float) -> Inertia:
-    """The inertia of all small cubes whose middles are inside of a part."""
+    """Return the inertia of all small cells whose centres are inside a part."""
     low = np.min([part.bounds[0] for part in parts.meshes], axis=0)
     high = np.max([part.bounds[1] for part in parts.meshes], axis=0)
     counts = np.maximum(np.ceil((high - low) / ((high - low).max() / _CELLS)).astype(int), 4)
@@ -48,8 +49,4 @@ def _of_cells(parts: Parts, density: float) -> Inertia:
     center = points.mean(axis=0)
     r = points - center
     own = each * len(points) * np.diag([(step**2).sum() - step[i] ** 2 for i in range(3)]) / 12.0
-    return Inertia(each * len(points), center, _moments(each * ((r**2).sum() * np.eye(3) - r.T @ r) + own))
-
-
-def _moments(full: np.ndarray) -> np.ndarray:
-    return full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return Inertia(each * len(points), center, each * ((r**2).sum() * np.eye(3) - r.T @ r) + own)

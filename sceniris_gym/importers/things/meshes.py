@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sceniris_gym.errors import MeshError, MissingExtraError, SceneFileError
+from sceniris_gym.errors import MeshError, SceneFileError, import_extra
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
 
 if TYPE_CHECKING:
     import trimesh
 
 SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
-"""What is read; of these, glTF says that it is in metres with y up."""
-_GLTF = (".glb", ".gltf")
+"""Suffixes of the files that are read."""
+# Metres for each unit and the axis that points up, if known: glTF prescribes them, and trimesh converts DAE.
+_FRAMES = {".glb": (1.0, "y"), ".gltf": (1.0, "y"), ".dae": (1.0, "z")}
 
 
 def read_mesh(path: Path) -> Thing:
@@ -27,11 +28,9 @@ def read_mesh(path: Path) -> Thing:
         MeshError: It has vertices that are not finite.
         MissingExtraError: It is a DAE file, and pycollada is not installed.
     """
-    meters, up, files = (1.0, "y", ()) if path.suffix.lower() in _GLTF else (None, None, ())
-    if path.suffix.lower() == ".obj":
-        files = tuple(_materials(path))
-    if path.suffix.lower() == ".dae":
-        meters, up = 1.0, "z"  # trimesh applies the unit and the up axis that the file states
+    suffix = path.suffix.lower()
+    meters, up = _FRAMES.get(suffix, (None, None))
+    files = tuple(_materials(path)) if suffix == ".obj" else ()
     return Thing(path.stem, (Link(path.stem, surfaces=read_surfaces(path)),), meters, up, files=files)
 
 
@@ -40,7 +39,7 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
     import trimesh
 
     if path.suffix.lower() == ".dae":
-        _need_collada()
+        import_extra("collada", "import", "pycollada")
     try:
         _check_finite(path)
         scene = trimesh.load_scene(path)
@@ -67,7 +66,7 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
 def _check_finite(path: Path) -> None:
     """Refuse a file that has vertices that are not finite.
 
-    When trimesh merges vertices it drops these, and their faces, without a word: as if the file had holes.
+    When trimesh merges vertices, it silently drops these and their faces, as if the file had holes.
     """
     import trimesh
 
@@ -77,7 +76,7 @@ def _check_finite(path: Path) -> None:
 
 
 def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:
-    if np.linalg.det(pose[:3, :3]) < 0.0:  # mirrored: what was counterclockwise is clockwise
+    if np.linalg.det(pose[:3, :3]) < 0.0:  # mirrored, so that counterclockwise faces are clockwise
         mesh.faces = mesh.faces[:, ::-1]
     vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
     rgba, texture, uv = _look(mesh.visual)
@@ -87,7 +86,7 @@ def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:
 
 
 def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:
-    """The colour, picture and picture coordinates of what trimesh calls a visual."""
+    """Return the colour, the picture and the texture coordinates of a trimesh visual."""
     if visual.kind == "texture":
         material = visual.material
         image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
@@ -96,11 +95,8 @@ def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:
             return (1.0, 1.0, 1.0, 1.0), image.convert("RGB"), uv
         return _colour(material.main_color), None, None
     if visual.kind in ("face", "vertex") and visual.defined:
-        return (
-            _colour(np.median(visual.face_colors if visual.kind == "face" else visual.vertex_colors, axis=0)),
-            None,
-            None,
-        )
+        colours = visual.face_colors if visual.kind == "face" else visual.vertex_colors
+        return _colour(np.median(colours, axis=0)), None, None
     return GREY, None, None
 
 
@@ -110,14 +106,7 @@ def _colour(rgba: Any) -> tuple[float, ...]:
 
 
 def _materials(path: Path) -> list[str]:
-    """The files of materials that an OBJ file names, as far as they exist."""
+    """Return the existing files of materials that an OBJ file names."""
     with path.open(errors="replace") as lines:
         named = [line.split(maxsplit=1)[1].strip() for line in lines if re.match(r"mtllib\s+\S", line)]
     return [name for name in named if (path.parent / name).is_file()]
-
-
-def _need_collada() -> None:
-    try:
-        import collada  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("pycollada", "import") from None

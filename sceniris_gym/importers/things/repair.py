@@ -1,4 +1,4 @@
-"""Makes one closed surface of what a link is made of, and reports what had to be done for it."""
+"""Repairs the surfaces of a link into one closed mesh, and reports what was done."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
 from sceniris_gym.geometry.pieces import convex_hull
 from sceniris_gym.importers.things.fit import Measure, tolerance_of
-from sceniris_gym.importers.things.thing import Surface, faces_of
+from sceniris_gym.importers.things.thing import Surface
 
 if TYPE_CHECKING:
     import trimesh
 
 MOST_FACES = 500_000
-"""Triangles of a thing: more than any picture of it needs, and minutes of work."""
+"""The most triangles of a thing: more than any picture of it needs, and minutes of work."""
 LARGEST_HOLE, MOST_OPEN = 0.1, 0.3
-"""Share of a surface that may be missing in one hole, and in all of them: flat patches close them. A box without one of
+"""Share of a surface that may be missing in one hole, and in all of them; flat patches close them. A box without one of
 its sides misses a fifth, and may be a solid or a container."""
-_WELD = 1e-6  # of its size: vertices nearer to each other are one
-_FLAT = 1e-6  # of its size: what is thinner is flat
-_EMPTY = 1e-9  # of the cube of its size: what encloses less encloses nothing
+_WELD = 1e-6  # of its size: vertices nearer to each other are merged
+_FLAT = 1e-6  # of its size: anything thinner is flat
+_EMPTY = 1e-9  # of the cube of its size: a surface that encloses less encloses nothing
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Solid:
     Attributes:
         mesh: The mesh [m], vertices welded.
         closed: Whether it encloses a volume; a shell does not.
-        report: What was done to it, in words.
-        patches: The triangles that closed its holes, for the eye; None if there is nothing to see of them.
+        report: The repairs, in words.
+        patches: A visual surface of the triangles that closed its holes; empty if none of them can be seen.
     """
 
     mesh: trimesh.Trimesh
     closed: bool
     report: tuple[str, ...]
-    patches: Surface | None = None
+    patches: tuple[Surface, ...] = ()
 
 
 def check_faces(surfaces: Sequence[Surface], where: str) -> None:
@@ -49,7 +49,7 @@ def check_faces(surfaces: Sequence[Surface], where: str) -> None:
     Raises:
         EmptyMeshError, LargeMeshError, MeshError: See above.
     """
-    count = faces_of(surfaces)
+    count = sum(len(surface.faces) for surface in surfaces)
     if count == 0:
         raise EmptyMeshError(f"{where}: it has no faces. Export the object as a mesh of triangles or polygons.")
     if count > MOST_FACES:
@@ -62,7 +62,7 @@ def check_faces(surfaces: Sequence[Surface], where: str) -> None:
 
 
 def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> Solid:
-    """Weld vertices, drop faces without area and doubles, close small holes, and turn all faces outwards.
+    """Merge vertices, drop faces that have no area or are duplicates, close small holes, and turn all faces outwards.
 
     Args:
         surfaces: The surfaces of a link [m].
@@ -92,7 +92,7 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
         report.append("its faces were turned to agree with each other")
     if shell:
         return Solid(mesh, False, (*report, "taken as a shell without inside"))
-    loops, patches = _holes(mesh), None
+    loops, patches = _holes(mesh), ()
     if loops:
         shares = [float(np.linalg.norm(_vector_area(mesh.vertices, edges)) / mesh.area) for edges in loops]
         missing = sum(shares)
@@ -116,19 +116,17 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
 
 
 def _hull_as_near(mesh: trimesh.Trimesh) -> trimesh.Trimesh | None:
-    """The convex hull of a mesh if it is as near as parts have to be: then solid and sheet are the same."""
+    """Return the convex hull of a mesh if it is as near as parts have to be: then solid and sheet are the same."""
     hull = convex_hull(mesh.vertices)
     allowed = tolerance_of(mesh)
     return hull if Measure(mesh, allowed).fit([hull]).error <= allowed else None
 
 
 def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
-    """All surfaces as one mesh whose vertices are welded."""
+    """Return all surfaces as one mesh in which near vertices are merged."""
     import trimesh
 
-    starts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
-    vertices = np.concatenate([surface.vertices for surface in surfaces])
-    faces = np.concatenate([s.faces + start for s, start in zip(surfaces, starts, strict=False)])
+    vertices, faces = trimesh.util.append_faces([s.vertices for s in surfaces], [s.faces for s in surfaces])
     used = vertices[np.unique(faces)]
     grid = _WELD * max(float(np.ptp(used, axis=0).max()), 1e-12)
     _, first, same = np.unique(
@@ -140,7 +138,7 @@ def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
 
 
 def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
-    """The edges that only one face has, each in that face's direction, by hole: arrays of shape (n, 2)."""
+    """Return the edges that only one face has, each in that face's direction, by hole: arrays of shape (n, 2)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -156,7 +154,7 @@ def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 
 
 def _loops(edges: np.ndarray) -> list[np.ndarray]:
-    """Connected edges (n, 2) as loops that come by no vertex twice; what is no loop stays together."""
+    """Split connected edges (n, 2) into loops that pass no vertex twice; edges that form no loop stay together."""
     after: dict[int, list[int]] = {}
     for start, end in edges:
         after.setdefault(int(start), []).append(int(end))
@@ -178,7 +176,7 @@ def _loops(edges: np.ndarray) -> list[np.ndarray]:
 
 
 def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Area of a flat patch within a loop of edges, as a vector along its normal."""
+    """Return the area of a flat patch within a loop of edges, as a vector along its normal."""
     a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
     middle = 0.5 * (a + b).mean(axis=0)
     return 0.5 * np.cross(a - middle, b - middle).sum(axis=0)
@@ -186,8 +184,8 @@ def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 def _capped(
     mesh: trimesh.Trimesh, loops: list[np.ndarray], rgba: tuple[float, ...]
-) -> tuple[trimesh.Trimesh, Surface | None]:
-    """The mesh with each hole closed by triangles around its middle, and these triangles where they have an area."""
+) -> tuple[trimesh.Trimesh, tuple[Surface, ...]]:
+    """Close each hole by triangles around its middle; return the mesh, and a surface of those that have an area."""
     import trimesh
 
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
@@ -202,5 +200,5 @@ def _capped(
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     seen = faces[area > 1e-9 * float(mesh.extents.max()) ** 2]
     used, inverse = np.unique(seen, return_inverse=True)
-    patches = Surface(vertices[used], inverse.reshape(-1, 3), rgba) if len(seen) else None
+    patches = (Surface(vertices[used], inverse.reshape(-1, 3), rgba),) if len(seen) else ()
     return trimesh.Trimesh(vertices, np.concatenate([mesh.faces, faces]), process=False), patches

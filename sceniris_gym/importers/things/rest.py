@@ -1,4 +1,4 @@
-"""The poses in which an asset rests, and how far it moves in each, in MuJoCo C."""
+"""The poses in which an asset rests, and how far it moves in each of them in MuJoCo C."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.framing import box_corners
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
@@ -26,8 +27,8 @@ class Rest:
 
     Attributes:
         quat: Orientation of the asset, wxyz, its heading being 0.
-        probability: How often the asset comes to rest in it when it is thrown.
-        moved: How far it moves in half a second after it was put down so [m].
+        probability: The share of throws after which the asset rests in it.
+        moved: The distance that it moves in the half second after it is put down in it [m].
     """
 
     quat: np.ndarray
@@ -36,7 +37,7 @@ class Rest:
 
     @property
     def up(self) -> np.ndarray:
-        """The direction of the asset that points up, shape (3,)."""
+        """The direction in the asset's frame that points up, shape (3,)."""
         return matrix(self.quat)[2]
 
 
@@ -48,17 +49,15 @@ def resting_poses(path: Path) -> list[Rest]:
     home = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, home)
     mujoco.mj_comPos(mjm, home)
-    pieces = extract_pieces(mjm, "physics")
-    shape = HomeShape(home, 1, pieces)
     try:
-        poses = shape.stable(str(path))
+        poses = HomeShape(home, 1, extract_pieces(mjm, "physics")).stable(str(path))
     except SceneKeyError:  # it rolls, or its centre of mass is outside of it
         return []
     return [Rest(quat, share, moved(path, quat)) for quat, share in poses[:_MOST]]
 
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
-    """Whether one of the poses has this direction of the asset up, shape (3,)."""
+    """Return whether this direction in the asset's frame, shape (3,), points up in one of the poses."""
     return any(rest.up @ up > _STANDING for rest in rests)
 
 
@@ -70,8 +69,7 @@ def moved(path: Path, quat: np.ndarray) -> float:
         quat: Its orientation, wxyz.
     """
     spec = mujoco.MjSpec.from_file(str(path))
-    root = spec.worldbody.bodies[0]
-    root.add_freejoint()
+    spec.worldbody.bodies[0].add_freejoint()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], friction=[0.8, 0.005, 0.0001])
     mjm = spec.compile()
     data = mujoco.MjData(mjm)
@@ -86,8 +84,7 @@ def moved(path: Path, quat: np.ndarray) -> float:
     every = np.concatenate(points)
     data.qpos[2] = _GAP - every[:, 2].min()
     low, high = every.min(axis=0), every.max(axis=0)
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    local = corners @ matrix(quat)
+    local = box_corners(0.5 * (low + high), 0.5 * (high - low)) @ matrix(quat)
     start = data.qpos[:3] + local @ matrix(quat).T
     while data.time < SECONDS:
         mujoco.mj_step(mjm, data)

@@ -1,41 +1,44 @@
 """Splits parts of a closed solid along planes until none sticks out of it too far.
 
-A part that sticks out is split through the place that is farthest from the surface, or along what is near it: walls of
-a slot, the floor of a pocket. Of all such planes that one is taken after which the halves' hulls are smallest.
+A part that sticks out is split through the place that is farthest from the surface, or along a face near it: the wall
+of a slot, the floor of a pocket. The plane is taken that leaves the smallest hulls of both halves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from types import ModuleType
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sceniris_gym.errors import MissingExtraError
+from sceniris_gym.errors import import_extra
+from sceniris_gym.geometry.pieces import convex_hull
 from sceniris_gym.importers.things.fit import Distances, height_over, points_on
 
 if TYPE_CHECKING:
     import manifold3d
     import trimesh
 
-Hull = Callable[[np.ndarray], "trimesh.Trimesh | None"]
-
-_APART = 0.25  # of what is allowed: points that parts are judged by are about so far apart
+_APART = 0.25  # of the tolerance: the spacing of the points by which parts are judged
 _FEWEST, _MOST = 100, 20_000  # points on a part
-_BESIDE = 1e-5  # of the size: what sticks out less does not count
+_BESIDE = 1e-5  # of the size: a part that sticks out less does not count
 _SLIVER = 1e-7  # of the volume of the solid's bounds: smaller pieces are dropped
-_NEAR = 1.5  # times the distance of the place: what is so near may give a plane
-_DIRECTIONS, _LEVELS = 6, 6  # of planes: of the faces with the largest area, beside the axes; and for each of them
+_NEAR = 1.5  # times the distance of the place: vertices within this may lie on a plane
+_DIRECTIONS, _LEVELS = (
+    6,
+    6,
+)  # of planes: of the faces with the largest area, beside the axes; and for each of them
 _ALIKE = 20  # steps from 0 to 1 in which normals are compared
+_MOST_VERTICES = 96  # of a part: MuJoCo-Warp's collisions take longer with more
+_EVEN = 192  # directions, spread evenly
 
 
 class Excess:
-    """How far convex parts stick out of a solid.
+    """Measures how far convex parts stick out of a solid.
 
     Args:
         solid: The solid, closed; near `mesh`.
-        mesh: The mesh whose surface distances are measured from [m].
+        mesh: The mesh from whose surface distances are measured [m].
         allowed: How far parts may stick out [m].
     """
 
@@ -45,8 +48,8 @@ class Excess:
         self._size = float(mesh.extents.max())
 
     def of(self, part: trimesh.Trimesh) -> tuple[float, np.ndarray]:
-        """How far a part sticks out at most [m], and where, shape (3,)."""
-        out = mesh_of(solid_of(part) - self.solid)
+        """Return how far a part sticks out at most [m], and where, shape (3,)."""
+        out = mesh_of(hull_of(part.vertices) - self.solid)
         if not len(out.faces):
             return 0.0, part.vertices[0]
         skin = out.triangles[height_over(part, out.triangles_center) > -_BESIDE * self._size]
@@ -59,27 +62,29 @@ class Excess:
         return most, points[which]
 
     def beyond(self, part: trimesh.Trimesh, others: Sequence[trimesh.Trimesh]) -> float:
-        """How far a part sticks out at most [m]; what others cover sticks out of them, too."""
+        """Return how far a part sticks out at most [m], be it covered by others or not."""
         return self.of(part)[0]
 
 
-def split(parts: Sequence[trimesh.Trimesh], excess: Excess, hull: Hull, most: int) -> list[trimesh.Trimesh]:
+def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[trimesh.Trimesh]:
     """Split parts that stick out, and their pieces, until none does, or there are too many.
 
     Args:
         parts: Convex parts that cover the solid.
-        excess: Tells how far they stick out of it.
-        hull: Makes a part of points, shape (n, 3), or none of points in a plane.
-        most: How many parts there may be.
+        excess: Measures how far they stick out of it.
+        most: The largest number of parts.
     """
-    found = [part for part in parts if excess.of(part)[0] <= excess.allowed]
-    kept = {id(part) for part in found}
-    pieces = [piece for part in parts if id(part) not in kept for piece in (excess.solid ^ solid_of(part)).decompose()]
+    found, pieces = [], []
+    for part in parts:
+        if excess.of(part)[0] <= excess.allowed:
+            found.append(part)
+        else:
+            pieces += (excess.solid ^ hull_of(part.vertices)).decompose()
     low, high = np.split(np.array(excess.solid.bounding_box()), 2)
     least = _SLIVER * float(np.prod(high - low))
     while pieces:
         piece = pieces.pop()
-        if piece.volume() < least or (part := hull(mesh_of(piece).vertices)) is None:
+        if piece.volume() < least or (part := hull_or_none(mesh_of(piece).vertices)) is None:
             continue
         away, where = excess.of(part)
         halves = () if away <= excess.allowed or len(found) + len(pieces) > most else _halves(piece, where, away)
@@ -91,7 +96,7 @@ def split(parts: Sequence[trimesh.Trimesh], excess: Excess, hull: Hull, most: in
 
 
 def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple[manifold3d.Manifold, ...]:
-    """The two sides of the best plane near a place; none if no plane cuts the piece there."""
+    """Return the two sides of the best plane near a place; none if no plane cuts the piece there."""
     mesh, best, least = mesh_of(piece), (), np.inf
     near = mesh.vertices[np.linalg.norm(mesh.vertices - where, axis=1) <= _NEAR * away]
     for normal in _normals(mesh):
@@ -110,7 +115,7 @@ def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple
 
 
 def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
-    """The axes, and the directions that most of the surface faces, either way."""
+    """Yield the axes, and the directions that most of the surface faces, either way."""
     normals = mesh.face_normals * np.where(mesh.face_normals @ [1.0, 1e-2, 1e-4] < 0.0, -1.0, 1.0)[:, None]
     _, alike = np.unique(np.round(_ALIKE * normals), axis=0, return_inverse=True)
     areas = np.bincount(alike.ravel(), mesh.area_faces)
@@ -121,55 +126,60 @@ def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
             yield mean / length
 
 
+def small_hull(points: np.ndarray) -> trimesh.Trimesh:
+    """Return the convex hull of points (n, 3), or of those farthest in even directions if it has many vertices."""
+    hull = convex_hull(points)
+    if len(hull.vertices) <= _MOST_VERTICES:
+        return hull
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_EVEN)
+    height = 1.0 - 2.0 * (np.arange(_EVEN) + 0.5) / _EVEN
+    level = np.sqrt(1.0 - height**2)
+    directions = np.stack([level * np.cos(turn), level * np.sin(turn), height], axis=1)
+    directions = np.concatenate([directions, np.eye(3), -np.eye(3)])
+    farthest = np.unique(np.argmax(hull.vertices @ directions.T, axis=0))
+    return convex_hull(hull.vertices[farthest])
+
+
+def hull_or_none(points: np.ndarray) -> trimesh.Trimesh | None:
+    """Return the same; None if the points lie in a plane."""
+    flat = hull_of(points).volume() <= 1e-9 * float(np.ptp(points, axis=0).max()) ** 3
+    return None if flat else small_hull(points)
+
+
 def manifold_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
-    """A closed mesh as a solid; an empty one if edges do not have two faces each.
+    """Return a closed mesh as a solid; an empty one if edges do not have two faces each.
 
     Raises:
         MissingExtraError: manifold3d is not installed.
     """
-    library = _library()
+    library = import_extra("manifold3d", "import")
     return library.Manifold(library.Mesh64(np.array(mesh.vertices, float), np.array(mesh.faces, np.uint64)))
 
 
-def solid_of(part: trimesh.Trimesh) -> manifold3d.Manifold:
-    """A convex part as a solid: made of its vertices, since hulls of nearly flat faces need not be manifolds.
-
-    Raises:
-        MissingExtraError: manifold3d is not installed.
-    """
-    return hull_of(part.vertices)
-
-
 def hull_of(points: np.ndarray) -> manifold3d.Manifold:
-    """The convex hull of points (n, 3) as a solid, an empty one if they lie in a plane.
+    """Return the convex hull of points (n, 3) as a solid, an empty one if they lie in a plane.
+
+    Parts become solids in this way, since the faces of nearly flat ones need not form a manifold.
 
     Raises:
         MissingExtraError: manifold3d is not installed.
     """
-    return _library().Manifold.hull_points(np.array(points, float))
+    return import_extra("manifold3d", "import").Manifold.hull_points(np.array(points, float))
 
 
 def union_of(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:
-    """All of several solids as one.
+    """Return the union of solids.
 
     Raises:
         MissingExtraError: manifold3d is not installed.
     """
-    library = _library()
+    library = import_extra("manifold3d", "import")
     return library.Manifold.batch_boolean(list(solids), library.OpType.Add)
 
 
 def mesh_of(solid: manifold3d.Manifold) -> trimesh.Trimesh:
-    """The surface of a solid."""
+    """Return the surface of a solid."""
     import trimesh
 
     found = solid.to_mesh64()
     return trimesh.Trimesh(found.vert_properties[:, :3], found.tri_verts.astype(int), process=False)
-
-
-def _library() -> ModuleType:
-    try:
-        import manifold3d
-    except ImportError:
-        raise MissingExtraError("manifold3d", "import") from None
-    return manifold3d

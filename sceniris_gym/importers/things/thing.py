@@ -1,8 +1,8 @@
-"""What is read of a thing, whatever it was written in: a tree of links with surfaces to see and solids to touch."""
+"""Things as they are read from a file of any format: a tree of links, with surfaces to see and solids to touch."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -25,9 +25,9 @@ class Surface:
     Attributes:
         vertices: In the frame of its link, shape (n, 3).
         faces: Indices of vertices, counterclockwise as seen from outside, shape (m, 3).
-        rgba: Its colour, from 0 to 1.
-        texture: A picture that is wrapped around it.
-        uv: Where each vertex is in that picture, origin at the bottom left, shape (n, 2).
+        rgba: Its colour, each component from 0 to 1.
+        texture: The image that is mapped onto it.
+        uv: Texture coordinates of the vertices, origin at the bottom left, shape (n, 2).
     """
 
     vertices: np.ndarray
@@ -39,7 +39,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Joint:
-    """How a link moves on its parent: about or along an axis through the link's origin.
+    """A joint between a link and its parent, about or along an axis through the link's origin.
 
     Attributes:
         name: Its name.
@@ -56,22 +56,16 @@ class Joint:
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass [kg], centre of mass, and moments about it in the link's axes: xx, yy, zz, xy, xz, yz."""
+    """Mass [kg], centre of mass, and the inertia matrix about it in the link's axes, shape (3, 3)."""
 
     mass: float
     center: np.ndarray
-    moments: np.ndarray
-
-    @property
-    def full(self) -> np.ndarray:
-        """The moments as a matrix, shape (3, 3)."""
-        xx, yy, zz, xy, xz, yz = self.moments
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    matrix: np.ndarray
 
     @property
     def least(self) -> float:
         """The least of its principal moments [kg m^2]."""
-        return float(np.linalg.eigvalsh(self.full)[0])
+        return float(np.linalg.eigvalsh(self.matrix)[0])
 
 
 @dataclass(frozen=True)
@@ -83,10 +77,10 @@ class Link:
         parent: The link that it hangs on; None for the root.
         pos: Its origin in its parent's frame, shape (3,).
         quat: Its orientation there, wxyz.
-        joint: What it moves by; None if it is fixed.
-        surfaces: What is seen of it.
-        solids: What is touched of it, if the file says so; else that is what is seen.
-        inertia: Its inertia, if the file says so.
+        joint: The joint to its parent; None if it is fixed.
+        surfaces: Its visual surfaces.
+        solids: Its collision surfaces, if the file has any; else the visual ones serve as such.
+        inertia: Its inertia, if the file gives it.
     """
 
     name: str
@@ -103,17 +97,25 @@ class Link:
         """The surfaces that collision geometry is made for."""
         return self.solids or self.surfaces
 
+    def reshaped(self, change: Callable[[np.ndarray], np.ndarray]) -> Link:
+        """Return the link with a function applied to the vertices, shape (n, 3), of each of its surfaces."""
+        surfaces, solids = (
+            tuple(replace(surface, vertices=change(surface.vertices)) for surface in kind)
+            for kind in (self.surfaces, self.solids)
+        )
+        return replace(self, surfaces=surfaces, solids=solids)
+
 
 @dataclass(frozen=True)
 class Thing:
-    """A thing as its file has it.
+    """A thing as its file describes it.
 
     Attributes:
         name: Its name.
-        links: Parents come before what hangs on them; the first is the root.
+        links: Its links, parents before their children; the first is the root.
         meters: Metres for each unit of length; None if the file does not say.
         up: The axis that points up, "x", "y" or "z"; None if the file does not say.
-        notes: What of the file was understood in another way, or left out.
+        notes: Remarks on parts of the file that were interpreted differently, or left out.
         files: Names of all other files that were read.
     """
 
@@ -148,12 +150,10 @@ class Thing:
         The root link's frame stays at the origin, so what belongs to the root is moved itself.
         """
         root, *rest = self.links
-        moved = replace(
-            root,
-            surfaces=tuple(_moved(surface, turn, shift) for surface in root.surfaces),
-            solids=tuple(_moved(surface, turn, shift) for surface in root.solids),
-            inertia=None if root.inertia is None else _turned(root.inertia, turn, shift),
-        )
+        inertia = root.inertia
+        if inertia is not None:
+            inertia = Inertia(inertia.mass, turn @ inertia.center + shift, turn @ inertia.matrix @ turn.T)
+        moved = replace(root.reshaped(lambda vertices: vertices @ turn.T + shift), inertia=inertia)
         children = [
             link
             if link.parent != root.name
@@ -163,29 +163,11 @@ class Thing:
         return replace(self, links=(moved, *children))
 
 
-def faces_of(surfaces: Iterable[Surface]) -> int:
-    """How many triangles surfaces have."""
-    return sum(len(surface.faces) for surface in surfaces)
-
-
 def _scaled(link: Link, factor: float) -> Link:
     joint, inertia = link.joint, link.inertia
     if joint is not None and joint.type == "slide" and joint.range is not None:
         joint = replace(joint, range=(joint.range[0] * factor, joint.range[1] * factor))
     if inertia is not None:
-        inertia = Inertia(inertia.mass, inertia.center * factor, inertia.moments * factor**2)
-    surfaces, solids = (
-        tuple(replace(surface, vertices=surface.vertices * factor) for surface in kind)
-        for kind in (link.surfaces, link.solids)
-    )
-    return replace(link, pos=link.pos * factor, joint=joint, inertia=inertia, surfaces=surfaces, solids=solids)
-
-
-def _moved(surface: Surface, turn: np.ndarray, shift: np.ndarray) -> Surface:
-    return replace(surface, vertices=surface.vertices @ turn.T + shift)
-
-
-def _turned(inertia: Inertia, turn: np.ndarray, shift: np.ndarray) -> Inertia:
-    full = turn @ inertia.full @ turn.T
-    moments = full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return Inertia(inertia.mass, turn @ inertia.center + shift, moments)
+        inertia = Inertia(inertia.mass, inertia.center * factor, inertia.matrix * factor**2)
+    reshaped = link.reshaped(lambda vertices: vertices * factor)
+    return replace(reshaped, pos=link.pos * factor, joint=joint, inertia=inertia)

@@ -1,4 +1,4 @@
-"""In which unit of length a thing is written, and which of its axes points up: stated, asked, or guessed and said."""
+"""Unit of length and up axis of a thing: given, stated by its file, asked for, or guessed, which the manifest says."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from sceniris_gym.errors import ArgumentError, SizeError
 from sceniris_gym.importers.things.thing import Thing
 
 LEAST_SIZE, MOST_SIZE = 0.001, 50.0
-"""Longest edge of the bounds of a thing [m]: anything else is most likely in another unit."""
+"""Limits of the longest edge of a thing's bounds [m]: anything outside them is most likely in another unit."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Metres for each unit."""
-_USUAL = (0.01, 3.0)  # m: what most things that are placed in scenes measure
-# Turns that make an axis of the file point up, x to the right where that is possible.
-_TURNS = {
+_USUAL = (0.01, 3.0)  # m: the sizes of most things that are placed in scenes
+UPRIGHT = {
     "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
     "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     "z": np.eye(3),
 }
+"""Rotation matrices (3, 3) after which an axis of the file points up, by its name; x stays to the right if possible."""
 
 Ask = Callable[[str], str]
 """Asks the user a question and returns the answer."""
 
 
 def ask_on_terminal() -> Ask | None:
-    """Return what asks the user, or None if there is nobody to be asked."""
+    """Return a function that asks the user on the terminal, or None if there is no terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return None
 
@@ -56,12 +56,12 @@ def parse_scale(text: str) -> float:
 
 
 def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> tuple[float, str]:
-    """Return metres for each unit of length of a thing, and how that is known.
+    """Return metres for each unit of length of a thing, and the source of that number.
 
-    A scale that is given wins over what the file says; if neither is there, metres are taken if they make sense.
+    A given scale takes precedence over that of the file; without either, metres are assumed if they make sense.
 
     Raises:
-        SizeError: The thing would be smaller than 1 mm or larger than 50 m, and there is nobody to be asked.
+        SizeError: The thing would be smaller than 1 mm or larger than 50 m, and nobody can be asked.
         ArgumentError: The scale, or the answer, is no scale.
     """
     size = float(thing.extents().max())
@@ -86,12 +86,12 @@ def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> 
 
 
 def find_up(thing: Thing, up: str | None, stands: Callable[[str], bool]) -> tuple[str, str]:
-    """Return the axis of the file that points up, and how that is known.
+    """Return the axis of the file that points up, and the source of that choice.
 
     Args:
         thing: The thing.
-        up: The axis if the user says so.
-        stands: Whether the thing would stand with this axis up.
+        up: The axis that the user gives, if any.
+        stands: Returns whether the thing would stand with this axis up.
     """
     if up is not None:
         return up, "as given"
@@ -103,13 +103,8 @@ def find_up(thing: Thing, up: str | None, stands: Callable[[str], bool]) -> tupl
     return "z", "guessed: it stands neither way"
 
 
-def upright(axis: str) -> np.ndarray:
-    """Return the rotation matrix (3, 3) after which an axis of the file points up."""
-    return _TURNS[axis]
-
-
 def _choices(size: float) -> str:
-    """The units in which a thing of this size [units] would be of a usual size, or else of any that is possible."""
+    """Name the units that would make a thing of this size [units] usual in size, or else possible."""
     if size == 0.0:
         return "All its vertices are in one place: export it again"
     for low, high in (_USUAL, (LEAST_SIZE, MOST_SIZE)):

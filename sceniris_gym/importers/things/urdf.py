@@ -1,4 +1,4 @@
-"""Reads URDF: links, joints, and the meshes and primitives that they are made of."""
+"""Reads URDF: links and joints, with their meshes and primitives."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-import mujoco
 import numpy as np
 
 from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError, UnknownNameError
-from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.rotations import matrix, of_angles
 from sceniris_gym.importers.things.meshes import read_surfaces
 from sceniris_gym.importers.things.thing import GREY, LEAST_MOMENT, Inertia, Joint, Link, Surface, Thing
 from sceniris_gym.scene.model_files import file_of
 
 _JOINTS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
-_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_MOMENTS = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
 
 
 def read_urdf(path: Path) -> Thing:
@@ -36,7 +35,7 @@ def read_urdf(path: Path) -> Thing:
         raise SceneFileError(f"{path}: it cannot be read as XML: {error}. Correct it, or export it again.") from None
     if robot.tag != "robot":
         raise SceneFileError(f"{path}: it should begin with <robot>, as a URDF does; found <{robot.tag}>.")
-    folder = path.absolute().parent  # a relative path has no folders above it
+    folder = path.absolute().parent  # as a relative path has no folders above it
     meshes = {mesh.get("filename", ""): file_of(mesh.get("filename", ""), folder) for mesh in robot.iter("mesh")}
     missing = [name for name, found in meshes.items() if found is None]
     if missing:
@@ -67,12 +66,8 @@ def _link(path: Path, element: ElementTree.Element, colours: dict[str, tuple[flo
         tuple(surface for shape in element.findall(kind) for surface in _shape(path, shape, colours))
         for kind in ("visual", "collision")
     )
-    return Link(
-        element.get("name", ""),
-        surfaces=surfaces or solids,
-        solids=solids,
-        inertia=_inertia(element.find("inertial")),
-    )
+    inertia = _inertia(element.find("inertial"))
+    return Link(element.get("name", ""), surfaces=surfaces or solids, solids=solids, inertia=inertia)
 
 
 def _in_order(path: Path, links: dict[str, Link], joints: list[ElementTree.Element]) -> Iterator[Link]:
@@ -154,22 +149,20 @@ def _inertia(element: ElementTree.Element | None) -> Inertia | None:
     if element is None or mass is None or inertia is None:
         return None
     pos, quat = _origin(element)
-    xx, yy, zz, xy, xz, yz = (float(inertia.get(name, 0.0)) for name in _MOMENTS)
     turn = matrix(quat)
-    full = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    full = turn @ np.reshape([float(inertia.get(name, 0.0)) for name in _MOMENTS], (3, 3)) @ turn.T
     value = float(mass.get("value", 0.0))
     least, middle, most = np.linalg.eigvalsh(full)
     if value <= 0.0 or least <= LEAST_MOMENT or least + middle < most:
         return None  # no body has such moments
-    return Inertia(value, pos, full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    return Inertia(value, pos, full)
 
 
 def _origin(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
-    """The pose of an element: position, and orientation as wxyz."""
+    """Return the pose of an element: position, and orientation as wxyz."""
     origin = element.find("origin")
-    quat = np.empty(4)
-    mujoco.mju_euler2Quat(quat, _floats(None if origin is None else origin.get("rpy"), (0, 0, 0)), "XYZ")
-    return _floats(None if origin is None else origin.get("xyz"), (0, 0, 0)), quat
+    words = {} if origin is None else origin.attrib
+    return _floats(words.get("xyz"), (0, 0, 0)), of_angles(_floats(words.get("rpy"), (0, 0, 0)))
 
 
 def _floats(text: str | None, default: tuple[float, ...]) -> np.ndarray:

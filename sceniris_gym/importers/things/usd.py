@@ -1,4 +1,4 @@
-"""Reads USD: the meshes of a stage and what they look like, with usd-core."""
+"""Reads USD: the meshes of a stage and their materials, with usd-core."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sceniris_gym.errors import InstancesError, MissingExtraError, SceneFileError
+from sceniris_gym.errors import InstancesError, SceneFileError, import_extra
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -18,17 +18,16 @@ SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 def read_usd(path: Path) -> Thing:
     """Read all visible meshes and primitives of a stage, at its first time, as a thing of one link.
 
-    Instances of a prototype are read as often as they stand there; a PointInstancer is refused.
+    Each instance of a prototype is read; a PointInstancer is refused.
 
     Raises:
         MissingExtraError: usd-core is not installed.
         SceneFileError: The file cannot be read, or refers to a file that does not exist.
         InstancesError: It has a PointInstancer.
     """
-    try:
-        from pxr import Tf, Usd, UsdGeom
-    except ImportError:
-        raise MissingExtraError("usd-core", "import") from None
+    import_extra("pxr", "import", "usd-core")
+    from pxr import Tf, Usd, UsdGeom
+
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -62,7 +61,7 @@ def read_usd(path: Path) -> Thing:
 
 
 def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
-    """The triangles of a mesh, or of a primitive, in its own frame."""
+    """Yield the triangles of a mesh, or of a primitive, in its own frame."""
     from pxr import UsdGeom
 
     rgba = _display_colour(prim, time)
@@ -86,21 +85,17 @@ def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
         triangles = triangles[:, ::-1]
     colour, texture = _material(prim)
     uv = _coordinates(prim, time, corners, len(points)) if texture is not None else None
-    if uv is not None:  # a corner of its own for each corner of a face: pictures may have seams
+    if uv is not None:  # a vertex of its own for each corner of a face, as textures may have seams
         yield Surface(points[corners], triangles, (1.0, 1.0, 1.0, 1.0), texture, uv)
     else:
         yield Surface(points, corners[triangles], rgba if colour is None else colour)
 
 
 def _fans(counts: np.ndarray) -> np.ndarray:
-    """Polygons as fans of triangles: indices of corners, shape (n, 3)."""
+    """Return polygons as fans of triangles: indices of corners, shape (n, 3)."""
     first = np.cumsum(counts) - counts
-    found = [
-        np.stack([start, start + i + 1, start + i + 2], axis=1)
-        for i in range(int(counts.max()) - 2)
-        if len(start := first[counts > i + 2])
-    ]
-    return np.concatenate(found) if found else np.zeros((0, 3), int)
+    fans = [first[counts > i + 2, None] + [0, i + 1, i + 2] for i in range(int(counts.max()) - 2)]
+    return np.concatenate([*fans, np.zeros((0, 3), int)])
 
 
 def _primitive(prim: Any, time: Any) -> Any:
@@ -134,7 +129,7 @@ def _display_colour(prim: Any, time: Any) -> tuple[float, ...]:
 
 
 def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
-    """The colour, and the picture, of the preview surface that is bound to a prim."""
+    """Return the colour, or the picture, of the preview surface that is bound to a prim."""
     from pxr import UsdShade
 
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
@@ -151,7 +146,7 @@ def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
 
 
 def _picture(asset: Any) -> Any:
-    """The picture behind a path of an asset, inside of an archive too; None if there is none."""
+    """Return the picture at a path of an asset, which may be inside an archive; None if there is none."""
     import io
 
     from PIL import Image, UnidentifiedImageError
@@ -169,7 +164,7 @@ def _picture(asset: Any) -> Any:
 
 
 def _coordinates(prim: Any, time: Any, corners: np.ndarray, npoint: int) -> np.ndarray | None:
-    """Where each corner of a face is in the picture, shape (ncorner, 2)."""
+    """Return the texture coordinates of each corner of a face, shape (ncorner, 2)."""
     from pxr import UsdGeom
 
     api = UsdGeom.PrimvarsAPI(prim)

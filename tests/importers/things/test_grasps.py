@@ -12,7 +12,7 @@ from tests.importers.things.shapes import box
 def grasps_of(extents: tuple[float, float, float]) -> list:
     """Grasps of a box that stands on z = 0."""
     mesh = box(extents).apply_translation([0, 0, 0.5 * extents[2]])
-    return antipodal_grasps(np.asarray(mesh.triangles), np.asarray(mesh.sample(2000, seed=0)), 0.0)
+    return antipodal_grasps(np.asarray(mesh.triangles), np.asarray(mesh.sample(2000, seed=0)))
 
 
 def test_fingers_close_across_parallel_sides():

@@ -16,7 +16,7 @@ def test_a_box_has_the_inertia_of_a_box():
     solid = repair([surface(box((0.1, 0.2, 0.3)))], "box")
     found = inertia_of(solid, convex_parts(solid, "box"), 1000.0)
     assert found.mass == pytest.approx(6.0)
-    np.testing.assert_allclose(found.moments[:3], 0.5 * np.array([0.13, 0.10, 0.05]), rtol=1e-6)
+    np.testing.assert_allclose(found.matrix.diagonal(), 0.5 * np.array([0.13, 0.10, 0.05]), rtol=1e-6)
     np.testing.assert_allclose(found.center, 0.0, atol=1e-9)
 
 

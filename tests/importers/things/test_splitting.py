@@ -10,8 +10,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.errors import MissingExtraError
-from sceniris_gym.importers.things.convex_parts import small_hull
-from sceniris_gym.importers.things.splitting import Excess, manifold_of, mesh_of, solid_of, split, union_of
+from sceniris_gym.importers.things.splitting import Excess, hull_of, manifold_of, mesh_of, small_hull, split, union_of
 from tests.importers.things.shapes import box
 
 pytest.importorskip("manifold3d", reason="manifold3d is not installed (extra 'import')")
@@ -20,7 +19,7 @@ _BLOCK, _SLOT = (0.1, 0.08, 0.06), (0.012, 0.2, 0.04)
 
 
 def turned(yaw: float) -> np.ndarray:
-    """Where the slot is: open at the top and at both ends, at an angle, as a 4x4 matrix."""
+    """Return the pose of the slot, open at the top and at both ends, at an angle, as a 4x4 matrix."""
     return trimesh.transformations.rotation_matrix(yaw, [0, 0, 1]) @ trimesh.transformations.translation_matrix(
         [0.01, 0.0, 0.02]
     )
@@ -32,7 +31,7 @@ def slotted(yaw: float) -> trimesh.Trimesh:
 
 
 def inside(parts: list[trimesh.Trimesh], points: np.ndarray, margin: float) -> np.ndarray:
-    """Which points (n, 3) are in any of the parts grown by a margin [m], by qhull's planes."""
+    """Return which points (n, 3) are in any of the parts grown by a margin [m], by qhull's planes."""
     planes = [ConvexHull(part.vertices).equations for part in parts]
     return np.any([(points @ p[:, :3].T + p[:, 3]).max(axis=1) <= margin for p in planes], axis=0)
 
@@ -41,7 +40,7 @@ def inside(parts: list[trimesh.Trimesh], points: np.ndarray, margin: float) -> n
 def test_a_slot_stays_free_and_nothing_is_lost(yaw: float):
     """Begun with the hull, whatever the angle of the slot."""
     mesh = slotted(yaw)
-    parts = split([mesh.convex_hull], Excess(manifold_of(mesh), mesh, _ALLOWED), small_hull, 50)
+    parts = split([mesh.convex_hull], Excess(manifold_of(mesh), mesh, _ALLOWED), 50)
     assert 3 <= len(parts) <= 8
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (20_000, 3)) * _BLOCK
     in_slot = trimesh.transform_points(points, np.linalg.inv(turned(yaw)))
@@ -54,10 +53,10 @@ def test_a_slot_stays_free_and_nothing_is_lost(yaw: float):
 
 
 def test_too_many_parts_are_not_made():
-    """What is left then sticks out, as it did before."""
+    """The rest still sticks out, as it did before."""
     mesh = slotted(0.3)
     excess = Excess(manifold_of(mesh), mesh, _ALLOWED)
-    parts = split([mesh.convex_hull], excess, small_hull, 0)
+    parts = split([mesh.convex_hull], excess, 0)
     assert len(parts) == 2
     assert max(excess.of(part)[0] for part in parts) > _ALLOWED
 
@@ -65,7 +64,7 @@ def test_too_many_parts_are_not_made():
 def test_what_fits_is_not_split():
     """A box within a box sticks out of nothing."""
     parts = [box((0.02, 0.02, 0.02)), box((0.04, 0.06, 0.1009))]
-    kept = split(parts, Excess(manifold_of(box()), box(), 0.001), small_hull, 50)
+    kept = split(parts, Excess(manifold_of(box()), box(), 0.001), 50)
     assert [id(part) for part in kept] == [id(part) for part in parts]
 
 
@@ -91,7 +90,7 @@ def test_a_hull_of_nearly_flat_faces_is_a_solid():
     )
     bumps[8:, 2] += 1e-9 * rng.random(500)
     hull = small_hull(bumps)
-    assert solid_of(hull).volume() == pytest.approx(float(box().volume), rel=1e-4)
+    assert hull_of(hull.vertices).volume() == pytest.approx(float(box().volume), rel=1e-4)
 
 
 def test_a_union_covers_its_solids_once():

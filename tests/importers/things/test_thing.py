@@ -11,9 +11,7 @@ CORNER = Surface(np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]]), 
 CHAIN = Thing(
     "chain",
     (
-        Link(
-            "base", surfaces=(CORNER,), inertia=Inertia(1.0, np.array([1.0, 0.0, 0.0]), np.array([1.0, 2, 3, 0, 0, 0]))
-        ),
+        Link("base", surfaces=(CORNER,), inertia=Inertia(1.0, np.array([1.0, 0.0, 0.0]), np.diag([1.0, 2.0, 3.0]))),
         Link("arm", "base", np.array([0, 0, 10.0]), np.array([HALF, 0, 0, HALF]), surfaces=(CORNER,)),
         Link(
             "tip",
@@ -46,10 +44,10 @@ def test_another_unit_changes_all_lengths():
 
 
 def test_a_turned_thing_has_turned_points_and_moments():
-    """What hangs on the root turns with it."""
+    """Children of the root turn with it."""
     turn, shift = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.0, 0.0, 7.0])
     moved = CHAIN.moved(turn, shift)
     np.testing.assert_allclose(moved.points(), CHAIN.points() @ turn.T + shift, atol=1e-12)
     assert moved.links[0].inertia is not None
-    np.testing.assert_allclose(moved.links[0].inertia.moments, [2, 1, 3, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(moved.links[0].inertia.matrix, np.diag([2.0, 1.0, 3.0]), atol=1e-12)
     np.testing.assert_allclose(moved.links[0].inertia.center, [0, 1, 7], atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 
 from sceniris_gym.errors import ArgumentError, SizeError
 from sceniris_gym.importers.things.thing import Link, Thing
-from sceniris_gym.importers.things.units import find_scale, find_up, parse_scale, upright
+from sceniris_gym.importers.things.units import UPRIGHT, find_scale, find_up, parse_scale
 from tests.importers.things.shapes import box, surface
 
 
@@ -43,7 +43,7 @@ def test_a_remedy_is_one_that_helps():
 
 
 def refused(size: float, scale: str | None = None) -> SizeError:
-    """What is said of a size that nobody can be asked about."""
+    """Return the error about a size that nobody can be asked about."""
     with pytest.raises(SizeError) as raised:
         find_scale(thing(size), scale, None, "cube.stl")
     return raised.value
@@ -85,6 +85,6 @@ def test_an_axis_points_up_if_it_is_said_or_the_thing_stands_so():
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_turns_make_the_axis_point_up(axis: str):
     """And are rotations."""
-    turn = upright(axis)
+    turn = UPRIGHT[axis]
     np.testing.assert_allclose(turn @ np.eye(3)["xyz".index(axis)], [0, 0, 1])
     assert np.linalg.det(turn) == pytest.approx(1.0)

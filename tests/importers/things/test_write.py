@@ -11,10 +11,10 @@ from PIL import Image
 
 from sceniris_gym.importers.things.grasps import GraspSite
 from sceniris_gym.importers.things.thing import Inertia, Joint, Link, Thing
-from sceniris_gym.importers.things.write import Body, write_asset
+from sceniris_gym.importers.things.write import write_asset
 from tests.importers.things.shapes import box, surface
 
-HEAVY = Inertia(2.0, np.array([0.01, 0.0, 0.0]), np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.0]))
+HEAVY = Inertia(2.0, np.array([0.01, 0.0, 0.0]), 0.01 * np.eye(3))
 
 
 def test_a_thing_of_two_links_is_what_mujoco_reads(tmp_path: Path):
@@ -27,11 +27,12 @@ def test_a_thing_of_two_links_is_what_mujoco_reads(tmp_path: Path):
         np.array([0.0, 0.0, 0.2]),
         joint=Joint("hinge", "hinge", np.eye(3)[1], (0.0, 1.0)),
         surfaces=(plain,),
+        solids=(plain,),
+        inertia=HEAVY,
     )
-    thing = Thing("pot", (Link("base", surfaces=(textured,)), lid))
-    body = Body([(plain.vertices, plain.faces)], HEAVY)
+    thing = Thing("pot", (Link("base", surfaces=(textured,), solids=(plain,), inertia=HEAVY), lid))
     grasp = GraspSite(np.array([0.0, 0.0, 0.1]), np.array([0.0, 1.0, 0.0, 0.0]), 0.04)
-    files = write_asset(thing, [body, body], [grasp], tmp_path / "pot.xml")
+    files = write_asset(thing, [grasp], tmp_path / "pot.xml")
     assert all(file.is_file() for file in files)
     assert all(file.name.startswith("pot") for file in files)
     mjm = mujoco.MjModel.from_xml_path(str(tmp_path / "pot.xml"))
