@@ -1,4 +1,4 @@
-"""What an object can be put on, by its name: the floor, parts of objects, and what never moves in the model."""
+"""Supports by name: the floor, parts of objects, and static geoms and bodies of the model."""
 
 from __future__ import annotations
 
