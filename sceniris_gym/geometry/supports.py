@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import TYPE_CHECKING
 
@@ -144,13 +144,9 @@ def crop(
 
 
 def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) -> list[SupportSurface]:
-    kept = []
-    for s in surfaces:
-        left = _eroded(s, erosion)
-        left = _parts(left.intersection(keep) if keep is not None else left)
-        if not left.is_empty:
-            kept.append(SupportSurface(s.body, s.height, s.outline, left))
-    return kept
+    left = (_eroded(s, erosion) if keep is None else _eroded(s, erosion).intersection(keep) for s in surfaces)
+    regions = (_parts(area) for area in left)
+    return [replace(s, region=region) for s, region in zip(surfaces, regions, strict=True) if not region.is_empty]
 
 
 def _eroded(surface: SupportSurface, erosion: float) -> BaseGeometry:
@@ -161,12 +157,9 @@ def _with_points(
     surfaces: list[SupportSurface], points: tuple[tuple[float, ...], ...], erosion: float
 ) -> list[SupportSurface]:
     """Return the surfaces that points are on, each with these points."""
-    kept = []
-    for s in surfaces:
-        on = shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE
-        if on.any():
-            kept.append(SupportSurface(s.body, s.height, s.outline, MultiPoint(np.array(points)[on])))
-    return kept
+    on = [shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE for s in surfaces]
+    regions = (MultiPoint(np.array(points)[which]) for which in on)
+    return [replace(s, region=region) for s, region in zip(surfaces, regions, strict=True) if not region.is_empty]
 
 
 def _check_points(
