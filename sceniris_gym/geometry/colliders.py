@@ -14,8 +14,9 @@ from sceniris_gym.geometry.ragged import ranges
 
 # Boxes are grown by this much [m] so that rounding to float32 cannot lose a leaf.
 _GROW = 1.0e-6
+_NO_POINTS = np.zeros((0, 3))
 PIECE_LEAF = 1 << 30
-"""Where some leaves are faces, this is added to the number of a piece that is one."""
+"""Added to the number of a piece that is a leaf where other leaves are faces."""
 
 
 @dataclass
@@ -40,10 +41,10 @@ class Colliders:
 
 
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Colliders:
-    """One collider for each body's solid pieces, and one for each plane; leaves are pieces, or faces if `visual`.
+    """Return a collider for each body's solid pieces, and one for each plane; leaves are pieces, or faces if `visual`.
 
-    Round pieces are leaves of their own in either case: no faces describe them exactly. What their faces are good for
-    is containment and roofs, so the mesh of a collider has them.
+    Round pieces are leaves of their own in either case, as no faces describe them exactly. Their faces serve for
+    containment and covers only, so the mesh of a collider has them.
     """
     c = Colliders()
     by_class: dict[tuple[int, bool, int], list[int]] = {}
@@ -53,32 +54,17 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> Collide
         c.contact_class += [contact_class] * (len(solid) if is_plane else 1)
         if is_plane:
             for i in solid:
-                _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), plane=i, mesh=0, leaves=np.zeros(1, int))
-                c.points.append(np.zeros((0, 3)))
-                c.depth_inside.append(0.0)
-            continue
-        if visual:
-            meshes = [pieces[i].mesh for i in solid]
-            triangles = np.concatenate([m.triangles for m in meshes if m is not None])
-            triangles = triangles[~flat_faces(triangles)]
-            mesh = device_mesh(triangles.reshape(-1, 3), device)
-            c.keep.append(mesh)
-            c.depth_inside.append(most_depth(mesh, triangles.min((0, 1)), triangles.max((0, 1)), device))
-            _add_faces(c, body, [(i, pieces[i]) for i in solid], mesh.id)
-            parts = [part for m in meshes if m is not None for part in m.split(only_watertight=False)]
-            # the highest one: it is usually farthest from what carries the object, and nothing is asked about it then
-            c.points.append(np.array([part.vertices[part.vertices[:, 2].argmax()] for part in parts]))
+                _add_tree(c, body, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, int), plane=i)
+        elif visual:
+            _add_faces(c, body, [(i, pieces[i]) for i in solid], device)
         else:
-            bounds = [pieces[i].bounds() for i in solid]
-            lower, upper = np.array([b[0] for b in bounds]), np.array([b[1] for b in bounds])
-            _add_tree(c, body, lower, upper, plane=-1, mesh=0, leaves=np.array(solid))
-            c.points.append(np.zeros((0, 3)))
-            c.depth_inside.append(0.0)
+            lower, upper = np.stack([pieces[i].bounds() for i in solid], axis=1)
+            _add_tree(c, body, lower, upper, np.array(solid))
     return c
 
 
 def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
-    """A mesh on a device, with winding numbers, from the corners of its triangles in a row, shape (3n, 3)."""
+    """Return a mesh on a device, with winding numbers, from the corners of its triangles in a row, shape (3n, 3)."""
     return wp.Mesh(
         points=wp.array(corners, dtype=wp.vec3, device=device),
         indices=wp.array(np.arange(len(corners)), dtype=int, device=device),
@@ -86,8 +72,17 @@ def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
     )
 
 
-def _add_faces(c: Colliders, body: int, solid: list[tuple[int, Piece]], mesh: int) -> None:
+def _add_faces(c: Colliders, body: int, solid: list[tuple[int, Piece]], device: str) -> None:
     """Append the collider of a body's visible pieces, given with their numbers."""
+    meshes = [p.mesh for _, p in solid if p.mesh is not None]
+    all_faces = np.concatenate([m.triangles for m in meshes])
+    all_faces = all_faces[~flat_faces(all_faces)]
+    mesh = device_mesh(all_faces.reshape(-1, 3), device)
+    c.keep.append(mesh)
+    depth_inside = most_depth(mesh, all_faces.min((0, 1)), all_faces.max((0, 1)), device)
+    parts = [part for m in meshes for part in m.split(only_watertight=False)]
+    # the highest one: it is usually farthest from the support of the object, and nothing is asked about it then
+    points = np.array([part.vertices[part.vertices[:, 2].argmax()] for part in parts])
     flat = [p.mesh.triangles for _, p in solid if p.mesh is not None and p.type not in ROUND]
     triangles = np.concatenate([*flat, np.zeros((0, 3, 3))])
     triangles = triangles[~flat_faces(triangles)]  # their edges are those of their neighbours
@@ -95,20 +90,31 @@ def _add_faces(c: Colliders, body: int, solid: list[tuple[int, Piece]], mesh: in
     lower = np.array([*triangles.min(axis=1), *(low for _, (low, _) in round_pieces)])
     upper = np.array([*triangles.max(axis=1), *(high for _, (_, high) in round_pieces)])
     leaves = [*range(c.leaves, c.leaves + len(triangles)), *(PIECE_LEAF + i for i, _ in round_pieces)]
-    _add_tree(c, body, lower, upper, plane=-1, mesh=mesh, leaves=np.array(leaves))
+    _add_tree(c, body, lower, upper, np.array(leaves), mesh=mesh.id, depth_inside=depth_inside, points=points)
     c.faces.append(triangles)
     c.leaves += len(triangles)
 
 
 def _add_tree(
-    c: Colliders, body: int, lower: np.ndarray, upper: np.ndarray, *, plane: int, mesh: int, leaves: np.ndarray
+    c: Colliders,
+    body: int,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    leaves: np.ndarray,
+    *,
+    plane: int = -1,
+    mesh: int = 0,
+    depth_inside: float = 0.0,
+    points: np.ndarray = _NO_POINTS,
 ) -> None:
-    """Append a collider with leaves of these numbers."""
+    """Append a collider whose leaves have these numbers."""
     tree = build_tree(lower - _GROW, upper + _GROW)
     c.body.append(body)
     c.root.append(c.nodes)
     c.plane.append(plane)
     c.mesh.append(mesh)
+    c.depth_inside.append(depth_inside)
+    c.points.append(points)
     c.center.append(tree.center)
     c.half.append(tree.half)
     number = leaves[np.where(tree.child < 0, ~tree.child, 0)]
@@ -118,7 +124,7 @@ def _add_tree(
 
 
 def collider_arrays(c: Colliders) -> dict[str, np.ndarray]:
-    """The fields of `device.Program` that hold colliders, boxes and faces."""
+    """Return the fields of `device.Program` that hold colliders, boxes and faces."""
     faces = np.concatenate([*c.faces, np.zeros((0, 3, 3))])
     points, adr, num = ranges(c.points)
     return {

@@ -1,85 +1,66 @@
-"""MuJoCo's own rules: which geoms collide, and from which distance on a contact acts."""
+"""MuJoCo's contact rules: the pairs of geoms that collide, and the distance at which their contact acts."""
 
 from __future__ import annotations
+
+from functools import cache
 
 import mujoco
 import numpy as np
 
 
 class ContactRules:
-    """Which geoms of a model collide, by contact class: geoms of one class meet the same others from the same distance.
+    """The contact rules of a model, by class: geoms of one class collide with the same others at the same distance.
 
-    Explicit `<pair>`s come before contact bits, and have margins of their own. How excludes, parents and
-    what never moves bear on them is in `program/pairs.py`.
+    Explicit `<pair>`s take precedence over contact bits, and have margins of their own. `program/pack/pairs.py` says
+    how they combine with excludes, parents and static geoms.
 
     Args:
         mjm: The model.
-        geometry: "physics"; or "visual", where what is seen collides and MuJoCo's rules do not apply.
+        geometry: "physics"; or "visual", where all visible geoms collide and MuJoCo's rules do not apply.
 
     Attributes:
         classes: Contact class of each geom, shape (ngeom,).
+        meet: Returns whether geoms of two classes collide: an explicit pair, or contact bits that match.
+        distance: Returns the distance [m] at which a contact of geoms of two classes acts: 0 without margins.
     """
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
         self._mjm, self._visual = mjm, geometry == "visual"
         self._paired: dict[frozenset[int], float] = {}
-        # as lists, since single numbers of an array are slow, and scenes have a million pairs
-        self._contype, self._conaffinity = mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist()
-        self._margin, self._gap = mjm.geom_margin.tolist(), mjm.geom_gap.tolist()
         self._excluded = {int(signature) for signature in mjm.exclude_signature}
-        self._meet: dict[tuple[int, int], bool] = {}
-        self._distance: dict[tuple[int, int], float] = {}
+        # kept, since scenes have a million pairs
+        self.meet, self.distance = cache(self._work_out_meet), cache(self._work_out_distance)
         if self._visual:
             self.classes = np.zeros(mjm.ngeom, int)
             return
         for a, b, distance in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True):
             self._paired[frozenset((int(a), int(b)))] = float(distance)
         inside = {geom for pair in self._paired for geom in pair}
+        fields = (mjm.geom_contype, mjm.geom_conaffinity, mjm.geom_margin, mjm.geom_gap)
         keys = [
-            (geom,) if geom in inside else (-1, bits[0], bits[1], margin, gap)
-            for geom, (bits, margin, gap) in enumerate(
-                zip(
-                    zip(self._contype, self._conaffinity, strict=True),
-                    self._margin,
-                    self._gap,
-                    strict=True,
-                )
-            )
+            (geom,) if geom in inside else key
+            for geom, key in enumerate(zip(*(field.tolist() for field in fields), strict=True))
         ]
         first = {key: geom for geom, key in reversed(list(enumerate(keys)))}
         self.classes = np.array([first[key] for key in keys], int)
 
     def collides(self, geom: int) -> bool:
-        """Whether a geom collides with anything at all."""
+        """Return whether a geom collides with anything at all."""
         bits = int(self._mjm.geom_contype[geom] | self._mjm.geom_conaffinity[geom])
         return bits != 0 or any(geom in pair for pair in self._paired)
 
     def is_explicit(self, a: int, b: int) -> bool:
-        """Whether geoms of two classes are an explicit `<pair>`, to which excludes and parents are nothing."""
+        """Return whether geoms of two classes are an explicit `<pair>`, to which excludes and parents do not apply."""
         return bool(self._paired) and frozenset((a, b)) in self._paired
 
     def excludes(self, body: int, other: int) -> bool:
-        """Whether the model excludes the contacts of two bodies."""
+        """Return whether the model excludes the contacts of two bodies."""
         return bool(self._excluded) and (min(body, other) << 16) + max(body, other) in self._excluded
-
-    def meet(self, a: int, b: int) -> bool:
-        """Whether geoms of two classes collide: an explicit pair, or the contype of either meets the other's bits."""
-        found = self._meet.get((a, b))
-        if found is None:
-            found = self._meet[a, b] = self._work_out_meet(a, b)
-        return found
-
-    def distance(self, a: int, b: int) -> float:
-        """From which distance [m] on a contact of geoms of two classes acts: 0 without margins."""
-        found = self._distance.get((a, b))
-        if found is None:
-            found = self._distance[a, b] = self._work_out_distance(a, b)
-        return found
 
     def _work_out_meet(self, a: int, b: int) -> bool:
         if self._visual or self.is_explicit(a, b):
             return True
-        contype, conaffinity = self._contype, self._conaffinity
+        contype, conaffinity = self._mjm.geom_contype, self._mjm.geom_conaffinity
         return bool(contype[a] & conaffinity[b] or contype[b] & conaffinity[a])
 
     def _work_out_distance(self, a: int, b: int) -> float:

@@ -1,4 +1,4 @@
-"""How far a point inside a closed mesh can be from its surface: a bound that makes tests of containment short."""
+"""A bound on the distance of points inside a closed mesh from its surface, which shortens containment tests."""
 
 import numpy as np
 import warp as wp
@@ -43,5 +43,5 @@ def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str)
     wp.launch(
         _measure_depth, dim=dim.tolist(), inputs=[mesh.id, wp.vec3(*lower), cell, most], outputs=[depth], device=device
     )
-    # a point inside is within half a diagonal of the middle of its cell, and of the surface if that lies outside
+    # a point inside is within half a diagonal of its cell's centre, and of the surface if that centre lies outside
     return float(depth.numpy()[0]) + 0.5 * np.sqrt(3.0) * cell

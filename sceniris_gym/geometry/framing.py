@@ -1,4 +1,4 @@
-"""Where a camera stands so that it just sees some points."""
+"""Placement of a camera that just sees some points."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) 
 
 
 def camera_axes(backward: np.ndarray) -> np.ndarray:
-    """Axes of an upright camera that looks against `backward`, shape (3, 3): columns right, up and backward."""
+    """Return the axes of an upright camera that looks against `backward`, shape (3, 3): right, up and backward."""
     backward = backward / np.linalg.norm(backward)
     right = np.cross([0.0, 0.0, 1.0], backward)
     right /= np.linalg.norm(right)
@@ -41,6 +41,6 @@ def camera_axes(backward: np.ndarray) -> np.ndarray:
 
 
 def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """The eight corners [m] of an upright box, shape (8, 3)."""
+    """Return the eight corners [m] of an upright box, shape (8, 3)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return center + signs * half

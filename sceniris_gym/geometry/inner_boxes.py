@@ -1,4 +1,4 @@
-"""Cores: boxes inside of things. Where two of them overlap the things collide, whatever their surfaces look like."""
+"""Inner boxes: boxes inside of things. Where two of them overlap, the things collide whatever their surfaces are."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.rotations import matrix
 
-# A core is smaller than what it lies in by this much [m] on every side, so that rounding cannot push it out.
+# An inner box is smaller than its piece by this much [m] on every side, so that rounding cannot push it out.
 _INSIDE = 2.0e-5
-# Thinner ones [m] prove little.
+# Thinner boxes [m] prove little.
 _LEAST_HALF = 3.0e-4
-# How often each side of a box moves out, by which share of the room that it has.
+# Each side of a box moves out once for each share, by that share of the room that it has.
 _SHARES = (0.3, 0.3, 0.5, 0.5, 1.0)
 
 Box = tuple[np.ndarray, np.ndarray]
-"""Centre and half extents [m], shape (3,) each; half extents of 0 stand for no core."""
+"""Centre and half extents [m], shape (3,) each; half extents of 0 mean that there is no inner box."""
 
 
 def no_inner_box() -> Box:
-    """What has no room for a box."""
+    """Return the box of a piece that has no room for one."""
     return np.zeros(3), np.zeros(3)
 
 
 def inner_box(piece: Piece) -> Box:
-    """A large box inside of a piece's convex form, in the piece's frame."""
+    """Return a large box inside of a piece's convex form, in the piece's frame."""
     sx, sy, _ = piece.size
     corner = 1.0 / math.sqrt(3.0)
     if piece.type == PieceType.HULL:
@@ -42,7 +42,7 @@ def inner_box(piece: Piece) -> Box:
 
 
 def _hull_inner_box(piece: Piece) -> Box:
-    """That of a hull: it begins in the middle with the proportions of its bounds, then its sides move out in turn."""
+    """Return the box of a hull: it begins in the middle with the bounds' proportions; its sides move out in turn."""
     if piece.mesh is None:
         return no_inner_box()
     triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
@@ -52,7 +52,7 @@ def _hull_inner_box(piece: Piece) -> Box:
     normals = normals[solid] / lengths[solid, None]
     limits = np.einsum("nij,nj->ni", triangles[solid], normals).max(axis=1)
     lower, upper = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
-    # the bounds too: faces of next to no area may be missing from the surface
+    # the bounds too: faces with almost no area may be missing from the surface
     normals, limits = np.vstack([normals, np.eye(3), -np.eye(3)]), np.concatenate([limits, upper, -lower])
     middles = [0.5 * (lower + upper), np.zeros(3)]
     sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]

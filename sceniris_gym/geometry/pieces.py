@@ -2,7 +2,7 @@
 
 `geometry: physics` takes the geoms that MuJoCo collides, meshes as their convex hulls. `geometry: visual` takes the
 visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, round primitives as they are. Either way a
-piece has a convex form, which stands in for it where only extents and shadows matter.
+piece has a convex form, which represents it where only extents and shadows matter.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class PieceType(IntEnum):
 
 
 ROUND = (PieceType.SPHERE, PieceType.CAPSULE, PieceType.CYLINDER, PieceType.ELLIPSOID)
-"""Kinds that no triangles describe exactly."""
+"""Kinds that triangles cannot describe exactly."""
 
 _TYPES = {
     mujoco.mjtGeom.mjGEOM_PLANE: PieceType.PLANE,
@@ -50,9 +50,9 @@ _TYPES = {
     mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
 }
 _VISIBLE_GROUPS = range(3)
-# A triangle of less height than this share of its longest edge has none: in float32 that is rounding.
+# A triangle whose height is less than this share of its longest edge is flat: in float32 that is rounding.
 _FLAT = 4.0e-7
-# Primitives of less than this size [m] are tessellated so much larger; a power of two leaves their bits.
+# Primitives smaller than this [m] are tessellated at this scale; a power of two keeps their bits.
 _SMALL, _ENLARGED = 0.01, 1024.0
 
 
@@ -84,7 +84,7 @@ class Piece:
     contact_class: int
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least box of the convex form in the body's frame: lower and upper corner [m]."""
+        """Return the bounding box of the convex form in the body's frame: lower and upper corner [m]."""
         return self.extents(np.eye(3))
 
     @property
@@ -102,7 +102,7 @@ class Piece:
         }.get(self.type, float(np.linalg.norm(self.size)))
 
     def extents(self, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest extent [m] of the convex form along the rows of `axes`, given in the body's frame."""
+        """Return the least and greatest extent [m] of the convex form along the rows of `axes`, in the body's frame."""
         local = axes @ matrix(self.quat)
         middle = axes @ self.pos
         if self.type == PieceType.HULL:
@@ -125,13 +125,13 @@ class Piece:
 def extract_pieces(
     mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None = None, where: Mapping[int, str] | None = None
 ) -> list[Piece]:
-    """All pieces of a model, in the order of its geoms.
+    """Return all pieces of a model, in the order of its geoms.
 
     Args:
         mjm: The model.
         geometry: "physics" or "visual".
         bodies: The bodies whose pieces are wanted; all by default.
-        where: How an error about a body begins, by the id of that body.
+        where: The beginning of errors about a body, by its id.
 
     Raises:
         MeshError: A mesh that is open, flat, or has no faces.
@@ -155,7 +155,7 @@ def extract_pieces(
 
 
 def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
-    """Refuse flexes that collide, and with visual geometry also those that are seen: they have no fixed shape."""
+    """Refuse flexes that collide, and with visual geometry also visible ones: they have no fixed shape."""
     for flex in range(mjm.nflex):
         own = _bodies_of_flex(mjm, flex)
         collides = bool(mjm.flex_contype[flex] | mjm.flex_conaffinity[flex])
@@ -172,10 +172,10 @@ def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, w
 
 
 def _bodies_of_flex(mjm: mujoco.MjModel, flex: int) -> set[int]:
-    """The bodies that a flex hangs on: those of its vertices, or of its nodes where these move the vertices."""
-    vert, node = int(mjm.flex_vertadr[flex]), int(mjm.flex_nodeadr[flex])
-    nodes = mjm.flex_nodebodyid[node : node + int(mjm.flex_nodenum[flex])] if mjm.flex_nodenum[flex] else []
-    verts = mjm.flex_vertbodyid[vert : vert + int(mjm.flex_vertnum[flex])]
+    """Return the bodies that a flex hangs on: those of its vertices, or of the nodes that move them."""
+    vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
+    nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []
+    verts = mjm.flex_vertbodyid[vert : vert + mjm.flex_vertnum[flex]]
     return {int(body) for body in (*verts, *nodes) if body >= 0}
 
 
@@ -216,7 +216,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
 
 
 def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
-    """The convex hull of points, shape (n, 3).
+    """Return the convex hull of points, shape (n, 3).
 
     Raises:
         ValueError: They are in one plane.
@@ -227,7 +227,7 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 
 def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
-    """Vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
+    """Return the vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
 
     MuJoCo keeps the hull's vertex ids in `mesh_graph` (numvert, numface, numvert edge addresses, numvert ids, ...), for
     meshes that a collision geom uses.
@@ -245,14 +245,14 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
 
 
 def flat_faces(triangles: np.ndarray) -> np.ndarray:
-    """Which triangles, shape (n, 3, 3), have no area but for rounding, shape (n,): they are no more than edges."""
+    """Return which triangles, shape (n, 3, 3), have no area but for rounding, and so are mere edges, shape (n,)."""
     edges = np.roll(triangles, -1, axis=1) - triangles
     longest = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
     return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest
 
 
 def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
-    """The triangles of a mesh in the geom's frame, checked to form a closed surface."""
+    """Return the triangles of a mesh in the geom's frame, after a check that they form a closed surface."""
     import trimesh
 
     name = geom_name(mjm, geom)
@@ -265,7 +265,7 @@ def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
         process=False,
     )
     surface.merge_vertices(merge_tex=True, merge_norm=True)
-    if not surface.is_watertight:  # a face without area may close a surface, but one beside it opens none
+    if not surface.is_watertight:  # a face without area may close a surface; a superfluous one does not open it
         flat = flat_faces(surface.triangles)
         surface.update_faces(~flat)
         surface.metadata["left_out"] = int(flat.sum())
@@ -300,6 +300,6 @@ def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
 
 
 def geom_name(mjm: mujoco.MjModel, geom: int) -> str:
-    """What messages call a geom: its name, or its number and body."""
+    """Return the name of a geom in messages: its own, or its number and body."""
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
     return mjm.geom(geom).name or f"{geom} of body {body}"

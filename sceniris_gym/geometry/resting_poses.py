@@ -10,13 +10,13 @@ import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import Piece, PieceType, convex_hull
-from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.rotations import matrix, quaternion
 
 if TYPE_CHECKING:
     import trimesh
 
 # Stable poses rarer than the most frequent one by this factor are left out, and at most this many are kept: each of the
-# many narrow faces of something round is rare, but together they are what it lies on.
+# many narrow faces of a round object is rare, but it lies on one of them all the time.
 _RARE = 1.0e-3
 _MOST_POSES = 256
 # A stable pose comes back from tilts up to this angle, in degrees. An object that is put down falls through its gap of
@@ -27,19 +27,19 @@ _MOST_POSES = 256
 STABLE_TILT = 5.0
 # What happens before this tilt, in degrees, is part of the pose: an uneven bottom may rock by less.
 _ROCKING = 2.5
-# The same in a state that its joints are drawn in, where the pose is that of another state and may lean by as much.
+# The same for another state of its joints, in which a pose may lean by as much.
 _LEANING = 1.0
-# In how many directions it is tilted: few at first, which rules out most faces of something round.
+# Numbers of directions in which it is tilted: few at first, which rules out most faces of a round object.
 _SIDES = (24, 360)
 _STEP = 0.1  # degrees, from one tilt to the next
 _COARSE = 0.5  # the same for one of many states
-_FINER = ((24, _ROCKING), (24, _STEP), (360, _STEP))  # the same, with steps, where the bottom is curved
+_FINER = ((24, _ROCKING), (24, _STEP), (360, _STEP))  # directions and steps for a curved bottom
 # If the centre of mass rises by less than this [m] as the tilt grows by a step, the object rolls.
 _LEVEL = 1.0e-8
 # An x axis whose horizontal part is shorter than this points straight up or down, up to rounding.
 _UPRIGHT = 1.0e-3
-# By what share of their size points of a hull are rounded where it is not closed: it lost faces, and the stable poses
-# on them, to points that are next to each other.
+# Shares of its size to which the points of a hull are rounded if it is not closed: points next to each other cost it
+# faces, and the stable poses on them.
 _ROUND = (1.0e-7, 1.0e-6, 1.0e-5, 1.0e-4)
 
 
@@ -51,7 +51,7 @@ class Variant:
         quat: Orientation of its root, wxyz.
         pivot: Bottom centre of its bounds in its root's frame [m].
         bounds: Bounds in xy around the pivot [m]: low x, low y, high x, high y.
-        probability: How often it is drawn.
+        probability: The share of draws that take it.
     """
 
     quat: np.ndarray
@@ -72,7 +72,7 @@ class HomeShape:
         home: MjData in that state.
         root: Its root body, a child of the world where `gravcomp` is to count.
         pieces: Its pieces.
-        margins: From which distance [m] on each of them is carried, shape (npiece,); 0 by default.
+        margins: The distance [m] at which a support carries each of them, shape (npiece,); 0 by default.
     """
 
     def __init__(self, home: mujoco.MjData, root: int, pieces: list[Piece], margins: np.ndarray | None = None) -> None:
@@ -84,7 +84,7 @@ class HomeShape:
         self.center_of_mass = back @ (_center_of_weight(home, root) - home.xpos[root])
 
     def variant(self, quat: np.ndarray, probability: float = 1.0) -> Variant:
-        """The pose with the root's orientation `quat` (of heading 0)."""
+        """Return the pose with the root's orientation `quat` (of heading 0)."""
         turn = matrix(quat)
         if not self._pieces:
             return Variant(quat, np.zeros(3), np.zeros(4), probability)
@@ -97,7 +97,7 @@ class HomeShape:
         return Variant(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
 
     def inner_radius(self) -> float:
-        """Radius [m] of a ball inside the hull: in any orientation, the bounds are at least twice as wide."""
+        """Return the radius [m] of a ball inside the hull; the bounds are at least twice as wide in any orientation."""
         if not self._pieces:
             return 0.0
         hull = convex_hull(self._points())
@@ -105,22 +105,19 @@ class HomeShape:
         return max(float((to_faces * hull.face_normals).sum(axis=1).min()), 0.0)
 
     def hull(self, body: int) -> Piece:
-        """All pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
+        """Return all pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
         vertices = convex_hull(self._points()).vertices
         middle = vertices.mean(axis=0)
         unit = np.array([1.0, 0.0, 0.0, 0.0])
         return Piece(-1, body, PieceType.HULL, middle, unit, np.zeros(3), vertices - middle, None, 0)
 
     def _points(self) -> np.ndarray:
-        """Vertices of all pieces in the root's frame [m], shape (n, 3)."""
-        points = [
-            at + (p.mesh.vertices if p.mesh is not None else np.zeros((0, 3))) @ mat.T
-            for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True)
-        ]
-        return np.concatenate(points)
+        """Return the vertices of all pieces in the root's frame [m], shape (n, 3)."""
+        placed = zip(self._pieces, self._mats, self._at, strict=True)
+        return np.concatenate([at + p.mesh.vertices @ mat.T for p, mat, at in placed if p.mesh is not None])
 
     def _carried_points(self) -> np.ndarray:
-        """The same, with pieces that are carried from further away than others grown by that, but for their edges."""
+        """Return the same; faces of pieces with larger margins than others are moved out by the difference."""
         more = self.margins - self.margins.min()
         if not more.any():
             return self._points()
@@ -132,21 +129,20 @@ class HomeShape:
         return np.concatenate(points)
 
     def bottom(self, quat: np.ndarray) -> float:
-        """Height [m] over the root at which the pose is carried, its margins being part of it; negative below."""
+        """Return the height [m] of the pose's lowest point over the root, its margins included; negative below."""
         up = matrix(quat)[2:]
         return float((up @ self.center_of_mass - self._height(up))[0])
 
     def holds(self, quat: np.ndarray) -> bool:
-        """Whether gravity turns a pose back from all tilts from 1 to `STABLE_TILT` degrees, in 24 directions."""
-        height = self._tilted(matrix(quat), _SIDES[0], np.arange(_LEANING, STABLE_TILT + _COARSE, _COARSE))
-        return bool((np.diff(height, axis=0) > _LEVEL).all())
+        """Return whether gravity turns a pose back from all tilts from 1 to `STABLE_TILT` degrees, in 24 directions."""
+        return self._comes_back(matrix(quat), _SIDES[0], _LEANING, _COARSE)
 
     def stable(self, where: str) -> list[tuple[np.ndarray, float]]:
-        """Stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
+        """Return the stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
 
-        The poses and how often each comes up are the quasi-static estimate of K. Goldberg et al., "Part pose
-        statistics", 1999; those that do not come back from tilts up to `STABLE_TILT` are left out. Where many small
-        faces form a curved bottom, the lowest of them stands for all.
+        The poses and their probabilities are the quasi-static estimate of K. Goldberg et al., "Part pose statistics",
+        1999; those that do not come back from tilts up to `STABLE_TILT` are left out. Where many small faces form a
+        curved bottom, the lowest of them represents all.
 
         Raises:
             SceneKeyError: There is no stable pose, or the centre of mass is outside the hull; begins with `where`.
@@ -182,12 +178,12 @@ class HomeShape:
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
     def _rocking_regions(self, turns: np.ndarray, probability: np.ndarray, kept: list[int]) -> dict[int, float]:
-        """Poses on a curved bottom of many small faces: none of these comes back alone, but all lead to the lowest one.
+        """Return poses on a curved bottom of many small faces: none comes back alone, but all roll to the lowest one.
 
         Args:
             turns: Orientations that lie on a face, shape (n, 3, 3).
-            probability: How often each of them comes up.
-            kept: Those that are stable by themselves; what is near them belongs to them.
+            probability: The probability of each of them.
+            kept: Those that are stable by themselves; poses near them belong to them.
 
         Returns:
             The lowest pose of each region, with the probability of all of it.
@@ -210,25 +206,25 @@ class HomeShape:
         return found
 
     def _rocks_back(self, turn: np.ndarray, sides: int, step: float) -> bool:
-        """As `_comes_back`, in steps of so many degrees, but height rises over each span of the rocking angle only.
+        """Return whether the pose comes back if the height only has to rise over each span of the rocking angle.
 
-        So that a ripple beyond does not hold it, the heights are looked at up to one such angle beyond the tilt.
+        Heights are compared up to one such angle beyond the tilt, so that a ripple there does not hold the pose.
         """
         tilts = np.arange(0.0, STABLE_TILT + _ROCKING + 0.5 * step, step)
         span = round(_ROCKING / step)
         height = self._tilted(turn, sides, tilts)
         return bool((height[span:] - height[:-span] > _LEVEL).all())
 
-    def _comes_back(self, turn: np.ndarray, sides: int) -> bool:
-        """Whether gravity turns the pose (3, 3) back from every tilt that counts, in `sides` directions.
+    def _comes_back(self, turn: np.ndarray, sides: int, least: float = _ROCKING, step: float = _STEP) -> bool:
+        """Return whether gravity turns the pose (3, 3) back from all tilts from the least one, in `sides` directions.
 
         It does if the height of the centre of mass above the lowest point keeps rising as the tilt grows.
         """
-        height = self._tilted(turn, sides, np.arange(_ROCKING, STABLE_TILT + _STEP, _STEP))
+        height = self._tilted(turn, sides, np.arange(least, STABLE_TILT + step, step))
         return bool((np.diff(height, axis=0) > _LEVEL).all())
 
     def _tilted(self, turn: np.ndarray, sides: int, degrees: np.ndarray) -> np.ndarray:
-        """Heights of the pose (3, 3) tilted by so many degrees in `sides` directions, shape (ntilt, sides)."""
+        """Return the heights of the pose (3, 3) tilted by some angles in `sides` directions, shape (ntilt, sides)."""
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ turn
         tilts = np.radians(degrees)[:, None, None]
@@ -236,7 +232,7 @@ class HomeShape:
         return self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
 
     def _height(self, up: np.ndarray) -> np.ndarray:
-        """How far the centre of mass is above the lowest point [m], for each direction `up` in the root's frame."""
+        """Return the height [m] of the centre of mass over the lowest point for directions `up` in the root's frame."""
         lowest = np.full(len(up), np.inf)
         for p, mat, at, margin in zip(self._pieces, self._mats, self._at, self.margins, strict=True):
             lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at - margin)
@@ -244,7 +240,7 @@ class HomeShape:
 
 
 def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
-    """The convex hull of points (n, 3), without gaps: where some are too near each other for that, of rounded ones."""
+    """Return the convex hull of points (n, 3) without gaps, of rounded points if some are too near each other."""
     hull, size = convex_hull(points), float(np.ptp(points, axis=0).max())
     for share in _ROUND:
         if hull.is_watertight:
@@ -254,12 +250,12 @@ def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 
 def weights(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return what gravity leaves of each body's mass [kg], shape (nbody,): `gravcomp` takes some of it away."""
+    """Return the mass [kg] of each body that gravity acts on, shape (nbody,): `gravcomp` compensates some of it."""
     return mjm.body_mass * (1.0 - mjm.body_gravcomp)
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Where the weight of a body and all below it acts [m]: the centre of mass, unless `gravcomp` takes some away."""
+    """Return the point where the weight of a body and all below it acts [m]: the centre of mass without `gravcomp`."""
     mjm = home.model
     inside = mjm.body_rootid == root
     weight = weights(mjm)[inside]
@@ -269,9 +265,9 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 
 
 def heading_of(mat: np.ndarray) -> float:
-    """The heading [rad] of a body with orientation `mat`, shape (3, 3): where its x axis points, seen from above.
+    """Return the heading [rad] of a body with orientation `mat`, shape (3, 3): that of its x axis, seen from above.
 
-    If the x axis points straight up or down, where the y axis points, minus a right angle.
+    If the x axis points straight up or down, it is that of the y axis minus a right angle.
     """
     if np.abs(mat[:2, 0]).sum() < _UPRIGHT:
         return float(np.arctan2(-mat[0, 1], mat[1, 1]))
@@ -279,9 +275,7 @@ def heading_of(mat: np.ndarray) -> float:
 
 
 def of_heading_zero(mat: np.ndarray) -> np.ndarray:
-    """The orientation `mat`, shape (3, 3), turned about the vertical so that its heading is 0, as wxyz."""
+    """Return the orientation `mat`, shape (3, 3), turned about the vertical so that its heading is 0, as wxyz."""
     back = -heading_of(mat)
     turn = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, (turn @ mat).ravel())
-    return quat
+    return quaternion(turn @ mat)

@@ -1,4 +1,4 @@
-"""Support surfaces: level faces of a body as polygons, and the regions on them that an object may use."""
+"""Support surfaces: level faces of a body as polygons, and the regions of them that an object may use."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 # A face is a support if it is level to 1 degree; faces of one surface may differ in height by 0.2 mm.
 _LEVEL = np.cos(np.radians(1.0))
 _STEP = 2.0e-4
-# Things standing on a surface are looked for this far above it [m].
+# Pieces that stand on a surface are looked for at this height above it [m].
 _ABOVE = 5.0e-4
 # A strip narrower than 2 cm (a rim, the edge of a wall, a handle) is not a support.
 _HALF_WIDTH = 0.01
-# Half the edge [m] of the part of an endless plane that regions are cut from, all that objects may be placed on.
+# Half the edge [m] of the part of an endless plane that regions are cut from; objects are placed nowhere beyond.
 _ENDLESS = 4.0 * MOST_FAR
-# How far [m] beyond the edge of a surface a point is still on it: meshes have single precision.
+# A point that is this far [m] beyond the edge of a surface is still on it: meshes have single precision.
 _ON_EDGE = 1.0e-6
-# Segments of a quarter circle where an erosion goes around a corner: one of 4 cm is accurate to 3 um.
+# Segments of a quarter circle where an erosion goes around a corner: an erosion by 4 cm is accurate to 3 um.
 _ARC = 64
 
 
@@ -63,10 +63,10 @@ class SupportSurface:
 def level_surfaces(
     body: int, pieces: list[Piece], *, open_above: bool, geom: int | None = None
 ) -> list[SupportSurface]:
-    """Level surfaces of one body from its pieces, lowest first; with `geom` those of this geom alone.
+    """Return the level surfaces of one body from its pieces, lowest first; with `geom` those of this geom alone.
 
-    Where a piece of the same body stands on a surface, that part is cut out; with `open_above` also where one hangs
-    over it, since the two never move relative to each other. Strips narrower than 2 cm are left out.
+    Parts on which a piece of the same body stands are cut out; with `open_above` also those below such a piece, since
+    the two never move relative to each other. Strips narrower than 2 cm are left out.
     """
     meshes = [p.mesh for p in pieces if p.mesh is not None]
     carrying = [p for p in pieces if geom is None or p.geom == geom]
@@ -82,7 +82,7 @@ def level_surfaces(
 
 
 def _plane_surface(body: int, plane: Piece) -> SupportSurface:
-    """The rectangle that a plane is drawn as; one that is drawn without end reaches further than objects may."""
+    """Return the rectangle as which a plane is drawn; an endless one reaches farther than objects may be placed."""
     x, y = (half if half > 0.0 else _ENDLESS for half in plane.size[:2])
     corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]) @ matrix(plane.quat).T + plane.pos
     seen = MultiPolygon([Polygon(corners[:, :2])])
@@ -90,14 +90,14 @@ def _plane_surface(body: int, plane: Piece) -> SupportSurface:
 
 
 def floor_surface(size: tuple[float, float]) -> SupportSurface:
-    """The ground workspace: a rectangle of `size` [m] around the world's origin."""
+    """Return the ground workspace: a rectangle of `size` [m] around the world's origin."""
     x, y = 0.5 * size[0], 0.5 * size[1]
     ground = MultiPolygon([box(-x, -y, x, y)])
     return SupportSurface(0, 0.0, ground, ground)
 
 
 def shadow_of_box(region: RegionConfig) -> SupportSurface:
-    """A box in space seen from above, for relations to cut."""
+    """Return a box in space, seen from above, as a surface that relations can cut."""
     assert region.box is not None
     (x0, y0, *_), (x1, y1, *_) = region.box
     seen = MultiPolygon([box(x0, y0, x1, y1)])
@@ -105,7 +105,7 @@ def shadow_of_box(region: RegionConfig) -> SupportSurface:
 
 
 def points_in_space(region: RegionConfig) -> list[SupportSurface]:
-    """Points in space as surfaces, one for each of their heights; the outlines are boxes seen from above."""
+    """Return points in space as surfaces, one for each of their heights; the outlines are boxes seen from above."""
     assert region.points is not None
     heights: dict[float, list[tuple[float, ...]]] = {}
     for x, y, z in region.points:
@@ -120,10 +120,10 @@ def points_in_space(region: RegionConfig) -> list[SupportSurface]:
 def crop(
     surfaces: list[SupportSurface], region: RegionConfig | None, erosions: Sequence[float], where: str
 ) -> list[list[SupportSurface]]:
-    """The surfaces with their regions eroded by each of `erosions` [m] and cropped to `region`.
+    """Return the surfaces with their regions eroded by each of `erosions` [m] and cropped to `region`.
 
     Returns:
-        For each erosion, the surfaces of which something is left; equal erosions share one list.
+        For each erosion, the surfaces whose regions are not empty; equal erosions share one list.
 
     Raises:
         ErodedSupportError: Nothing is left of any surface, or a point is on none of them.
@@ -149,13 +149,9 @@ def crop(
 
 
 def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) -> list[SupportSurface]:
-    kept = []
-    for s in surfaces:
-        left = _eroded(s, erosion)
-        left = _parts(left.intersection(keep) if keep is not None else left)
-        if not left.is_empty:
-            kept.append(replace(s, region=left))
-    return kept
+    left = (_eroded(s, erosion) if keep is None else _eroded(s, erosion).intersection(keep) for s in surfaces)
+    regions = (_parts(area) for area in left)
+    return [replace(s, region=region) for s, region in zip(surfaces, regions, strict=True) if not region.is_empty]
 
 
 def _eroded(surface: SupportSurface, erosion: float) -> BaseGeometry:
@@ -165,13 +161,10 @@ def _eroded(surface: SupportSurface, erosion: float) -> BaseGeometry:
 def _with_points(
     surfaces: list[SupportSurface], points: tuple[tuple[float, ...], ...], erosion: float
 ) -> list[SupportSurface]:
-    """The surfaces with the points that are on each of them: with none, a surface is left out."""
-    kept = []
-    for s in surfaces:
-        on = shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE
-        if on.any():
-            kept.append(replace(s, region=MultiPoint(np.array(points)[on])))
-    return kept
+    """Return the surfaces that points are on, each with these points."""
+    on = [shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE for s in surfaces]
+    regions = (MultiPoint(np.array(points)[which]) for which in on)
+    return [replace(s, region=region) for s, region in zip(surfaces, regions, strict=True) if not region.is_empty]
 
 
 def _check_points(
@@ -181,7 +174,7 @@ def _check_points(
     erosion: float,
     where: str,
 ) -> None:
-    """Check that each point is on a surface, as far from its edge as `ratio_on_support` says in the least of poses."""
+    """Check that each point is on a surface, by the smallest erosion that `ratio_on_support` demands of any pose."""
     used = {tuple(xy) for s in kept for xy in shapely.get_coordinates(s.region).tolist()}
     unused = next((i for i, point in enumerate(points) if point not in used), None)
     if unused is None:
@@ -200,9 +193,9 @@ def _check_points(
 
 
 def triangulate(region: MultiPolygon | MultiPoint) -> np.ndarray:
-    """The region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation: nothing is lost or added.
+    """Return the region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation.
 
-    A point is a triangle whose corners are all the same, and no other triangle is one, also in single precision.
+    A point is a triangle whose corners are all the same. No other triangle is such a point, even in single precision.
     """
     if isinstance(region, MultiPoint):
         return np.repeat(shapely.get_coordinates(region)[:, None], 3, axis=1)
@@ -213,19 +206,19 @@ def triangulate(region: MultiPolygon | MultiPoint) -> np.ndarray:
 
 
 def areas(triangles: np.ndarray) -> np.ndarray:
-    """Areas [m^2] of plane triangles, shape (n, 3, 2)."""
+    """Return the areas [m^2] of plane triangles, shape (n, 3, 2)."""
     u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     return 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
 
 
 def weights(triangles: np.ndarray) -> np.ndarray:
-    """How often each triangle of a region is drawn from, in proportion: by its area, and points all alike."""
+    """Return the weights by which the triangles of a region are drawn: their areas, or 1 for points."""
     sizes = areas(triangles)
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def edges(outline: MultiPolygon) -> np.ndarray:
-    """The edges of an outline and its holes [m], shape (n, 2, 2)."""
+    """Return the edges of an outline and its holes [m], shape (n, 2, 2)."""
     rings = [ring for p in outline.geoms for ring in (p.exterior, *p.interiors)]
     sides = [np.stack([c[:-1], c[1:]], axis=1) for c in (np.asarray(r.coords)[:, :2] for r in rings)]
     return np.concatenate(sides)
@@ -246,13 +239,13 @@ def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig | None) -> 
 
 
 def _without_strips(outline: MultiPolygon) -> MultiPolygon:
-    """The outline where it is wide enough: shrunk until strips are gone, then grown to 10 um beyond its old edges."""
+    """Return the wide parts of an outline: it is shrunk until strips are gone, then grown to 10 um beyond its edges."""
     core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
     return _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
-    """Heights of level faces and the area at each height, lowest first."""
+    """Return the heights of level faces and the area at each height, lowest first."""
     flat = [m.triangles[m.face_normals[:, 2] > _LEVEL] for m in meshes]
     triangles = np.concatenate(flat) if flat else np.zeros((0, 3, 3))
     if not len(triangles):
@@ -271,7 +264,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
 
 
 def _section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
-    """The cross-section of a closed mesh at height z."""
+    """Return the cross-section of a closed mesh at height z."""
     if not mesh.bounds[0, 2] < z < mesh.bounds[1, 2]:
         return None
     cut = mesh.section([0.0, 0.0, 1.0], [0.0, 0.0, z])
@@ -283,7 +276,7 @@ def _section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
 
 
 def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
-    """The shadow of all of a mesh that is above z."""
+    """Return the shadow of the part of a mesh that is above z."""
     if mesh.bounds[1, 2] <= z:
         return None
     above = mesh.slice_plane([0.0, 0.0, z], [0.0, 0.0, 1.0]) if mesh.bounds[0, 2] < z else mesh
@@ -294,5 +287,5 @@ def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
 
 
 def _parts(geometry: shapely.Geometry) -> MultiPolygon:
-    """The areas of any geometry, without lines and points."""
+    """Return the areas of any geometry, without lines and points."""
     return MultiPolygon([g for g in shapely.get_parts(geometry) if isinstance(g, Polygon) and g.area > 0.0])

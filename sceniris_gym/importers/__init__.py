@@ -1,1 +1,1 @@
-"""Importers of what was made for other programs: scenes of other packages, and things as meshes, URDF and USD."""
+"""Importers of files of other programs: models, scenes of other packages, and things as meshes, URDF and USD."""

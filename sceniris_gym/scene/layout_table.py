@@ -58,7 +58,7 @@ class LayoutTable:
     def from_states(
         cls, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray, present: np.ndarray
     ) -> LayoutTable:
-        """Return a table of states about which nothing else is known; see the class for the arguments.
+        """Return a table of bare states; see the class for the arguments.
 
         Raises:
             ArgumentTypeError: One of them is no NumPy array.

@@ -26,11 +26,6 @@ class Support:
     is_floor: bool = False
 
 
-def static_geoms(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the geoms that never move, ascending: those of the world and of bodies that are welded to it."""
-    return np.flatnonzero(is_static(mjm)[mjm.geom_bodyid])
-
-
 def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str, Support]:
     """Return the static bodies and geoms that have names, by name; a geom takes precedence over a body.
 
@@ -42,9 +37,9 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
     owner: list[str | None] = [None]
     for body in range(1, mjm.nbody):  # parents come before their children
         owner.append(owners.get(body, owner[int(mjm.body_parentid[body])]))
-    still = np.flatnonzero(is_static(mjm))[1:]
-    found = {mjm.body(b).name: Support(int(b), owner[b]) for b in still}
-    for geom in static_geoms(mjm):
+    still = is_static(mjm)
+    found = {mjm.body(b).name: Support(int(b), owner[b]) for b in np.flatnonzero(still)[1:]}
+    for geom in np.flatnonzero(still[mjm.geom_bodyid]):
         body = int(mjm.geom_bodyid[geom])
         found[mjm.geom(geom).name] = Support(body, owner[body], int(geom))
     found.pop("", None)

@@ -1,4 +1,4 @@
-"""How deep a point inside a mesh can be: the bound is never below the truth, and not far above it."""
+"""Depth of points inside a mesh: the bound is never below the truth, and not far above it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a camera stands: it sees everything, and wastes nothing."""
+"""The placed camera sees everything, and wastes nothing."""
 
 import numpy as np
 import pytest

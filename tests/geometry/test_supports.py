@@ -41,7 +41,7 @@ def _box(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float, rest:
 
 
 def _same(shape: BaseGeometry, expected: BaseGeometry, tolerance: float = 1e-5) -> bool:
-    """Whether two areas differ by slivers only."""
+    """Return whether two areas differ by slivers only."""
     return bool(shape.symmetric_difference(expected).area < tolerance)
 
 
@@ -250,3 +250,13 @@ def test_edges_are_those_of_outlines_and_holes():
     assert sides.shape == (12, 2, 2)
     assert np.isclose(np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1).sum(), region.length)
     assert shapely.covers(region.boundary.buffer(1e-9), shapely.linestrings(sides)).all()
+
+
+def test_an_endless_plane_stays_endless_when_it_is_cropped():
+    """Its outline is no edge that anything may be drawn by."""
+    (ground,) = _surfaces('<geom type="plane" size="0 0 .1"/>')
+    assert ground.is_endless
+    ((left,),) = crop([ground], RegionConfig(box=((-0.3, -0.3), (0.3, 0.3))), [0.0], "here")
+    assert left.is_endless
+    ((point,),) = crop([ground], RegionConfig(points=((0.1, 0.2),)), [0.0], "here")
+    assert point.is_endless

@@ -1,4 +1,4 @@
-"""A first scene file for a model: its free bodies on what they stand on, its robot, and what else carries things."""
+"""A first scene file for a model: its free bodies on their supports, its robot, and all other supports."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class FirstScene:
     supports: tuple[FoundSupport, ...]
 
     def words(self) -> dict[str, Any]:
-        """Return the scene without what is commented out, as `SceneConfig.load` takes it."""
+        """Return the scene without the entries that are commented out, as `SceneConfig.load` takes it."""
         found: dict[str, Any] = {"model": str(self.model.resolve())}
         if self.robot is not None and not self.robot.why:
             found[ROBOT] = dict(self.robot.words)

@@ -44,7 +44,7 @@ class KeyReader:
     Args:
         data: The mapping.
         path: Its dotted path in the configuration, empty for the whole.
-        notes: Collects what is left out or changed.
+        notes: Collects the keys that are left out or changed.
     """
 
     def __init__(self, data: Any, path: str, notes: Notes) -> None:

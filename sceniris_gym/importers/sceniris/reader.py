@@ -119,7 +119,7 @@ def _workspace(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the size of the floor, shape (2,), and the part of it to keep to, shape (2, 2) or None for all of it.
 
-    The floor has at least the size `under`, for what is drawn beside the workspace.
+    The floor has at least the size `under`, which a robot may need whose base is drawn.
     """
     limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
     edge = env.number("env_size", 1.0)

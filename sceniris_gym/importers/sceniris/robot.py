@@ -23,7 +23,7 @@ _HALF_EDGE = 1e-4  # m, of bounds that have no width along an axis
 def robot_words(
     robot: str | Mapping[str, Any] | None, env: KeyReader
 ) -> tuple[dict[str, Any] | None, tuple[float, float]]:
-    """Return the words for the robot, which stands at `robot_position` if nothing else is said; None without a robot.
+    """Return the words for the robot, which stands at `robot_position` unless told otherwise; None without a robot.
 
     The original documents a single position as that of the robot, and several as bounds of it; its check of reach uses
     the world's origin all the same. The base is drawn within bounds on the floor; of bounds in space it takes the

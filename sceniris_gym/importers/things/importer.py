@@ -27,7 +27,7 @@ from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.importers.things.write import write_asset
 
 SUFFIXES = (*meshes.SUFFIXES, *usd.SUFFIXES, ".urdf")
-"""What can be imported."""
+"""Suffixes of the files that can be imported."""
 _FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
 """Inertia of a link that is only a frame."""
 

@@ -66,7 +66,7 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
 
     Args:
         surfaces: The surfaces of a link [m].
-        where: How errors begin.
+        where: The beginning of errors.
         shell: The surface is a sheet that encloses nothing: holes stay as they are.
 
     Raises:

@@ -127,7 +127,7 @@ class Thing:
     files: tuple[str, ...] = ()
 
     def points(self) -> np.ndarray:
-        """All vertices with joints at zero, in the frame of the root, shape (n, 3)."""
+        """Return all vertices with joints at zero, in the frame of the root, shape (n, 3)."""
         frames: dict[str | None, tuple[np.ndarray, np.ndarray]] = {None: (np.eye(3), np.zeros(3))}
         found = [np.zeros((0, 3))]
         for link in self.links:
@@ -137,7 +137,7 @@ class Thing:
         return np.concatenate(found)
 
     def extents(self) -> np.ndarray:
-        """Lengths of its bounds along its axes, shape (3,)."""
+        """Return the lengths of its bounds along its axes, shape (3,)."""
         return np.ptp(points, axis=0) if len(points := self.points()) else np.zeros(3)
 
     def scaled(self, factor: float) -> Thing:

@@ -1,4 +1,4 @@
-"""What is beneath a body, by the height of boxes that are known, and what carries things."""
+"""The geom beneath a body, by boxes of known heights, and the supports of a model."""
 
 from __future__ import annotations
 

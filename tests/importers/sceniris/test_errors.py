@@ -1,4 +1,4 @@
-"""What is wrong with the scene that was made is told by the keys of the configuration it was made from."""
+"""Errors about the scene name the keys of the configuration that it was made from."""
 
 from __future__ import annotations
 
