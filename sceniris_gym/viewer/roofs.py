@@ -1,4 +1,4 @@
-"""Overhead parts of a support's own object, which `on` forbids above an object and `inside` requires."""
+"""Roofs over supports as the words `on` and `inside` mean them: what of a support's own object is above it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sceniris_gym.program.device import Roof
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
 
-_OVER = 1e-4  # m; height above a surface at which overhead parts begin, as in the generator
-_THIN = 1e-9  # m2; smaller shadows are triangles seen edge-on
+_OVER = 1e-4  # m above a surface that a roof begins, as when layouts are made
+_THIN = 1e-9  # m2; what is smaller is seen edge-on
 
 
 def under_right_roof(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return the part of a region, seen from above at a height [m], that is open or covered as an object requires."""
+    """Return what of a region of the world, seen from above, at a height [m] has the roof that an object asks for."""
     if placed.roof == Roof.EITHER or region.is_empty:
         return region
     roof = roof_over(world, placed, height)
@@ -24,7 +24,7 @@ def under_right_roof(world: ShownWorld, placed: PlacedObject, region: BaseGeomet
 
 
 def roof_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
-    """Return the outline, seen from above, of the parts of a support's own object above a height [m] of the world."""
+    """Return the outline, seen from above, of what a support's own object has above a height [m] of the world."""
     compiled = world.compiled
     assert placed.support is not None
     parent = compiled.scene.around(placed.support)
@@ -33,13 +33,13 @@ def roof_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeo
         if piece.body in parent and piece.type != PieceType.PLANE and piece.mesh is not None:
             turn, at = world.data.xmat[piece.body].reshape(3, 3), world.data.xpos[piece.body]
             triangles = np.asarray(piece.mesh.triangles) @ turn.T + at
-            whole = compiled.config.geometry == "physics"  # whose pieces are convex
+            whole = compiled.config.geometry == "physics"  # then pieces are convex
             found += [_above(some, height + _OVER) for some in ([triangles] if whole else triangles[:, None])]
     return shapely.union_all(found)
 
 
 def _above(triangles: np.ndarray, height: float) -> BaseGeometry:
-    """Return the hull, seen from above, of the parts of triangles (n, 3, 3) above a height."""
+    """The hull, seen from above, of what of triangles (n, 3, 3) is above a height."""
     ends = np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2).reshape(-1, 2, 3)
     above = ends[:, :, 2] > height
     one, other = ends[above[:, 0] != above[:, 1]].transpose(1, 0, 2)

@@ -1,4 +1,4 @@
-"""Errors about an imported scene, reworded with the keys of the original configuration."""
+"""Errors about an imported scene, reworded to name the keys of the original configuration."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _PLACE = re.compile(r"^scene: (?P<path>[^:\s]+)", re.MULTILINE)
 
 
 def in_its_keys(error: ScenirisError, origins: Mapping[str, str]) -> ScenirisError:
-    """Return an error about a scene with the keys that its parts were made from.
+    """Return an error about a scene as one that names the keys that its parts were made from.
 
     Args:
-        error: The error from reading the scene.
-        origins: Dotted path of a part of the scene -> path of its key in the configuration.
+        error: The error raised while reading the scene.
+        origins: Dotted path of a part of the scene -> that of its key in the configuration.
     """
     if isinstance(error, CycleError):
         return CycleError(CONFIGURATION, error.names, error.what)
@@ -26,7 +26,7 @@ def in_its_keys(error: ScenirisError, origins: Mapping[str, str]) -> ScenirisErr
 
 
 def origin(path: str, origins: Mapping[str, str]) -> str:
-    """Return the key that a part of the scene, by its dotted path, was made from, or the path itself."""
+    """Return the key that the part of the scene at a dotted path was made from, or the path itself."""
     parts = path.split(".")
     heads = (".".join(parts[:n]) for n in range(len(parts), 0, -1))
     return next((origins[head] for head in heads if head in origins), path)

@@ -1,4 +1,4 @@
-"""`KeyReader`, which reads the mappings of an original configuration key by key."""
+"""`KeyReader`: reads the mappings of a configuration for the original package key by key."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, 
 
 
 CONFIGURATION = "original configuration"
-"""The name of the configuration in errors."""
+"""What errors call the configuration as a whole."""
 
 
 @dataclass
 class Notes:
-    """Notes about a configuration for the user.
+    """What the user is told about a configuration.
 
     Attributes:
         left_out: Dotted paths of keys that are not carried over.
-        changed: Dotted path of a key -> its meaning here and in the original, where the two differ.
-        origins: Dotted path of a part of the scene -> path of the key that it was made from.
-        advice: Sentences on how to carry over more of the configuration.
+        changed: What keys mean here and in the original, by their dotted paths, where the two differ.
+        origins: Dotted path of a part of the scene -> that of the key that it was made from.
+        advice: Sentences on how to carry over more of it.
     """
 
     left_out: list[str] = field(default_factory=list)
@@ -41,12 +41,12 @@ class Notes:
 
 
 class KeyReader:
-    """One mapping of the configuration. Keys that nobody takes are left out; None counts as no key.
+    """One mapping of the configuration. Keys that are not taken from it are left out; None counts as no key.
 
     Args:
         data: The mapping.
         path: Its dotted path in the configuration, empty for the whole.
-        notes: Notes for the user, to which it adds.
+        notes: Collects what is left out or changed.
     """
 
     def __init__(self, data: Any, path: str, notes: Notes) -> None:
@@ -60,13 +60,11 @@ class KeyReader:
         return ".".join(filter(None, (self.path, key)))
 
     def wrong(self, key: str, advice: str) -> SceneKeyError:
-        """Return the error about a key; `advice` says what is wrong and what would be right."""
+        """Return the error about a key; `advice` says what was wrong and what would be right."""
         return SceneKeyError(f"{CONFIGURATION}: {self.at(key) or 'cfg'}: {advice}.")
 
     def known(self, key: str, kind: str, name: Any, valid: Iterable[str], own: str | None = None) -> str:
-        """Return a name that was found at `key`, after a check.
-
-        Errors never suggest `own`, the object that the key belongs to.
+        """Return a name that was found at `key`; `own`, the object that the key belongs to, is never suggested.
 
         Raises:
             UnknownNameError: It is not one of the valid names.
@@ -78,15 +76,15 @@ class KeyReader:
         return name
 
     def take(self, key: str, default: Any = None) -> Any:
-        """Take a key, and return its value."""
+        """Return the value of a key, whatever it is."""
         return self._rest.pop(key, default)
 
     def value(self, key: str) -> Any:
-        """Return the value of a key, or None, and leave the key."""
+        """Return the value of a key, or None, without taking it."""
         return self._rest.get(key)
 
     def array(self, key: str, default: Any, shape: tuple[int, ...]) -> np.ndarray:
-        """Take a key, and return its value as an array of floats.
+        """Return the value of a key as an array of floats.
 
         Raises:
             SceneKeyError: It is not an array of finite numbers of this shape.
@@ -94,18 +92,18 @@ class KeyReader:
         return self.checked(key, self.take(key, default), shape)
 
     def number(self, key: str, default: float) -> float:
-        """Take a key, and return its value as a number."""
+        """Return the value of a key as a number."""
         return float(self.array(key, default, ()))
 
     def checked(self, key: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-        """Return a value that was found at `key` as an array of floats; see `array`."""
+        """Return a value that was found at `key` as an array of floats, as `array` does."""
         array = _numbers(value)
         if array is None or array.shape != shape:
             raise self.wrong(key, f"{short(value)} should be {_SHAPES[shape]}")
         return array
 
     def rotation(self, key: str, value: Any) -> np.ndarray:
-        """Return the rotation (3, 3) of a transform that was found at `key`.
+        """Return the rotation, shape (3, 3), of a transform that was found at `key`.
 
         Raises:
             SceneKeyError: It is not a matrix of 4 x 4 or 3 x 3 numbers.
@@ -116,45 +114,45 @@ class KeyReader:
         return array[:3, :3]
 
     def values(self, key: str) -> list:
-        """Take a key, and return its value as a list, empty if there is none."""
+        """Return the value of a key as a list, empty if there is none."""
         value = self.take(key, ())
         if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
             raise self.wrong(key, f"{short(value)} should be a list")
         return list(value)
 
     def section(self, key: str) -> KeyReader:
-        """Take the mapping at a key, an empty one if there is none."""
+        """Return the mapping at a key, an empty one if there is none."""
         return KeyReader(self.take(key, {}), self.at(key), self.notes)
 
     def sections(self, key: str) -> list[KeyReader]:
-        """Take the mappings in the list at a key."""
+        """Return the mappings in the list at a key."""
         return [KeyReader(data, self.at(f"{key}.{i}"), self.notes) for i, data in enumerate(self.values(key))]
 
     def everything(self) -> dict[str, Any]:
-        """Take all remaining keys, and return them with their values."""
+        """Take everything that was not taken yet, and return it."""
         rest, self._rest = self._rest, {}
         return rest
 
     def ignore(self, *keys: str) -> None:
-        """Drop keys that have no effect in the original either."""
+        """Forget keys that have no effect in the original either."""
         for key in keys:
             self._rest.pop(key, None)
 
     def leave_out(self, key: str = "") -> None:
-        """Drop a key, or the whole mapping, and note that it is left out."""
+        """Note that a key, or the whole mapping, is left out."""
         self.notes.left_out.append(self.at(key))
         self._rest.pop(key, None)
 
     def change(self, key: str, meaning: str) -> None:
-        """Note that a key is carried over with another meaning or value, described by `meaning`."""
+        """Note that a key is carried over with a different meaning or value; `meaning` says which."""
         self.notes.changed[self.at(key)] = meaning
 
     def made(self, part: str, key: str) -> None:
-        """Note that a part of the scene, by its dotted path, is made from a key, so that errors name the key."""
+        """Remember that a part of the scene, by its dotted path, is made from a key, so that errors name the key."""
         self.notes.origins[part] = self.at(key)
 
     def finish(self) -> None:
-        """Leave out all remaining keys."""
+        """Leave out all keys that were not taken."""
         for key in list(self._rest):
             self.leave_out(key)
 

@@ -1,4 +1,4 @@
-"""Placement of an object of an original configuration: on its parent, or at a fixed position."""
+"""Where an object of an original configuration is placed: on its parent, or at a fixed position."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.importers.sceniris.keys import KeyReader
 from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_relation
 
-_PLANE = "_plane"  # the original's name of its ground
+_PLANE = "_plane"  # the original's name for its ground
 _SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}
 _FIXED = "fixed_world_positions"
-GROUND = 1e-6  # m; positions within it of the ground's height are on the ground
-_LIFTED = 1.1e-3  # m over the floor for an object without support: a little more than its clearance
+GROUND = 1e-6  # m; what is no further from the height of the ground is on it
+_LIFTED = 1.1e-3  # m over the floor, where nothing carries an object: a little more than its clearance
 
 
 def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
@@ -31,9 +31,9 @@ def needed_floor(objects: Mapping[str, KeyReader]) -> np.ndarray:
 
 
 def fixed_points(keys: KeyReader) -> np.ndarray | None:
-    """Return the fixed positions of an object, shape (n, 3), if it has any, and leave the key.
+    """Return the fixed positions of an object, shape (n, 3), if it has any, without taking them.
 
-    Positions on the ground have a z of exactly 0.
+    Those on the ground have a z of 0, without what rounding made of it.
     """
     fixed = keys.value(_FIXED)
     if not isinstance(fixed, Sequence | np.ndarray) or len(fixed) == 0:
@@ -44,7 +44,7 @@ def fixed_points(keys: KeyReader) -> np.ndarray | None:
 
 
 def fixed_place(keys: KeyReader, points: np.ndarray) -> dict:
-    """Return the words for fixed positions (n, 3) [m]: points of the floor if all are on it, else points in space."""
+    """Return the words for fixed positions [m], shape (n, 3): points of the floor if all are on it, else in space."""
     keys.ignore(_FIXED, "parent_id", "relation_to_parent", "ratio_on_support", "position", "constraints")
     keys.made(f"{keys.path}.region", _FIXED)
     keys.made(f"{keys.path}.region.points", _FIXED)
@@ -54,18 +54,18 @@ def fixed_place(keys: KeyReader, points: np.ndarray) -> dict:
     told = []
     if (sunk := ~on_floor & (points[:, 2] < _LIFTED)).any():
         told.append(
-            f"positions below the ground, or too near to it, are never used: {points[sunk].tolist()}; z = 0 is on it"
+            f"those below the ground, or too near to it, are never used: {points[sunk].tolist()}; z = 0 is on it"
         )
     if on_floor.any():
         points = np.where(on_floor[:, None], points + [0.0, 0.0, _LIFTED], points)
-        told.append(f"positions on the ground are {1e3 * _LIFTED:g} mm over it, because others are in the air")
+        told.append(f"those on the ground are {1e3 * _LIFTED:g} mm over it, as others are not")
     if told:
         keys.notes.changed[keys.at(_FIXED)] = "; ".join(told)
     return {"region": {"points": points}}
 
 
 def place(keys: KeyReader, views: Views, limits: np.ndarray | None) -> dict:
-    """Return the words for a place on a parent; `limits` (2, 2) [m] bounds the usable part of the floor."""
+    """Return the words for a place on a parent; `limits` [m], shape (2, 2), is the part of the floor to keep to."""
     parent = str(keys.take("parent_id", _PLANE))
     keys.known("parent_id", "object", parent.split("/")[0], [_PLANE, *views.objects], views.own)
     parent = FLOOR if parent == _PLANE else parent

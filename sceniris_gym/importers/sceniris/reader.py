@@ -1,10 +1,10 @@
-"""`read_sceniris`: configurations of the original Sceniris package, read as scenes of this one."""
+"""Configurations written for the original Sceniris package, read as scenes of this one: `read_sceniris`."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,14 +37,14 @@ def read_sceniris(
 
     These keys are read, with the original's defaults:
 
-    - `env`: `env_size` (1.0) or `workspace_limits`, the size of the floor; `robot_centric_axis_transforms`, rotated
-      views of the world that relations may name; `robot_position`, the place of the `robot`: several positions are
-      bounds, within which the base is drawn on the floor, or whose middle it takes above the floor.
+    - `env`: `env_size` (1.0) or `workspace_limits`, which define the floor; `robot_centric_axis_transforms`, rotated
+      views of the world that relations may name; `robot_position`, where the `robot` stands: several are bounds,
+      within which its base is drawn on the floor, or in the middle of which it is above it.
     - `objects`, a list or a mapping by id: `id`, `asset_path`, `parent_id` (the ground), `relation_to_parent` ('top'
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
-      support's bounds, clipped to them), `constraints`, and `fixed_world_positions`, which override those five: the
-      object is put at one of them, all equally likely, on the floor if z = 0 and else in the air. If one on the floor
-      is outside the workspace, the floor is enlarged; objects without such positions keep to the workspace.
+      support's bounds, clipped to them), `constraints`, and `fixed_world_positions`, which override those five: it is
+      put at one of them, each as likely as any other, on the floor where z = 0 and else in the air. If one on the floor
+      is outside the workspace, the floor is made larger, and objects without such positions keep to the workspace.
     - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
       with `z_rotation`, 'face_to' with `face_to_object_id`.
@@ -54,18 +54,18 @@ def read_sceniris(
       an object (only an anchor in the original), a robot's view, or a rotation matrix on top of the support's;
       `distance` with `distance_type` ('equal') and `distance_relax` (0.01); `distance_start_bbox`, which measures
       between the bounds of both objects here, and from the anchor's hull to the other's origin in the original.
-      'middle' as a direction or type of distance, and several anchors without a direction, become `between`: for two
-      anchors a strip here and a rectangle in the original.
+      'middle' as a direction or type of distance, and several anchors without a direction, are `between`, which for two
+      of them is a strip here and a rectangle in the original.
 
-    Objects with joint states or a fixed position, and objects that carry others, become fixtures; the rest are free.
-    Joints and parts ('drawer/upper') should have the same names in the assets, MJCF or URDF files; all existing assets
-    are checked. A key that has no effect in the original has none here.
+    Objects that have joint states or a fixed position, or that others stand on, become fixtures; the others are free.
+    Joints and parts ('drawer/upper') should have the same names in the assets, MJCF or URDF files, which is checked for
+    all of them that exist. A key that has no effect in the original has none here.
 
     Args:
         cfg: The configuration; it is not changed.
-        assets: Assets by object id, as shipped names or MJCF or URDF files, in place of `asset_path`.
+        assets: Assets by object id, as shipped names or MJCF or URDF files, in place of its `asset_path`.
         robot: The scene's robot, which a configuration does not name: an asset, or a mapping as in a scene file.
-        tier: The grade of proof for `reachable` objects: 'map', 'map_strict', 'ik' or 'clear'.
+        tier: How thoroughly `reachable` objects are proven to be so: 'map', 'map_strict', 'ik' or 'clear'.
 
     Returns:
         The scene.
@@ -74,8 +74,8 @@ def read_sceniris(
         ScenirisError: A key is missing, or a value or a name is wrong.
 
     Warns:
-        KeysLeftOutWarning: Some keys are left out, or have another meaning or value here: a `ratio_on_support` outside
-            0 to 1 is clipped, and so is an `xy_limit`, whose corners may also change order. The warning names them all;
+        KeysLeftOutWarning: Some keys are left out, or have a different meaning or value here: a `ratio_on_support`
+            outside 0 to 1 is clipped, and so is an `xy_limit`, whose corners may also change order. It names them all;
             an `asset_path` among them is kept, but is no MJCF or URDF file.
     """
     notes = Notes()
@@ -84,12 +84,11 @@ def read_sceniris(
     views = Views(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
-    arm, under = robot_words(robot, env)
+    (arm, under), known = robot_words(robot, env), _known_tier(tier)
     size, limits = _workspace(env, objects, under)
-    _check_argument("tier", "tier", [tier], TIERS)
-    _check_argument("assets", "object", assets or {}, objects)
+    _check_assets(assets or {}, objects)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
-    reach = None if arm is None else tier
+    reach = None if arm is None else known
     scene = {
         "floor": {"size": size},
         "robot": arm,
@@ -112,9 +111,9 @@ def read_sceniris(
 def _workspace(
     env: KeyReader, objects: Mapping[str, KeyReader], under: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the size of the floor, shape (2,), and its usable part, shape (2, 2) or None for all of it.
+    """Return the size of the floor, shape (2,), and the part of it to keep to, shape (2, 2) or None for all of it.
 
-    The floor has at least the size `under`, for a robot base that is drawn outside the workspace.
+    The floor has at least the size `under`, for what is drawn beside the workspace.
     """
     limits = env.array("workspace_limits", None, (2, 2)) if env.value("workspace_limits") is not None else None
     edge = env.number("env_size", 1.0)
@@ -128,14 +127,20 @@ def _workspace(
     return size, limits
 
 
-def _check_argument(argument: str, kind: str, names: Iterable[str], valid: Collection[str]) -> None:
-    for name in names:
-        if name not in valid:
-            raise UnknownNameError(kind, str(name), f"read_sceniris: {argument}", valid)
+def _check_assets(assets: Mapping[str, str], objects: Mapping[str, KeyReader]) -> None:
+    for name in assets:
+        if name not in objects:
+            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
+
+
+def _known_tier(tier: str) -> str:
+    if tier not in TIERS:
+        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
+    return tier
 
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
-    """Check the names of joints and parts of objects in all assets that exist."""
+    """Check the names of joints and parts of objects, wherever there is an asset to look them up in."""
     inside = {
         name: names_in(part.asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
         for name, part in config.objects.items()
@@ -157,7 +162,7 @@ def _is_model(asset: str) -> bool:
 
 
 def _objects_by_id(keys: KeyReader) -> dict[str, KeyReader]:
-    """Return the objects of a list or a mapping by id, which is their name in messages."""
+    """Return the objects by id; messages name them by id, whether the configuration has a list or a mapping."""
     data = keys.value("objects")
     if data is None:
         raise keys.wrong("objects", "is missing. It should be a list of mappings, each with an 'id'")
@@ -194,7 +199,7 @@ def _object(
 
 
 def _reachable(keys: KeyReader, tier: str | None) -> dict:
-    """Return the word `reachable` with its `tier`; the tier is None without a robot."""
+    """Return whether the robot should reach an object; `tier` is how thoroughly, None without a robot."""
     wanted = keys.value("reachable")
     if wanted is True and tier is None:
         keys.leave_out("reachable")
@@ -257,7 +262,7 @@ def _rotation(keys: KeyReader, views: Views) -> dict:
 
 
 def _constant(rotation: KeyReader) -> Any:
-    """Return the orientation of a constant rotation; a rotation about another axis than z is left out."""
+    """Return the orientation of a constant rotation; one that is not about z is left as the asset has it."""
     value = rotation.value("orientation")
     if np.ndim(value) < 2:
         angle = rotation.number("orientation", 0.0)

@@ -1,4 +1,4 @@
-"""Constraints between objects of an original configuration, read as relations of a scene."""
+"""Constraints between objects of an original configuration, as relations of a scene."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LEAST = 0.01  # m, the original's least distance
 
 @dataclass(frozen=True)
 class Views:
-    """The possible frames of a direction: the objects by id, and transforms of the world by robot name.
+    """The frames that a direction may be given in: all objects by id, and transforms of the world by robot name.
 
     `own` is the object whose keys are being read.
     """
@@ -54,7 +54,7 @@ def read_relation(keys: KeyReader, views: Views) -> dict | None:
             keys.change(said, "a strip between two anchors here, a rectangle along the support's axes in the original")
         return _between(keys, anchors)
     distance = _distance(keys, kind)
-    # The original ignores a constraint without an anchor, and stops with an error in the other cases.
+    # Without an anchor the original ignores a constraint; in the other cases it stops with an error.
     is_side_by_side = isinstance(direction, str) and direction == "next_to"
     if len(anchors) != 1 or is_side_by_side or (direction is None and not distance):
         keys.leave_out()
@@ -67,7 +67,7 @@ def read_relation(keys: KeyReader, views: Views) -> dict | None:
 
 
 def note_origins(keys: KeyReader, part: str, relation: Mapping[str, Any]) -> None:
-    """Note the keys of a constraint that the parts of a relation are made from; `part` is its path in the scene."""
+    """Remember which keys of a constraint the parts of a relation are made from; `part` is its path in the scene."""
     keys.made(part, "")
     for word in relation:
         keys.made(f"{part}.{word}", _KEYS.get(word, "anchor_object_ids"))
@@ -83,7 +83,7 @@ def _between(keys: KeyReader, anchors: list[str]) -> dict:
 
 
 def _distance(keys: KeyReader, kind: str | None) -> dict:
-    """Return the words `distance` and `measure`, none without a distance."""
+    """Return the distance and how it is measured, empty if there is none."""
     measure = {"measure": "bounds"} if keys.take("distance_start_bbox", False) else {}
     if measure:
         keys.change(
@@ -104,7 +104,7 @@ def _distance(keys: KeyReader, kind: str | None) -> dict:
 def _around(keys: KeyReader, anchor: str, distance: dict) -> dict:
     """Return the words for all directions around an anchor."""
     keys.ignore("direction_tolerance_angle", "relation_axis_transform")
-    if "min" in distance["distance"]:  # `near` needs an upper limit
+    if "min" in distance["distance"]:  # 'near' would need an upper limit
         return {"direction": (1.0, 0.0), "of": anchor, "angle": 180.0}
     return {"near": anchor}
 
@@ -124,7 +124,7 @@ def _towards(keys: KeyReader, anchor: str, direction: Any, views: Views) -> dict
 
 
 def _frame(keys: KeyReader, anchor: str, views: Views) -> tuple[str, np.ndarray | None]:
-    """Return the frame of a direction, and the rotation (3, 3) of the direction in it."""
+    """Return the frame of a direction, and the rotation of the direction in it, shape (3, 3)."""
     key = "relation_axis_transform"
     transform = keys.take(key)
     if transform is None:

@@ -1,4 +1,4 @@
-"""The robot of an imported scene: named by the caller, standing at the `robot_position` of the configuration."""
+"""The robot of an imported scene, which the caller names, and `robot_position`, where the configuration has it."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from sceniris_gym.importers.sceniris.placement import GROUND
 _KEY = "robot_position"
 _NEAR = 1e-9  # m: equal but for rounding
 _NO_FLOOR = (0.0, 0.0)
-_HALF_EDGE = 1e-4  # m; half width of bounds along an axis on which they have none
+_HALF_EDGE = 1e-4  # m, of bounds that have no width along an axis
 
 
 def robot_words(
     robot: str | Mapping[str, Any] | None, env: KeyReader
 ) -> tuple[dict[str, Any] | None, tuple[float, float]]:
-    """Return the words for the robot, which stands at `robot_position` by default; None without a robot.
+    """Return the words for the robot, which stands at `robot_position` if nothing else is said; None without a robot.
 
-    The original documents one position as that of the robot, and several as bounds of it, although its check of reach
-    uses the world's origin. Within bounds on the floor the base is drawn. Bounds in space become their middle, because
-    a drawn base stands on the lowest point of its robot. With `in_scene: false` reach is judged from there without a
-    robot. A `base` from the caller, fixed or drawn, takes precedence; the user is told where it contradicts the
-    positions.
+    The original documents a single position as that of the robot, and several as bounds of it; its check of reach takes
+    the world's origin all the same. Within bounds on the floor the base is drawn; those in space become their middle,
+    since a drawn base stands on what is lowest of its robot. With `in_scene: false` no robot stands there, and reach is
+    judged from there. A `base` that the caller gives wins, and is told where it contradicts them, as is one that is
+    drawn.
 
     Args:
         robot: The robot as the caller gives it: an asset, or a mapping as in a scene file.
@@ -39,7 +39,7 @@ def robot_words(
         The words, and the smallest size of a floor [m] that contains bounds on it.
 
     Raises:
-        SceneKeyError: The robot or the positions are invalid.
+        SceneKeyError: The robot, or the positions, are no such things.
     """
     positions = _positions(env)
     if robot is None:
@@ -47,7 +47,7 @@ def robot_words(
             env.leave_out(_KEY)
             env.notes.advise(
                 f"'{_KEY}' is carried over if read_sceniris gets a 'robot', which then stands there; "
-                "robot={'asset': 'panda', 'in_scene': False} only judges its reach from there."
+                "robot={'asset': 'panda', 'in_scene': False} only judges what it could reach from there."
             )
         return None, _NO_FLOOR
     words: Any = {"asset": robot} if isinstance(robot, str) else robot
@@ -59,7 +59,7 @@ def robot_words(
     low, high = positions.min(axis=0), positions.max(axis=0)
     if config.in_model is not None:
         env.leave_out(_KEY)
-        env.notes.advise("A robot that is in the model keeps its pose there.")
+        env.notes.advise("A robot that is in the model stands as the model has it.")
         return words, _NO_FLOOR
     env.ignore(_KEY)
     if "base" in config.model_fields_set:
@@ -67,7 +67,7 @@ def robot_words(
             env.change(_KEY, f"the robot stands at the 'base' that it was given, {list(config.base)}")
         return words, _NO_FLOOR
     if config.placing is not None:
-        env.change(_KEY, "the base of the robot is drawn by the words of 'robot'")
+        env.change(_KEY, "the base of the robot is drawn, as it was said to be")
         return words, _NO_FLOOR
     if (low != high).any() and not positions[:, 2].any() and config.roll == config.pitch == 0.0:
         return _drawn(words, config.yaw, low[:2], high[:2], env)
@@ -81,7 +81,7 @@ def robot_words(
 def _drawn(
     words: dict[str, Any], yaw: float, low: np.ndarray, high: np.ndarray, env: KeyReader
 ) -> tuple[dict[str, Any], tuple[float, float]]:
-    """Return the words for a base that is drawn on the floor within bounds [m], and the size of floor that it needs."""
+    """Return the words for a base that is drawn on the floor within bounds [m], and the floor that this needs."""
     size = 2.0 * np.maximum(np.abs(low), np.abs(high))
     if (size > 2.0 * MOST_FAR).any():
         raise env.wrong(_KEY, f"should be within {MOST_FAR:g} m of the world's origin")
@@ -95,10 +95,10 @@ def _drawn(
 
 
 def _positions(env: KeyReader) -> np.ndarray | None:
-    """Return the positions (n, 3) [m], and leave the key; None if there are none.
+    """The positions [m], shape (n, 3), without taking the key; None if there are none.
 
     Raises:
-        SceneKeyError: The value is no list of positions.
+        SceneKeyError: They are no positions.
     """
     value = env.value(_KEY)
     if value is None:
