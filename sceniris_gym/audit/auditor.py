@@ -112,17 +112,10 @@ class Auditor:
         heaps = HeapAudit(config, mjm, bodies)
         self.heaped = heaps.may_touch()
         self.contacts.at_home |= self.heaped
-        jointed = {name for name, part in config.objects.items() if part.joints}
-        jointed |= {name for name, robot in config.all_robots.items() if robot.joints}
+        jointed = {name for name, part in {**config.objects, **config.all_robots}.items() if part.joints}
+        at_home, moved = self.contacts.at_home, {*drawn, *jointed}
         pairs = judged_pairs(
-            self.tree,
-            solids,
-            config.geometry,
-            clearances,
-            jointed=jointed,
-            at_home=self.contacts.at_home,
-            moved={*drawn, *jointed},
-            placed=drawn,
+            self.tree, solids, config.geometry, clearances, jointed=jointed, at_home=at_home, moved=moved, placed=drawn
         )
         self.collisions = CollisionAudit(self.tree, solids, pairs)
         home = home_of(mjm, config.home)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import mujoco
 
+from sceniris_gym.audit.geometry import subtree
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.scene import SceneConfig
 
@@ -49,7 +50,7 @@ def carrier_of(mjm: mujoco.MjModel, bodies: Mapping[str, int], config: SceneConf
         spaces = (own, own.rpartition("/")[0])  # names of an attached model have a prefix
         names = [part, *(f"{space}/{part}" for space in spaces)]
         ids = [mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) for name in reversed(names)]
-        inside = [i for i in ids if i >= 0 and _is_inside(mjm, i, bodies[owner])]
+        inside = [i for i in ids if i in subtree(mjm, bodies[owner])]
         if inside:
             return Carrier(inside[0], owner=owner)
     roots = {body: name for name, body in bodies.items()}
@@ -59,12 +60,6 @@ def carrier_of(mjm: mujoco.MjModel, bodies: Mapping[str, int], config: SceneConf
         return Carrier(body, geom, _owner(mjm, body, roots))
     body = mjm.body(parent).id
     return Carrier(body, owner=_owner(mjm, body, roots))
-
-
-def _is_inside(mjm: mujoco.MjModel, body: int, root: int) -> bool:
-    while body > root:  # parents come before their children
-        body = int(mjm.body_parentid[body])
-    return body == root
 
 
 def _owner(mjm: mujoco.MjModel, body: int, roots: Mapping[int, str]) -> str | None:

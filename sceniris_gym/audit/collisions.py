@@ -77,7 +77,7 @@ class CollisionAudit:
         conflicts = []
         for pair in self.pairs:
             bound = self._lower_bound(pair, poses)
-            lifted = self._lifted(pair, supporting, len(bound))
+            lifted = self._lifted(pair, supporting, np.arange(len(bound)))
             clearance = np.where(lifted != 0, 0.0, pair.clearance)
             allowed = clearance - MISSED_TOLERANCE
             if self._over_halfspace(pair) is not None:
@@ -135,8 +135,7 @@ class CollisionAudit:
 
     def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return the distance [m] that the pair must keep in each of the rows."""
-        nrow = len(next(iter(supporting.values()))) if supporting else int(rows.max(initial=-1)) + 1
-        return np.where(self._lifted(pair, supporting, nrow)[rows] != 0, 0.0, max(pair.clearance, pair.margin))
+        return np.where(self._lifted(pair, supporting, rows) != 0, 0.0, max(pair.clearance, pair.margin))
 
     def _tolerance(self, pair: Judged) -> float:
         forms = {self.solids[i].form for i in (pair.first, pair.second)}
@@ -151,13 +150,13 @@ class CollisionAudit:
         there = [rank.get(owner, -1) < ranks for owner in pair.owners]
         return (mine[0] & there[1]) | (mine[1] & there[0])
 
-    def _lifted(self, pair: Judged, supporting: Mapping[str, np.ndarray], nrow: int) -> np.ndarray:
-        """Return for each row 1 or 2 if the body of the other solid supports the first or second one, else 0."""
-        lifted = np.zeros(nrow, int)
+    def _lifted(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """Return for each of the rows 1 or 2 if the other solid's body supports the first or second one, else 0."""
+        lifted = np.zeros(len(rows), int)
         for side, (solid, other) in enumerate(((pair.first, pair.second), (pair.second, pair.first)), start=1):
             owner = self.tree.owner[self._body[solid]]
             if owner in supporting:
-                lifted[supporting[owner] == self._body[other]] = side
+                lifted[supporting[owner][rows] == self._body[other]] = side
         return lifted
 
     def _over_halfspace(self, pair: Judged) -> int | None:

@@ -52,7 +52,7 @@ class Contact:
 
     @property
     def acts(self) -> bool:
-        """Whether it is deeper than allowed, beyond rounding."""
+        """True if it is deeper than allowed, beyond rounding."""
         return self.excess > (0.0 if self.home is None else ROUNDING)
 
 

@@ -119,6 +119,15 @@ def pose_of(data: mujoco.MjData) -> Poses:
     return Poses(data.geom_xpos[None].copy(), mats[0], data.xpos[None].copy(), mats[1])
 
 
+def subtree(mjm: mujoco.MjModel, root: int) -> set[int]:
+    """Return a body and all bodies below it."""
+    found = {root}
+    for body in range(root + 1, mjm.nbody):  # parents come before their children
+        if int(mjm.body_parentid[body]) in found:
+            found.add(body)
+    return found
+
+
 def rotation(quat: np.ndarray) -> np.ndarray:
     """Return the rotation matrix (3, 3) of a quaternion (wxyz)."""
     mat = np.empty(9)

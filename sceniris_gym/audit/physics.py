@@ -89,11 +89,7 @@ def settle(
         for i in np.flatnonzero(~(state[:, -1, 0] > first[:, 0] + (nstep - 0.5) * mjm.opt.timestep)).tolist():
             warnings[start + i] = _first_warning(mjm, threads[0], first[i], given[i], nstep)
             moved[start + i] = speed[start + i] = np.nan
-    return Settling(
-        {name: moved[:, k] for k, name in enumerate(names)},
-        {name: speed[:, k] for k, name in enumerate(names)},
-        warnings,
-    )
+    return Settling(dict(zip(names, moved.T, strict=True)), dict(zip(names, speed.T, strict=True)), warnings)
 
 
 def _first_warning(

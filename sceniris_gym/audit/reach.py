@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
-from sceniris_gym.audit.geometry import frame, home_of
+from sceniris_gym.audit.geometry import frame, home_of, subtree
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -84,9 +84,9 @@ class ReachAudit:
         self.joints = self.chain.joints if chain is None else []
         self.adr = mjm.jnt_qposadr[self.joints].astype(int)
         self.lower, self.upper = self.chain.lower.numpy(), self.chain.upper.numpy()
-        self._of = {name: _inside(mjm, body) for name, body in bodies.items()}
-        self._robot = _inside(mjm, root)
-        self._hand = _inside(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
+        self._of = {name: subtree(mjm, body) for name, body in bodies.items()}
+        self._robot = subtree(mjm, root)
+        self._hand = subtree(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
         self._at_home = self._touching_at_home()
 
     def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
@@ -206,15 +206,6 @@ class ReachAudit:
         mujoco.mju_mat2Quat(quat, (pose[:3, :3] @ self.data.site_xmat[self.site].reshape(3, 3).T).ravel())
         mujoco.mju_quat2Vel(turn, quat, 1.0)
         return pose[:3, 3] - self.data.site_xpos[self.site], turn
-
-
-def _inside(mjm: mujoco.MjModel, root: int) -> set[int]:
-    """Return a body and all bodies below it."""
-    inside = {root}
-    for body in range(root + 1, mjm.nbody):
-        if int(mjm.body_parentid[body]) in inside:
-            inside.add(body)
-    return inside
 
 
 def _matrix(pose: np.ndarray) -> np.ndarray:

@@ -8,23 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from sceniris_gym.audit import supports
 from sceniris_gym.audit.carriers import Carrier, carrier_of, is_ground
 from sceniris_gym.audit.geometry import Form, Poses, Solid
 from sceniris_gym.audit.heaps import HeapAudit
 from sceniris_gym.audit.outlines import Outlines
 from sceniris_gym.audit.pairs import Tree
-from sceniris_gym.audit.supports import (
-    EDGE_TOLERANCE,
-    HEIGHT_TOLERANCE,
-    LevelSurface,
-    footprint_points,
-    hit_above,
-    inside,
-    level_surfaces,
-    plane_surface,
-    surface_of,
-    upright_frame,
-)
+from sceniris_gym.audit.supports import EDGE_TOLERANCE, LevelSurface, inside, surface_of, upright_frame
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 
@@ -63,7 +53,7 @@ def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: P
         if name in parts and solid.form is not Form.HALFSPACE:
             world = surface_of(solid)[0] @ home.geom_xmat[0, solid.geom].T + home.geom_xpos[0, solid.geom]
             parts[name].append((world - home.xpos[0, bodies[name]]) @ home.xmat[0, bodies[name]])
-    return {name: footprint_points(found) if found else np.zeros((1, 3)) for name, found in parts.items()}
+    return {name: supports.footprint_points(found) if found else np.zeros((1, 3)) for name, found in parts.items()}
 
 
 class StandingAudit:
@@ -149,7 +139,7 @@ class StandingAudit:
         for rows, surfaces in self._surfaces(part, carrier, poses):
             bounds = shapely.total_bounds([surface.area for surface in surfaces])
             for surface in surfaces:
-                level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
+                level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= supports.HEIGHT_TOLERANCE]
                 allowed = inside(surface.area, turned[level, :2], erosion[level])
                 allowed &= _in_region(surface.area, bounds, part, turned[level, :2])
                 on = level[allowed]
@@ -191,7 +181,7 @@ class StandingAudit:
             if key not in self._levels:
                 solids = self._triangles(body)
                 only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
-                found = level_surfaces([*solids.values()], up, open_above=open_above, only=only)
+                found = supports.level_surfaces([*solids.values()], up, open_above=open_above, only=only)
                 self._levels[key] = found + self._level_planes(carrier, up)
             groups.append((np.flatnonzero(index == k), self._levels[key]))
         return groups
@@ -206,7 +196,7 @@ class StandingAudit:
             pos = self._home.xmat[0, carrier.body].T @ (
                 self._home.geom_xpos[0, geom] - self._home.xpos[0, carrier.body]
             )
-            found.append(plane_surface(mjm.geom_size[geom], pos, mat, up))
+            found.append(supports.plane_surface(mjm.geom_size[geom], pos, mat, up))
         return [surface for surface in found if surface is not None]
 
     def _triangles(self, body: int) -> dict[int, np.ndarray]:
@@ -245,7 +235,7 @@ class StandingAudit:
                 continue
             mat = poses.geom_xmat[rows, geom]
             origin = np.einsum("nij,ni->nj", mat, points - poses.geom_xpos[rows, geom])
-            covered |= hit_above(surface, origin, mat[:, 2])
+            covered |= supports.hit_above(surface, origin, mat[:, 2])
         return covered
 
 

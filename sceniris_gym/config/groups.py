@@ -37,7 +37,7 @@ class GroupConfig(Section):
 
     @property
     def always_whole(self) -> bool:
-        """Whether all members are present in every world."""
+        """True if all members are present in every world."""
         return self.count[0] == len(self.of)
 
     @model_validator(mode="after")

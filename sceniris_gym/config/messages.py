@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any
 
@@ -48,20 +48,17 @@ def reading(where: str) -> Iterator[None]:
     token = where_now.set(where)
     try:
         yield
-    except ValidationError as error:
-        raise _as_scene_error(error, where) from None
-    except UnicodeError:  # half of a surrogate pair, which pydantic cannot put into an error
-        raise SceneKeyError(f"{where}: a name or a value has a character that is not text.") from None
+    except (ValidationError, UnicodeError) as error:
+        raise SceneKeyError(_told(error, where)) from None
     finally:
         where_now.reset(token)
 
 
-def _as_scene_error(error: ValidationError, where: str) -> SceneKeyError:
-    try:
-        found = error.errors(include_url=False)
-    except UnicodeError:
-        return SceneKeyError(f"{where}: a name or a value has a character that is not text.")
-    return SceneKeyError("\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in found))
+def _told(error: ValidationError | UnicodeError, where: str) -> str:
+    with suppress(UnicodeError):  # half of a surrogate pair, which pydantic cannot put into an error
+        if isinstance(error, ValidationError):
+            return "\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in error.errors(include_url=False))
+    return f"{where}: a name or a value has a character that is not text."
 
 
 def _path(error: ErrorDetails) -> str:

@@ -13,24 +13,8 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from sceniris_gym.config.fields import (
-    FLOOR,
-    ROBOT,
-    Box,
-    Choice,
-    Clearance,
-    Fraction,
-    FractionBox,
-    FractionInterval,
-    Gap,
-    JointInterval,
-    JointPosition,
-    Noise,
-    Points,
-    Polygon,
-    Reachable,
-    wrong,
-)
+from sceniris_gym.config import fields
+from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
 from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
@@ -47,11 +31,11 @@ class JointConfig(Section):
     """
 
     one_of = JOINT_FORMS
-    fraction: FractionInterval | None = None
-    range: JointInterval | None = None
-    choice: Choice | None = None
-    value: JointPosition | None = None
-    noise: Noise | None = None
+    fraction: fields.FractionInterval | None = None
+    range: fields.JointInterval | None = None
+    choice: fields.Choice | None = None
+    value: fields.JointPosition | None = None
+    noise: fields.Noise | None = None
 
 
 class RegionConfig(Section):
@@ -62,14 +46,14 @@ class RegionConfig(Section):
     """
 
     one_of = REGION_FORMS
-    box: Box | None = None
-    fraction: FractionBox | None = None
-    polygon: Polygon | None = None
-    points: Points | None = None
+    box: fields.Box | None = None
+    fraction: fields.FractionBox | None = None
+    polygon: fields.Polygon | None = None
+    points: fields.Points | None = None
 
     @property
     def is_3d(self) -> bool:
-        """Whether it is a box or points in space rather than a part of a support."""
+        """True for a box or points in space, False for a part of a support."""
         return len((self.box or self.points or ((),))[0]) == 3
 
     @property
@@ -88,7 +72,7 @@ class SupportConfig:
     `parent` is 'floor', 'object', 'object/body', or a geom or body of the scene's own model that never moves.
     """
 
-    word: Literal["on", "inside", "in"]
+    word: str
     parent: str
 
 
@@ -103,23 +87,22 @@ class ObjectConfig(Section):
     on: str | None = None
     inside: str | None = None
     in_: str | None = Field(default=None, alias="in")
-    ratio_on_support: Fraction = 0.0
+    ratio_on_support: fields.Fraction = 0.0
     region: RegionConfig | None = None
     relations: Relations = ()
     orientation: Orientation | None = None
     joints: dict[str, JointConfig] = Field(default_factory=dict)
-    clearance: Clearance = 0.001
-    gap: Gap = 0.0005
-    reachable: Reachable = False
+    clearance: fields.Clearance = 0.001
+    gap: fields.Gap = 0.0005
+    reachable: fields.Reachable = False
     by: str = ROBOT
     grasp: str | None = None
 
     @property
     def support(self) -> SupportConfig | None:
         """The support that the scene names, or None."""
-        words: tuple[tuple[Literal["on", "inside", "in"], str | None], ...]
-        words = (("on", self.on), ("inside", self.inside), ("in", self.in_))
-        return next((SupportConfig(word, parent) for word, parent in words if parent is not None), None)
+        parents = zip(SUPPORT_WORDS, (self.on, self.inside, self.in_), strict=True)
+        return next((SupportConfig(word, parent) for word, parent in parents if parent is not None), None)
 
     @property
     def drawn_orientation(self) -> DrawnOrientation:
@@ -128,7 +111,7 @@ class ObjectConfig(Section):
 
     @property
     def is_placed(self) -> bool:
-        """Whether a reset draws a pose for it; otherwise it stays in the pose of the model."""
+        """True if a reset draws its pose; otherwise it stays in the pose of the model."""
         return self.kind != "static" and (self.support is not None or self.region is not None)
 
     @property
@@ -170,7 +153,7 @@ class ObjectConfig(Section):
     def _agrees_with_itself(self) -> ObjectConfig:
         if self.asset is not None and self.body is not None:
             raise wrong("should have an 'asset', or be a 'body' of the model, not both")
-        words = [word for word in SUPPORT_WORDS if getattr(self, "in_" if word == "in" else word) is not None]
+        words = [word.rstrip("_") for word in self.given(("on", "inside", "in_"))]
         if len(words) > 1:
             raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")
         if self.kind == "static" and (

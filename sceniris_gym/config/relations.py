@@ -1,4 +1,4 @@
-"""Where an object is placed relative to others: the kinds of relation, a class each, and `AnyRelation`, their union.
+"""Positions relative to other objects: the kinds of relation, a class each, and `AnyRelation`, their union.
 
 Directions are seen from above, x to the right and y to the back, so that the front is -y.
 """
@@ -29,8 +29,6 @@ _LEAST_TOLERANCE = 1.0e-4
 # Half of the thinnest wedge [rad] that directions may have in common: about a tenth of a degree.
 _LEAST_ANGLE = 1.0e-3
 _THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
-
-Angle = Annotated[Number, Field(gt=0.0, le=180.0)]
 
 
 def _wide_enough(tolerance: float) -> float:
@@ -175,7 +173,7 @@ class Sector(Relation):
 
     @property
     def by_bounds(self) -> bool:
-        """Whether the distance is measured between bounds rather than between origins."""
+        """True if the distance is measured between bounds rather than between origins."""
         return self.measure == "bounds"
 
     @property
@@ -206,7 +204,7 @@ class Direction(Sector):
     right_of: str | None = None
     direction: Direction2 | None = None
     of: str | None = None
-    angle: Angle | None = None
+    angle: Annotated[Number, Field(gt=0.0, le=180.0)] | None = None
     frame: str = "anchor"
     distance: Distance | None = None
     measure: Literal["origin", "bounds"] = "origin"
@@ -281,7 +279,7 @@ class Between(Relation):
 
     @property
     def has_own_width(self) -> bool:
-        """Whether the strip is as wide as the object itself."""
+        """True if the strip is as wide as the object itself."""
         return self.width is None
 
 

@@ -148,7 +148,7 @@ class SceneConfig(Section):
 
     @property
     def has_model_in_memory(self) -> bool:
-        """Whether `model` is a MjSpec or a MjModel rather than a file."""
+        """True if `model` is a MjSpec or a MjModel rather than a file."""
         return in_memory(self.model)
 
     def canonical(self) -> str:

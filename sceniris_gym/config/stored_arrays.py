@@ -1,4 +1,4 @@
-"""NumPy's files from strangers: nothing is executed, and nothing is allocated that the file cannot hold."""
+"""NumPy files from strangers: reading executes nothing, and allocates no more than the file can hold."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ UNREADABLE = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, NotImplementedError, OverflowError),
     *(SyntaxError, TokenError, MemoryError, zipfile.BadZipFile, zlib.error),
 )
-"""What reading a damaged file raises."""
+"""Errors that reading a damaged file may raise."""
 
-# Deflate makes nothing smaller than by this factor.
+# Greatest ratio of compression by Deflate.
 _MOST_PACKED = 1040
 _HEADER = 1 << 16  # bytes
 
@@ -27,7 +27,7 @@ def read_array(path: Path) -> np.ndarray:
     """Read the one array of a .npy file.
 
     Raises:
-        UNREADABLE: The file is not one, or is shorter than it says.
+        UNREADABLE: The file is no .npy file, or is shorter than its header says.
     """
     with path.open("rb") as file:
         if file.read(4) == b"PK\x03\x04":
@@ -42,7 +42,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Read all arrays of a .npz file.
 
     Raises:
-        UNREADABLE: The file is not one, or holds less than it says.
+        UNREADABLE: The file is no .npz file, or holds less than its headers say.
     """
     with path.open("rb") as opened, zipfile.ZipFile(opened) as archive:
         size = path.stat().st_size
@@ -61,7 +61,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _check_size(file: BinaryIO, size: int) -> None:
-    """Compare the size that an array's header declares with the number of bytes there are."""
+    """Check that the size in an array's header is no more than the number of bytes."""
     major, _ = npy.read_magic(file)
     read = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
     shape, _, dtype = read(file, max_header_size=_HEADER)

@@ -42,7 +42,7 @@ class Tier(IntEnum):
 
     @property
     def needs_map(self) -> bool:
-        """Whether the arm's map alone decides, during placing; otherwise inverse kinematics decides afterwards."""
+        """True if the arm's map alone decides, during placing; otherwise inverse kinematics decides afterwards."""
         return self < Tier.IK
 
     @property

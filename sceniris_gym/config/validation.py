@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import graphlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -58,6 +59,7 @@ def check_names(scene: SceneNames, where: str) -> None:
             _check_parent(scene, f"{where}: {key}.{part.support.word}", name, part.support.parent)
         for path, other in part.references:
             _check_reference(scene, f"{where}: {key}.{path}", name, other)
+    _check_members(scene, where)
     _check_groups(scene, where)
     _check_heaps(scene, where)
     _check_cycles(scene, where)
@@ -144,23 +146,31 @@ def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> No
         raise SceneKeyError(f"{where}: '{other}' should be a different object from the one that is placed.")
 
 
+def _check_members(scene: SceneNames, where: str) -> None:
+    """Check that the members of groups and heaps are objects, each in one of them at most."""
+    owners: dict[str, str] = {}
+    for kind, parts in (("group", scene.groups), ("heap", scene.heaps)):
+        for label, part in parts.items():
+            path = f"{where}: {kind}s.{label}.of"
+            for name in part.of:
+                if name not in scene.objects:
+                    raise UnknownNameError("object", name, path, scene.objects)
+                if name in owners:
+                    raise SceneKeyError(
+                        f"{path}: '{name}' is also in the {owners[name]}. It should be in one of them at most."
+                    )
+                owners[name] = f"{kind} '{label}'"
+
+
 def _check_groups(scene: SceneNames, where: str) -> None:
-    group_of: dict[str, str] = {}
-    for group, part in scene.groups.items():
-        path = f"{where}: groups.{group}.of"
-        for name in part.of:
-            if name not in scene.objects:
-                raise UnknownNameError("object", name, path, scene.objects)
-            if name in group_of:
-                raise SceneKeyError(
-                    f"{path}: '{name}' is also in the group '{group_of[name]}'. It should be in one group at most."
-                )
-            if not scene.objects[name].is_placed:
-                raise SceneKeyError(
-                    f"{path}: '{name}' stays where the model has it and cannot be absent. Give it a support or a 3D "
-                    "region, or take it out of the group."
-                )
-            group_of[name] = group
+    """Check that members can be absent, and that the other objects can be placed without them."""
+    group_of = {name: group for group, part in scene.groups.items() for name in part.of}
+    for name, group in group_of.items():
+        if not scene.objects[name].is_placed:
+            raise SceneKeyError(
+                f"{where}: groups.{group}.of: '{name}' stays where the model has it and cannot be absent. Give it a "
+                "support or a 3D region, or take it out of the group."
+            )
     absent = {name: group for name, group in group_of.items() if not scene.groups[group].always_whole}
     for key, _, part in scene.placed:
         _check_absent(scene, key, part, absent, where)
@@ -186,17 +196,9 @@ def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[
 
 def _check_heaps(scene: SceneNames, where: str) -> None:
     """Check that the objects of heaps have no other place, and that containers stand upright."""
-    heap_of: dict[str, str] = {}
-    grouped = {name: group for group, part in scene.groups.items() for name in part.of}
+    things = {name for part in scene.heaps.values() for name in part.of}
     for heap, part in scene.heaps.items():
-        path = f"{where}: heaps.{heap}"
         for name in part.of:
-            if name not in scene.objects:
-                raise UnknownNameError("object", name, f"{path}.of", scene.objects)
-            if name in heap_of or name in grouped:
-                other = f"heap '{heap_of[name]}'" if name in heap_of else f"group '{grouped[name]}'"
-                raise SceneKeyError(f"{path}.of: '{name}' is also in the {other}. It should be in one of them at most.")
-            heap_of[name] = heap
             thing = scene.objects[name]
             given = thing.model_fields_set.intersection(PLACING)
             if thing.in_ != part.fill or thing.drawn_orientation.kind != "any" or given:
@@ -205,8 +207,10 @@ def _check_heaps(scene: SceneNames, where: str) -> None:
                     f"ratio_on_support, orientation, joints, gap), as the heap '{heap}' puts it into '{part.fill}'."
                 )
         owner = part.fill.split("/")[0]
-        if owner in heap_of:
-            raise SceneKeyError(f"{path}.fill: '{owner}' is a thing of a heap. Fill what nothing else is heaped in.")
+        if owner in things:
+            raise SceneKeyError(
+                f"{where}: heaps.{heap}.fill: '{owner}' is a thing of a heap itself. Name a container that is not."
+            )
         if owner in scene.objects and scene.objects[owner].drawn_orientation.kind in ("any", "stable"):
             raise SceneKeyError(
                 f"{where}: objects.{owner}.orientation: should keep it upright, since the heap '{heap}' fills it. Give "
@@ -215,25 +219,10 @@ def _check_heaps(scene: SceneNames, where: str) -> None:
 
 
 def _check_cycles(scene: SceneNames, where: str) -> None:
-    needs: dict[str, tuple[str, ...]] = {name: part.needs for _, name, part in scene.placed}
-    ends: set[str] = set()  # objects that no cycle can be reached from
-    for name in needs:
-        if (cycle := _cycle(name, needs, ends)) is not None:
-            raise CycleError(where, cycle, "objects are placed relative to each other")
-
-
-def _cycle(first: str, needs: Mapping[str, tuple[str, ...]], ends: set[str]) -> list[str] | None:
-    """Return the first cycle on a path from an object, or None. The search is no recursion: chains may be long."""
-    chain = {first: iter(needs.get(first, ()))}  # the path, with the branches left to try at each object
-    while chain:
-        last = next(reversed(chain))
-        other = next(chain[last], None)
-        if other is None:
-            ends.add(last)
-            del chain[last]
-        elif other in chain:
-            names = list(chain)
-            return names[names.index(other) :]
-        elif other not in ends:
-            chain[other] = iter(needs.get(other, ()))
-    return None
+    needs = {name: part.needs for _, name, part in scene.placed}
+    try:
+        graphlib.TopologicalSorter(needs).prepare()
+    except graphlib.CycleError as error:
+        cycle = error.args[1][:0:-1]  # from each name to one that it needs, without the first name once more
+        start = cycle.index(next(name for name in needs if name in cycle))
+        raise CycleError(where, cycle[start:] + cycle[:start], "objects are placed relative to each other") from None

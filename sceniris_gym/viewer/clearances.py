@@ -1,4 +1,4 @@
-"""The layer of clearances: from each object to what is nearest, how far that is, and how far it has to be."""
+"""The layer of clearances: a line from each object to its nearest neighbour, with the distance and the least one."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREEN, RED, Sketch
 
-_LOOKED = 0.3  # m; what is further away is not drawn
+_LOOKED = 0.3  # m; greatest distance of a neighbour that is drawn
 _ROUNDING = 1.0e-6  # m
-_ABOVE = 0.06  # m from a line to its words
+_ABOVE = 0.06  # m; height of a label above its line
 
 
 def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw a line from each placed object to the nearest thing that is not its support: red where it is too near."""
+    """Draw a line from each placed object to its nearest neighbour except its support, red if it is too near."""
     sketch, drawn = Sketch(), set()
     for name in [only] if only is not None else world.placed_names:
         nearest = nearest_to(world, name)
@@ -32,12 +32,12 @@ def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
 
 @dataclass(frozen=True)
 class Nearest:
-    """What is nearest to an object.
+    """The nearest neighbour of an object.
 
     Attributes:
-        other: The name of the object, or of the body, that it is.
+        other: The name of the neighbour, an object or a body.
         ends: The shortest line from the object to it, (2, 3) [m].
-        distance: The length of that line [m]; negative where they overlap.
+        distance: The length of that line [m]; negative if they overlap.
     """
 
     other: str
@@ -46,10 +46,9 @@ class Nearest:
 
 
 def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
-    """Return what collides and is nearest to an object.
+    """Return the nearest colliding neighbour of an object; None if nothing is near.
 
-    What carries the object is left out, what it carries, and what is in one heap with it, as `clearance` says nothing
-    about them. None if nothing is near.
+    Its support, the objects on it, and the things of its heap do not count, because `clearance` does not apply to them.
     """
     mjm, data, scene = world.compiled.mjm, world.data, world.compiled.scene
     own = set(scene.subtree(name))
@@ -77,7 +76,7 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
 
 
 def _carriers(world: ShownWorld) -> dict[int, int]:
-    """The body that carries each body of an object."""
+    """Return body of a placed object -> body that carries the object."""
     found: dict[int, int] = {}
     for name in world.placed_names:
         ground = world.placed(name).ground
@@ -87,14 +86,14 @@ def _carriers(world: ShownWorld) -> dict[int, int]:
 
 
 def _clearance(world: ShownWorld, name: str) -> float:
-    """What an object, a robot or a body keeps around itself [m]: nothing, if the scene does not say."""
+    """Return the clearance [m] of an object, a robot or a body: 0 unless the scene sets it."""
     config = world.compiled.config
     part = config.all_robots.get(name) or config.objects.get(name)
     return 0.0 if part is None else part.clearance
 
 
 def _owner(world: ShownWorld, geom: int) -> str:
-    """What a scene file calls what a geom is of: an object, or what never moves by the geom's or the body's name."""
+    """Return the owner of a geom in the words of a scene file: an object, or a geom or body that never moves."""
     scene = world.compiled.scene
     body = int(scene.mjm.geom_bodyid[geom])
     objects = (name for name in scene.bodies if body in scene.subtree(name))

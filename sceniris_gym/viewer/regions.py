@@ -1,4 +1,4 @@
-"""The layer of supports: what of them the words of a scene leave for each object, in the state of one world."""
+"""The layer of regions: the part of the supports where each object may be, in the state of one world."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
 Standing = tuple[np.ndarray, np.ndarray]
 """Place of an object, its pivot [m] and heading [rad], and its bounds around the pivot [m], as in `Plan`."""
-_FAR = 20.0  # m; a relation without a greatest distance is drawn so far
+_FAR = 20.0  # m; radius of a relation without a greatest distance
 _ARC = 128  # segments of a half circle
-_LINE = 0.002  # m; a line is drawn so wide to both sides
-_ALIKE = 0.75  # of the larger of two regions that share their words, and their surface
+_LINE = 0.002  # m; half width of a line
+_ALIKE = 0.75  # overlap, as a share of the larger one, from which two regions of a surface share a label
 _MOST_NAMED = 5
-_CROWDED = 0.2  # m between words
-_SITE = 0.005  # m; points, and where sites meet, are drawn as discs of this radius
-_LIFT = 0.002  # m that a region is drawn above its surface, and above the one before it
+_CROWDED = 0.2  # m; labels that are nearer are moved apart
+_SITE = 0.005  # m; radius of the discs for points and for sites that meet
+_LIFT = 0.002  # m; height of a region above its surface, and above the region before it
 
 
 def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the supports as grey outlines, and on them in colour where pivots of objects may be.
+    """Draw the supports as grey outlines, and on them the regions for the pivots of objects in colour.
 
     Args:
         world: The world.
-        only: The object whose region is drawn; None for all.
+        only: The object to draw the region of; None for all.
     """
     sketch = Sketch()
     found: dict[tuple[bytes, float], tuple[list[str], MultiPolygon]] = {}
@@ -50,7 +50,7 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
                 sketch.words.append((f"nothing is left for {name}", np.array([at.x, at.y, height])))
             else:
                 found.setdefault((left.normalize().wkb, height), ([], left))[0].append(name)
-    # However many there are, together they are as thin, and as clear, as a few.
+    # Many regions together are as thin, and as transparent, as a few.
     lift, opacity = 2.0 * _LIFT / max(len(found), 2), 0.45 / math.sqrt(max(len(found) / 3.0, 1.0))
     for i, ((_, height), (_, left)) in enumerate(found.items()):
         triangles = triangulate(left)
@@ -61,7 +61,7 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[str, np.ndarray]]:
-    """Who may be where: regions that are nearly the same share their words; crowded ones stand at edges."""
+    """Return the labels of regions: nearly equal regions share one, and crowded labels move to the edges."""
     shared: list[tuple[list[str], MultiPolygon, float]] = []
     for names, left, height in regions:
         for others, area, at_height in shared:
@@ -82,16 +82,16 @@ def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[s
 
 
 def region_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, float]]:
-    """Return where the pivot of an object may be: areas [m] of the world seen from above, and their heights [m].
+    """Return the areas [m] for the pivot of an object, in the world seen from above, and their heights [m].
 
-    What is covered, or open, is told of pivots on the surface itself. Distances between bounds are those that bounds of
-    any heading can have, so their rings are a little too large.
+    The test for a cover looks at pivots on the surface itself. Distances between bounds hold for any heading of the
+    object, so their rings are a little too large.
     """
     return [(left, height) for _, left, height in _on_supports(world, name)]
 
 
 def _on_supports(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
-    """The outline of each surface that an object may stand on, what is left of it, and its height, in the world."""
+    """Return (outline, region left, height) in the world for each surface that an object may stand on."""
     placed = world.placed(name)
     relations = [relation_area(world, name, relation) for relation in relations_of(placed)]
     found = []
@@ -105,7 +105,7 @@ def _on_supports(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def _areas(region: BaseGeometry) -> MultiPolygon:
-    """What of a region can be drawn: its areas, and its points as small discs, however near they are to each other."""
+    """Return the drawable parts of a region: its areas, and its points as small discs."""
     discs = [part.buffer(_SITE) if isinstance(part, Point) else part for part in shapely.get_parts(region)]
     parts = shapely.get_parts(shapely.union_all([disc for disc in discs if isinstance(disc, Polygon)]))
     return MultiPolygon([part for part in parts if part.area > 0.0])
@@ -178,7 +178,7 @@ def _joined(relation: Joined, own: Standing, anchors: Sequence[Standing], headin
 
 @area_of.register
 def _beside(relation: Beside, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
-    """Return the line of pivots whose bounds are the gap apart, the narrower within the wider."""
+    """Return the line of pivots at which the bounds are a gap apart, the narrower within the span of the wider."""
     side = np.array([math.cos(heading), math.sin(heading)])
     along = np.array([-side[1], side[0]])
     offset = _extent(anchors[0], side)[1] + relation.gap - _extent(own, side)[0]
@@ -198,7 +198,7 @@ def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: f
 
 
 def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
-    """Return how far bounds reach along a direction of the world, from their origin [m]."""
+    """Return the least and greatest coordinate [m] of bounds along a direction of the world, from their origin."""
     (*_, heading), bounds = standing
     c, s = math.cos(heading), math.sin(heading)
     corners = np.array([[x, y] for x in bounds[[0, 2]] for y in bounds[[1, 3]]]) @ np.array([[c, s], [-s, c]])
@@ -207,10 +207,10 @@ def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
 
 
 def _radius(bounds: np.ndarray) -> float:
-    """How far the furthest corner of bounds is from their origin [m]."""
+    """Return the distance [m] of the furthest corner of bounds from their origin."""
     return float(np.linalg.norm(np.maximum(np.abs(bounds[:2]), np.abs(bounds[2:]))))
 
 
 def _outside(bounds: np.ndarray) -> float:
-    """How far the origin of bounds is outside of them [m]."""
+    """Return the distance [m] of bounds from their origin, 0 if it is inside."""
     return float(np.linalg.norm(np.maximum(np.maximum(bounds[:2], -bounds[2:]), 0.0)))

@@ -1,4 +1,4 @@
-"""The layer of relations: an arrow from each anchor to the object, and the wedge or strip that it has to lie in."""
+"""The layer of relations: an arrow from each anchor to the object, and the area of the relation."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import PALETTE, Sketch
 
 _LIFT = 0.004  # m above the height of the object's pivot
-_OVER = 0.02  # m from the top of an object to the ends of its arrows
-_LINE = 0.06  # m from the words of one relation of an object to those of the next
-_BEYOND = 0.15  # m that an area without end is drawn beyond the object
+_OVER = 0.02  # m; height of the ends of arrows above an object
+_LINE = 0.06  # m; distance between the labels of an object's relations
+_BEYOND = 0.15  # m; margin beyond the object of an endless area
 
 
 def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
@@ -51,13 +51,13 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _above(world: ShownWorld, name: str) -> np.ndarray:
-    """A point above an object's pivot and all of it, where nothing of it hides an arrow, shape (3,) [m]."""
+    """Return a point (3,) [m] above an object's pivot and the whole object, which hides no arrow there."""
     at = world.standing(name)[0]
     return np.array([at[0], at[1], max(at[2], world.box(name)[1][2]) + _OVER])
 
 
 def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
-    """Where an arrow from an anchor to `tip` begins: above it, or at its side where it reaches higher than the tip."""
+    """Return the start of an arrow from an anchor to `tip`: above it, or at its side if it is higher than the tip."""
     low, high = world.box(anchor, root_alone=True)
     tail = _above(world, anchor)
     if tip[2] >= high[2] or np.all((low[:2] <= tip[:2]) & (tip[:2] <= high[:2])):

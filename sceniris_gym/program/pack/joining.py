@@ -1,4 +1,4 @@
-"""Objects that are joined at sites: where the sites are from the pivots, and how the object is turned by them."""
+"""Objects that are joined at sites: the sites relative to the pivots, and the turn that they imply."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
 
-# The x axis of a site says nothing seen from above if its shadow is shorter than this.
+# An x axis of a site with a shorter horizontal part gives no heading.
 _UPRIGHT = 1e-2
 
 
@@ -63,7 +63,7 @@ def joined_sites(scene: SceneModel, plan: Plan, name: str, relation: Joined, whe
 
 
 def _site(scene: SceneModel, plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
-    """Where a site of an object is from its pivot [m] and the heading of its x axis [rad], with the heading 0."""
+    """Return a site's position from the pivot [m] and the heading of its x axis [rad], for the object at heading 0."""
     sites = scene.sites(name)
     if word not in sites:
         raise UnknownNameError(f"site of '{name}'", word, where, sites)
@@ -89,7 +89,7 @@ def _site(scene: SceneModel, plan: Plan, name: str, word: str, where: str) -> tu
 
 
 def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """The orientation of heading 0 of what is placed, and its pivot in its root's frame."""
+    """Return the orientation (3, 3) of a placed object at heading 0, and its pivot in its root's frame [m]."""
     kind = "yaw" if placed.config is None else placed.config.drawn_orientation.kind
     if kind in ("any", "stable"):
         raise SceneKeyError(
@@ -99,7 +99,7 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_home(scene: SceneModel, plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """The same of what stays where the model has it."""
+    """Return the same for an object that keeps its pose in the model."""
     root, place = scene.bodies[name], plan.place[plan.slots.index(name)]
     mat = plan.home.xmat[root].reshape(3, 3)
     level = matrix(np.array([math.cos(0.5 * place[3]), 0.0, 0.0, -math.sin(0.5 * place[3])])) @ mat

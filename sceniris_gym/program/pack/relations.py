@@ -20,11 +20,11 @@ _TYPES = {
     Joined: RelationType.JOINED,
 }
 _NO_LIMIT = 1.0e30
-# A ring is cut into slices of at most 30 degrees, of as many as this: chord and tangent of a slice hold about
-# radius * angle^2 / 4 more than its width, which is kept below that width.
+# Slices of a ring have at most 30 degrees, and less if the ring is thin: the chord and the tangent of a slice enclose
+# about radius * angle^2 / 4 more than its width, which should be less than the width itself.
 _SLICE = math.pi / 6.0
 MOST_SLICES = 256
-"""Greatest number of slices that a ring is cut into."""
+"""Greatest number of slices of a ring."""
 
 
 def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
@@ -83,7 +83,7 @@ def joints_of(scene: SceneModel, plan: Plan) -> dict[str, JoinedSites]:
 
 
 def region_pieces(relation: Relation) -> int:
-    """Return how many convex pieces a relation is cut into."""
+    """Return the number of convex pieces of a relation."""
     if not isinstance(relation, Sector):
         return 1
     angle = math.pi
@@ -95,7 +95,7 @@ def region_pieces(relation: Relation) -> int:
 
 
 def most_sides(plan: Plan) -> int:
-    """The most half-planes that hold the pieces of one object's relations."""
+    """Return the greatest number of half-planes around the pieces of one object's relations."""
     return max((sum(map(_sides, relations_of(o))) for o in plan.objects), default=0)
 
 
@@ -104,12 +104,12 @@ def _side_addresses(relations: tuple[Relation, ...]) -> list[int]:
 
 
 def _sides(relation: Relation) -> int:
-    """How many half-planes hold the pieces of a relation, at most."""
+    """Return the greatest number of half-planes around the pieces of a relation."""
     return max(4, len(relation.anchors)) * region_pieces(relation)
 
 
 def _insists(o: PlacedObject) -> bool:
-    """Whether another draw of its own turn or joints may open a region that was empty."""
+    """Return whether another draw of an object's orientation or joints may turn an empty region into a usable one."""
     varies = (
         len(o.variants) > 1
         or bool(o.joint_ranges)
