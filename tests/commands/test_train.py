@@ -24,7 +24,6 @@ def without_warp(text: str) -> str:
     return "".join(line for line in text.splitlines(keepends=True) if not line.startswith("Warp CUDA warning: "))
 
 
-
 @pytest.mark.slow
 def test_a_task_of_ones_own_is_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
     """From the working directory, with the default settings; the log goes to stderr, and stdout is one line."""
