@@ -8,31 +8,35 @@ OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
 MJLAB := .venv-mjlab
 
-.PHONY: setup test test-oldest lint types test-recipes test-mjlab demo bench clean
+.PHONY: setup test test-marked-oldest test-oldest lint types test-recipes test-mjlab demo bench clean
 
 setup: $(STAMP)
 
-# torch comes first and alone: the others would choose a build of it for themselves.
+# torch comes first and alone: the others would choose a build of it for themselves. All is compiled at the end, on two
+# cores; what some packages hold as templates is no Python, and fails there.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install "$$(grep '^torch==' constraints.txt)"
-	$(BIN)/python -m pip install -e '.[dev]' -c constraints.txt
+	$(BIN)/python -m pip install --no-compile "$$(grep '^torch==' constraints.txt)"
+	$(BIN)/python -m pip install --no-compile -e '.[dev]' -c constraints.txt
+	$(BIN)/python -m compileall -qq -j 2 $(VENV)/lib || true
 	touch $@
 
-# The oldest versions that are supported, over everything else that .venv has, where setuptools is newer than the one
-# that a fresh venv may bring.
+# The oldest versions that are supported, over everything else that .venv has.
 $(OLDEST_STAMP): constraints-oldest.txt $(STAMP)
 	rm -rf $(OLDEST)
-	$(BIN)/python -m venv $(OLDEST)
-	$(OLDEST)/bin/python -m pip install --no-deps -r constraints-oldest.txt
-	$(OLDEST)/bin/python -m pip uninstall -y setuptools
+	$(BIN)/python -m venv --without-pip $(OLDEST)
+	$(BIN)/python -m pip --python $(OLDEST)/bin/python install --no-deps -r constraints-oldest.txt
 	site() { "$$1" -c "import sysconfig; print(sysconfig.get_path('purelib'))"; }; \
 	echo "import site; site.addsitedir('$$(site $(BIN)/python)')" > "$$(site $(OLDEST)/bin/python)/rest.pth"
 	touch $@
 
-test: lint types $(OLDEST_STAMP)
-	$(OLDEST)/bin/python -m pytest -q -n 2 --dist loadfile -m oldest
+# Types take one core: the oldest versions are installed and tested beside. Each part prints its lines once it is done.
+test: $(STAMP)
+	+$(MAKE) --no-print-directory -j 2 --output-sync=target lint types test-marked-oldest
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --durations=15
+
+test-marked-oldest: $(OLDEST_STAMP)
+	$(OLDEST)/bin/python -m pytest -q -m oldest $$(grep -rl 'mark\.oldest' tests)
 
 test-oldest: $(OLDEST_STAMP)
 	$(OLDEST)/bin/python -m pytest -q -n 2 --dist loadfile --durations=15
