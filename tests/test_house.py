@@ -56,3 +56,12 @@ def test_kernels_are_private_and_their_launcher_follows(path: Path):
             assert launched, f"'{node.name}' stands between {kernels} and their launchers"
             kernels = [name for name in kernels if name not in launched]
     assert kernels == []
+
+
+def test_contributing_names_every_room():
+    """Each folder of the package is in the table of rooms, and the page stays short."""
+    page = (ROOT / "CONTRIBUTING.md").read_text()
+    table = page.split("## The rooms")[1].split("\n## ")[0]
+    rooms = {f"{path.parent.relative_to(PACKAGE)}/" for path in PACKAGE.rglob("*.py")} - {"./", "importers/"}
+    assert [room for room in sorted(rooms) if f"`{room}`" not in table] == []
+    assert len(page.encode()) <= 15_000
