@@ -44,8 +44,7 @@ def read_sceniris(
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
       support's bounds, clipped to them), `constraints`, and `fixed_world_positions`, which override those five: the
       object is put at one of them, all equally likely, on the floor where z = 0 and else in the air. If one on the
-      floor is outside the workspace, the floor is made larger, and objects without such positions keep to the
-      workspace.
+      floor is outside the workspace, the floor is enlarged, and objects without such positions keep to the workspace.
     - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
       with `z_rotation`, 'face_to' with `face_to_object_id`.
@@ -86,8 +85,7 @@ def read_sceniris(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
     arm, under = robot_words(robot, env)
-    assets = assets or {}
-    _check_names(tier, assets, objects)
+    _check_names(tier, assets := assets or {}, objects)
     size, limits = _workspace(env, objects, under)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
     reach = None if arm is None else tier
