@@ -44,8 +44,7 @@ def read_sceniris(
       is `on`, 'inside' and 'in' are `inside`), `ratio_on_support` (0), `position.xy_limit` (fractions of the
       support's bounds, clipped to them), `constraints`, and `fixed_world_positions`, which override those five: the
       object is put at one of them, all equally likely, on the floor where z = 0 and else in the air. If one on the
-      floor is outside the workspace, the floor is made larger, and objects without such positions keep to the
-      workspace.
+      floor is outside the workspace, the floor is enlarged, and objects without such positions keep to the workspace.
     - `reachable`, if there is a `robot`.
     - `rotation`, in degrees: 'uniform_z' with `lower` and `upper`, 'constant' with an `orientation` about z, 'stable'
       with `z_rotation`, 'face_to' with `face_to_object_id`.
@@ -86,13 +85,8 @@ def read_sceniris(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
     arm, under = robot_words(robot, env)
-    if tier not in TIERS:
-        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
+    _check_names(tier, assets := assets or {}, objects)
     size, limits = _workspace(env, objects, under)
-    assets = assets or {}
-    for name in assets:
-        if name not in objects:
-            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
     reach = None if arm is None else tier
     scene = {
@@ -131,6 +125,14 @@ def _workspace(
         limits = 0.5 * np.array([-size, size]) if limits is None else limits
         size = np.maximum(size, needed)
     return size, limits
+
+
+def _check_names(tier: str, assets: Mapping[str, str], objects: Mapping[str, KeyReader]) -> None:
+    if tier not in TIERS:
+        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
+    for name in assets:
+        if name not in objects:
+            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
 
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
