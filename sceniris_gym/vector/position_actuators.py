@@ -42,8 +42,7 @@ class PositionActuators:
         owner = np.repeat(np.arange(len(mjm.actuator_trntype)), actuator_controls(mjm)[1])
         for joint, column in zip(joints, columns, strict=True):
             found = np.flatnonzero(alone & (holding.matrix[: mjm.nu, column] != 0.0)).tolist()
-            if len(found) != 1:
-                raise ArmError(_wrong(mjm, joint, [int(owner[e]) for e in found], where))
+            _check_number(mjm, joint, [int(owner[e]) for e in found], where)
             controls += found
         self._mjm, self._joints, self._actuators = mjm, list(joints), owner[controls]
         self._scale, bias = holding.matrix[controls, columns], holding.bias[controls]
@@ -88,13 +87,16 @@ class PositionActuators:
         return torque / (stiffness * gear**2) + lag
 
 
-def _wrong(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) -> str:
-    """Return what is wrong with the position actuators `found` of a joint, and what would be right."""
-    name = mjm.joint(joint).name
-    label = f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[joint]).name}'"
-    wanted = f"{where}: {label} should have one position actuator of its own"
-    if not found:
+def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) -> None:
+    """Check that one position actuator of those that were found moves a joint."""
+    if len(found) == 1:
+        return
+    name, body = mjm.joint(joint).name, mjm.body(mjm.jnt_bodyid[joint]).name
+    label = f"joint '{name}'" if name else f"the unnamed joint of body '{body}'"
+    if found:
+        names = ", ".join(repr(mjm.actuator(i).name or i) for i in found)
+        has = f"has {len(found)}: {names}. Keep one of them."
+    else:
         add = "Add" if name else "Name it, and add"
-        return f"{wanted}, but has none. {add} <position joint='{name or '...'}' kp='...' ctrlrange='...'/>."
-    names = ", ".join(repr(mjm.actuator(i).name or i) for i in found)
-    return f"{wanted}, but has {len(found)}: {names}. Keep one of them."
+        has = f"has none. {add} <position joint='{name or '...'}' kp='...' ctrlrange='...'/>."
+    raise ArmError(f"{where}: {label} should have one position actuator of its own, but {has}")
