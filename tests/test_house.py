@@ -65,3 +65,15 @@ def test_contributing_names_every_room():
     rooms = {f"{path.parent.relative_to(PACKAGE)}/" for path in PACKAGE.rglob("*.py")} - {"./", "importers/"}
     assert [room for room in sorted(rooms) if f"`{room}`" not in table] == []
     assert len(page.encode()) <= 15_000
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=str)
+def test_first_lines_are_sentences_about_the_thing(path: Path):
+    """No docstring opens with a relative clause, or asks a question."""
+    clauses = {"What", "Where", "Whether", "How", "Who", "That"}
+    documented = ast.Module | ast.ClassDef | ast.FunctionDef
+    docs = [
+        ast.get_docstring(n) for n in ast.walk(ast.parse((PACKAGE / path).read_text())) if isinstance(n, documented)
+    ]
+    firsts = [doc.splitlines()[0] for doc in docs if doc]
+    assert [line for line in firsts if line.split()[0].strip(",") in clauses or line.endswith("?")] == []

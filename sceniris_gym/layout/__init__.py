@@ -1,1 +1,1 @@
-"""How layouts are made, on the device and at every reset."""
+"""Layouts, made on the device at every reset: generators, stored and prefetched layouts, and their ids."""
