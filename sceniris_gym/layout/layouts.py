@@ -137,8 +137,8 @@ class Layouts(StaysHere):
     view: LayoutsView
     mocap_pose: wp.array
 
-    seed, episode, status, attempts, first_pass_valid = (_RowsOfWorlds() for _ in range(5))
-    qpos, mocap_pos, mocap_quat, present = (_RowsOfWorlds() for _ in range(4))
+    seed, episode, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(5))
+    status, attempts, first_pass_valid, present = (_RowsOfWorlds() for _ in range(4))
     grasp, grasp_qpos, pregrasp_qpos = (_RowsOfWorlds() for _ in range(3))
 
     def pose(self, name: str) -> Any:

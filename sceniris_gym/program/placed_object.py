@@ -46,8 +46,8 @@ class PlacedObject:
         config: Its entry in the scene file; None for a robot whose base is not drawn.
         joint_ranges: How its joints are drawn.
         followers: Joints that follow drawn ones, drivers before their followers.
-        footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole. None
-            for a single piece, or where joints are drawn: there the footprint is that of each piece.
+        footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole; with
+            a single piece, or where joints are drawn, None, as each piece is its own footprint.
         variants: Poses that its orientation is drawn from; empty for STATIC.
         support: The support that carries it; None in a box in space or for STATIC.
         tilts: Whether the support may lean in the states that are drawn.

@@ -8,7 +8,7 @@ import pytest
 from sceniris_gym.geometry.box_tree import BoxTree
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.layout.layouts import Layouts, LayoutsView
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, _RowsOfWorlds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
@@ -28,8 +28,8 @@ def test_a_docstring_lists_the_fields_in_their_order(cls: type):
 
 
 def test_layouts_are_documented_in_the_order_of_the_view():
-    """Every public array is a property, is documented with its shape, and comes in the order of the device struct."""
-    public = [name for name, value in vars(Layouts).items() if isinstance(value, property)]
+    """Every public array is a descriptor, is documented with its shape, and comes in the order of the device struct."""
+    public = [name for name, value in vars(Layouts).items() if isinstance(value, property | _RowsOfWorlds)]
     public = [name for name in public if name not in ("nworld", "reaching")]
     assert [name for name in LayoutsView.vars if name in public] == public
     assert _documented(Layouts) == ["compiled", "view", "mocap_pose", *public]
