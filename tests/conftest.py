@@ -9,12 +9,6 @@ import pytest
 os.environ["SCENIRIS_GYM_CACHE"] = "off"  # what is tested is how scenes are compiled, not what was kept of them
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Give each worker one thread: with more of them than cores, those of OpenMP mostly wait for each other."""
-    if config.getoption("numprocesses", None):
-        os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip the tests marked `cuda` where Warp finds no GPU, and say so."""
     marked = [item for item in items if item.get_closest_marker("cuda")]
