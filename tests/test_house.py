@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,8 @@ SOURCES = [path.relative_to(PACKAGE) for path in sorted(PACKAGE.rglob("*.py"))]
 MODULES = [path for path in SOURCES if path.name != "__init__.py"]
 LONGEST_FUNCTION = 80
 DEEPEST_LOOPS = 3
+DOCUMENTED = ("sceniris_gym", "envs", "examples", "assets", "benchmarks", "docs", "tests")
+SUBORDINATE = re.compile(r"(What|Where|Whether|How|Who|That)\b")
 
 
 def functions(path: Path) -> Iterator[ast.FunctionDef]:
@@ -56,3 +59,16 @@ def test_kernels_are_private_and_their_launcher_follows(path: Path):
             assert launched, f"'{node.name}' stands between {kernels} and their launchers"
             kernels = [name for name in kernels if name not in launched]
     assert kernels == []
+
+
+@pytest.mark.parametrize("folder", DOCUMENTED)
+def test_docstrings_begin_with_a_statement(folder: str):
+    """The first line of a docstring is no clause without a main one, such as "Whether a body moves"."""
+    found = []
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                first = (ast.get_docstring(node) or "").partition("\n")[0]
+                if SUBORDINATE.match(first):
+                    found.append(f"{path.relative_to(ROOT)}:{node.body[0].lineno}: {first}")
+    assert not found, "\n".join(found)
