@@ -1,4 +1,4 @@
-"""How deep a point inside a mesh can be: the bound is never below the truth, and not far above it."""
+"""Bound on the depth of points inside a mesh: it is never below the truth, and not far above it."""
 
 from __future__ import annotations
 

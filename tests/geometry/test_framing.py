@@ -1,4 +1,4 @@
-"""Where a camera stands: it sees everything, and wastes nothing."""
+"""Position of a camera: it sees everything, and wastes nothing."""
 
 import numpy as np
 import pytest

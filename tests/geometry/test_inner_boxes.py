@@ -41,7 +41,7 @@ def _piece(name: str) -> Piece:
 
 
 def _holds(piece: Piece, points: np.ndarray) -> np.ndarray:
-    """Which points, in the piece's frame, lie in it: of hulls by the planes of their faces."""
+    """Return which points, in the piece's frame, lie in it; for hulls, by the planes of their faces."""
     (x, y, z), kind = np.abs(piece.size), piece.type
     if kind in (PieceType.SPHERE, PieceType.CAPSULE):
         along = np.clip(points[:, 2], -y, y) if kind == PieceType.CAPSULE else 0.0

@@ -209,7 +209,7 @@ SOFT = {
 
 @pytest.mark.parametrize("flex", SOFT.values(), ids=SOFT)
 def test_a_flex_that_would_be_an_obstacle_is_refused_by_its_name(flex: dict):
-    """What collides in either geometry, and what is seen in the visual one; other bodies can be asked for."""
+    """A flex is refused if it collides, and if the visual geometry shows it; other bodies can be asked for."""
     soft = mujoco.MjModel.from_xml_string(FLEX.format(contact=CONTACT.format(1), alpha=0, **flex))
     where = dict.fromkeys(range(2, soft.nbody), "scene.yaml: objects.mast.asset")
     for geometry in ("physics", "visual"):

@@ -46,7 +46,7 @@ def stable_poses(asset: str, geometry: str = "physics") -> list[Variant]:
 
 
 def moved(model: SceneModel, pose: Variant, yaw: float) -> float:
-    """How far [m] the thing moves in half a second of MuJoCo C, put down on the floor in a pose, as resets do it."""
+    """Return how far [m] the thing moves in half a second of MuJoCo C, put down in a pose as resets do it."""
     mjm, data = model.mjm, mujoco.MjData(model.mjm)
     quat = np.empty(4)
     mujoco.mju_mulQuat(quat, np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)]), pose.quat)

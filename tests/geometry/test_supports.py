@@ -41,7 +41,7 @@ def _box(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float, rest:
 
 
 def _same(shape: BaseGeometry, expected: BaseGeometry, tolerance: float = 1e-5) -> bool:
-    """Whether two areas differ by slivers only."""
+    """Return whether two areas differ by slivers only."""
     return bool(shape.symmetric_difference(expected).area < tolerance)
 
 

@@ -81,7 +81,7 @@ def test_fingertips_stay_above_the_support(tmp_path: Path, height: float):
 def intervals(
     solids: list[trimesh.Trimesh], pos: np.ndarray, turn: np.ndarray, g: Gripper
 ) -> list[tuple[float, float]]:
-    """What is between fingers along the closing axis: each solid cut to their width and tips by exact booleans."""
+    """Return intervals between fingers along the closing axis: solids cut to their width and tips by exact booleans."""
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = turn, pos
     room = trimesh.creation.box([2.0 * g.half_width, 2.0, 1.0 + g.tip])

@@ -1,4 +1,4 @@
-"""What the tests of scenes share: a folder with their assets."""
+"""Fixture of the tests of scenes: a folder with their assets."""
 
 from __future__ import annotations
 

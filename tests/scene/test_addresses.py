@@ -1,4 +1,4 @@
-"""Where poses and joints are kept, by the names of the scene."""
+"""Addresses of poses and joints, by the names of the scene."""
 
 from __future__ import annotations
 

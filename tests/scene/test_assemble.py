@@ -139,7 +139,7 @@ def test_a_bad_asset_is_refused_by_its_object(folder: Path, text: str, error: ty
     ],
 )
 def test_a_body_of_an_own_model_must_suit_its_kind(folder: Path, objects: dict, error: type[ScenirisError], says: str):
-    """What would silently change the user's model is refused."""
+    """A scene that would silently change the user's model is refused."""
     with pytest.raises(error, match=says):
         build(folder, objects, model=str(folder / "own.xml"))
 

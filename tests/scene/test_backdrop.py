@@ -1,4 +1,4 @@
-"""What a scene stands in: solver options, the floor, light, and the camera."""
+"""Backdrop of a scene: solver options, the floor, light, and the camera."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def test_a_mimic_that_is_drawn_by_its_name_drives_the_other(tmp_path: Path):
 
 
 def test_the_start_pose_keeps_equalities_that_its_keyframe_breaks(tmp_path: Path):
-    """What follows is put where its driver has it, in the scene's keyframe too; an own model's included."""
+    """A follower is put where its driver has it, in the scene's keyframe too, and in an own model."""
     scene = placed(tmp_path, '<joint joint1="right" joint2="left" polycoef=".01 .5"/>', {}, home=".1 .2")
     np.testing.assert_allclose(scene.home_qpos, [0.1, 0.06])
     np.testing.assert_allclose(scene.mjm.key("home").qpos, scene.home_qpos)

@@ -72,7 +72,7 @@ def test_things_with_joints_are_refused():
 
 
 def test_a_drawer_is_no_rigid_part_of_its_cabinet():
-    """What a joint moves begins anew."""
+    """A rigid part ends at a joint, and the body that the joint moves begins another."""
     scene = build_model(SceneConfig.load({"objects": {"cabinet": {"asset": "cabinet", "kind": "static"}}}))
     drawer = scene.parts("cabinet")["upper_drawer"]
     assert scene.bodies["cabinet"] not in rigid_part(scene.mjm, drawer)

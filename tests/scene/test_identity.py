@@ -54,7 +54,7 @@ def test_what_shapes_layouts_is_part_of_the_hash(folder: Path, before: str, afte
 
 
 def test_files_count_by_what_is_in_them(folder: Path):
-    """What is included counts as if it stood there, and names and folders of files are no matter."""
+    """An included file counts as if it stood there; names and folders of files do not matter."""
     whole = chest_hash(folder)
     asset = '<asset><mesh name="knob" file="knob.obj"/></asset>'
     (folder / "assets.xml").write_text(f"<mujoco>{asset}</mujoco>")

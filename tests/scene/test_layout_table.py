@@ -35,7 +35,7 @@ def _rows(table: LayoutTable) -> list[tuple[np.ndarray, ...]]:
 
 
 def _same(a: list[tuple[np.ndarray, ...]], b: list[tuple[np.ndarray, ...]]) -> bool:
-    """Whether two lists of rows hold the same numbers."""
+    """Return whether two lists of rows hold the same numbers."""
     return len(a) == len(b) and all(
         np.array_equal(x, y) for one, two in zip(a, b, strict=True) for x, y in zip(one, two, strict=True)
     )

@@ -17,13 +17,13 @@ from sceniris_gym.scene.parking import (
 
 
 def _places(nslot: int) -> np.ndarray:
-    """Where the objects of so many slots are parked [m], row by row, shape (nslot, 2)."""
+    """Return the parking places [m] of the objects of so many slots, row by row, shape (nslot, 2)."""
     slots = np.arange(nslot)
     return PARKING_FROM + PARKING_SPACING * np.stack([slots % PARKING_COLUMNS, slots // PARKING_COLUMNS], axis=1)
 
 
 def _height(mjm: mujoco.MjModel, xy: np.ndarray) -> float:
-    """How high the ground is that a ray from one metre above meets; -inf where it meets none."""
+    """Return the height of the ground that a ray from one metre above meets; -inf where it meets none."""
     data = mujoco.MjData(mjm)
     mujoco.mj_forward(mjm, data)
     far = mujoco.mj_ray(mjm, data, np.array([*xy, 1.0]), np.array([0.0, 0.0, -1.0]), None, 1, -1, np.zeros(1, np.int32))

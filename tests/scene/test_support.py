@@ -1,4 +1,4 @@
-"""What an object can be put on, by its name: the floor, parts of objects, and what never moves in the model."""
+"""Supports of objects, by name: the floor, parts of objects, and bodies of the model that never move."""
 
 from __future__ import annotations
 

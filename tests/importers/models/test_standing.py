@@ -1,4 +1,4 @@
-"""What is beneath a body, by the height of boxes that are known, and what carries things."""
+"""Carriers beneath bodies, by the known heights of boxes, and the list of all that can carry something."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with the scene that was made is told by the keys of the configuration it was made from."""
+"""Errors of the scene that was made, told by the keys of the configuration it was made from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where objects of the original package's configurations are: on parents, cropped, or at fixed positions."""
+"""Placement in the original package's configurations: on parents, cropped, or at fixed positions."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_crop_is_a_fraction_of_the_support():
     ids=str,
 )
 def test_values_that_are_cut_off_are_told_by_their_keys(keys: dict, said: dict[str, str]):
-    """What they are now; a value that is kept is not told."""
+    """A warning tells the new value under its key; a value that is kept is not told."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         read_sceniris(mug(**keys))
@@ -124,7 +124,7 @@ def test_of_fixed_positions_on_the_floor_and_in_the_air_those_on_the_floor_are_l
 
 
 def _blocks_at(positions: list) -> tuple[np.ndarray, list[str]]:
-    """Where a block, whose origin is its pivot, is put in 2,000 layouts, shape (2000, 3); and what is left out."""
+    """Return positions of a block, the origin its pivot, in 2,000 layouts, shape (2000, 3), and what is left out."""
     config, left_out = read({"objects": [{"id": "block", "asset_path": "block", "fixed_world_positions": positions}]})
     compiled = compile_scene(config, "cpu")
     table = make_table(compiled, 2000, 5)

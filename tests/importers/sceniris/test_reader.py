@@ -248,7 +248,7 @@ WRONG: dict[str, tuple] = {
 
 @pytest.mark.parametrize(("cfg", "error", "says"), WRONG.values(), ids=WRONG.keys())
 def test_a_wrong_configuration_is_refused_by_its_key(cfg: dict, error: type[ScenirisError], says: str):
-    """What the original would stop at, or misread, is an error that names the key and what would be right."""
+    """A key at which the original would stop, or which it would misread, is named with what would be right."""
     with pytest.raises(error, match=says):
         read_sceniris(cfg)
 

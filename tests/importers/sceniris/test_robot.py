@@ -98,7 +98,7 @@ def test_what_is_no_position_is_refused(position: Any):
 
 @pytest.mark.parametrize("in_scene", [True, False])
 def test_reach_is_from_there(in_scene: bool):
-    """What is reachable keeps within the arm's reach of its base, which the world's origin would not allow.
+    """Reachable objects are within the arm's reach of its base, which the world's origin would not allow.
 
     Without a robot in the scene there are none of its joints and geoms either.
     """

@@ -78,7 +78,7 @@ def test_a_cut_of_a_sheet_that_brings_nothing_is_followed_by_a_finer_one(monkeyp
 
 
 def test_what_simplifying_loses_is_not_lost(monkeypatch: pytest.MonkeyPatch):
-    """Where it drops a piece of the mesh, the mesh itself is cut."""
+    """If simplifying drops a piece of the mesh, the mesh itself is cut."""
     manifold3d = pytest.importorskip("manifold3d", reason="manifold3d is not installed (extra 'import')")
     bar = box((0.4, 0.05, 0.05)).subdivide()
     simple = _simpler(bar, 0.001)
@@ -103,7 +103,7 @@ def test_parts_are_judged_more_closely_in_the_end(monkeypatch: pytest.MonkeyPatc
 
 
 def test_fewer_parts_with_little_in_hand_are_better_than_too_many(monkeypatch: pytest.MonkeyPatch):
-    """Where no merging leaves enough in hand, the result that fits best is taken, of those that are not too many."""
+    """If no merging leaves enough in hand, the best fit among results with few enough parts is taken."""
     module = "sceniris_gym.importers.things.convex_parts"
     cubes = repair([surface(box((0.1, 0.1, 0.1)).apply_translation((0.2 * i, 0.0, 0.0))) for i in range(6)], "cubes")
     errors = iter([0.97, 0.99, 0.98, 0.96])

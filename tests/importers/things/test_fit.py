@@ -35,7 +35,7 @@ def test_the_hull_of_a_cup_is_off_by_the_radius_of_its_hole():
 
 
 def test_two_halves_leave_no_seam():
-    """Where parts touch, they have no outside."""
+    """Parts that touch have no outside between them."""
     halves = [box((0.04, 0.06, 0.05)).apply_translation([0, 0, z]) for z in (-0.025, 0.025)]
     assert Measure(box(), 0.002).fit(halves).error < 1e-6
 

@@ -32,7 +32,7 @@ def test_a_box_rests_on_its_six_sides(block: Path):
 
 
 def test_a_box_on_its_edge_tips_over(block: Path):
-    """Which is more than a centimetre."""
+    """A box that is put down on its edge moves more than a centimetre."""
     assert moved(block, np.array([np.cos(0.3), np.sin(0.3), 0.0, 0.0])) > STILL
 
 
