@@ -1,4 +1,4 @@
-"""Where a parallel gripper takes hold of the small assets, as sites ``grasp_*`` of their bodies.
+"""Grasps of a parallel gripper on the small assets, as sites ``grasp_*`` of their bodies.
 
 A grasp is a frame: its origin midway between the fingertips, z the approach, y the direction in which the fingers
 close. The same grasp turned by 180 degrees about z is no site of its own. All of them suit the arms' hands: the Panda's

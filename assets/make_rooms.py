@@ -36,7 +36,7 @@ def union(boards: Mapping[str, Corners]) -> Mesh:
 
 
 def leaning(mesh: Mesh) -> Mesh:
-    """What is above the chair's seat, leaning back."""
+    """Shear a mesh of the chair so that it leans back above the seat."""
     return sheared(mesh, (0.0, LEAN, 0.0), 2, SEAT_HEIGHT - SEAT_THICK)
 
 

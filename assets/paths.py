@@ -1,4 +1,4 @@
-"""Where the scripts write: MJCF files into ``FOLDER``, meshes and textures into its ``meshes``."""
+"""Folders of the scripts: MJCF files go into ``FOLDER``, meshes and textures into its ``meshes``."""
 
 from __future__ import annotations
 

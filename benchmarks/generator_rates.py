@@ -1,4 +1,4 @@
-"""How fast a generator alone makes layouts: of all worlds, and of every fiftieth one; cold and warm.
+"""Rates of a generator alone, for layouts of all worlds and of every fiftieth one, cold and warm.
 
 python -m benchmarks.generator_rates mid:65536 kitchen:4096 --device cuda:0
 """

@@ -117,7 +117,7 @@ def main(
 
 
 def is_usable(row: dict) -> bool:
-    """Whether a mesh was imported, its parts are near enough, and it rests."""
+    """Return whether a mesh was imported, its parts are near enough, and it rests."""
     return "refused" not in row and row["error_mm"] <= row["allowed_mm"] and row["moved_mm"] < 1000.0 * _STILL
 
 
@@ -196,7 +196,10 @@ def _surfaces(mjm: mujoco.MjModel, data: mujoco.MjData, visual: bool) -> list[tu
 def _apart(
     seen: Sequence[tuple[np.ndarray, np.ndarray]], parts: Sequence[tuple[np.ndarray, np.ndarray]], radius: float
 ) -> float:
-    """How far the mesh reaches out of the parts, or what a ball touches of the parts is from the mesh [m]."""
+    """Return the larger of two errors of the parts [m].
+
+    One is how far the mesh reaches out of them, the other how far from the mesh a ball can touch them.
+    """
     mesh, hulls = _dense(seen, _DENSE)[0], [ConvexHull(vertices) for vertices, _ in parts]
     skins = [vertices[faces] for vertices, faces in parts]
     size = float(np.ptp(mesh, axis=0).max())
@@ -218,7 +221,7 @@ def _apart(
 
 
 def _height(hull: ConvexHull, points: np.ndarray) -> np.ndarray:
-    """How far points are above the planes of a hull: no more than their distance."""
+    """Return the heights of points above the planes of a hull, each at most the point's distance."""
     return (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
 
 
@@ -251,7 +254,7 @@ def _dense(surfaces: Sequence[tuple[np.ndarray, np.ndarray]], count: int) -> tup
 
 
 def _moved(asset: Path, rests: list[dict]) -> float:
-    """How far the asset's origin moves [m] in the pose that it rests in most often; infinite without a pose."""
+    """Return how far [m] the asset's origin moves in its most frequent pose of rest; infinite without a pose."""
     if not rests:
         return float("inf")
     spec = mujoco.MjSpec.from_file(str(asset))

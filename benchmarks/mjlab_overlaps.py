@@ -1,4 +1,4 @@
-"""How often cubes start inside something in mjlab's multi-cube lifting task: as it comes, and with `PlaceLayouts`.
+"""Cubes that start inside something in mjlab's multi-cube lifting task, as it comes and with `PlaceLayouts`.
 
     python -m benchmarks.mjlab_overlaps                # 2, 4 and 6 cubes, 10,000 resets each; needs the extra mjlab
 
@@ -26,7 +26,7 @@ MOST = 1e-4
 
 @dataclass(frozen=True)
 class Arguments:
-    """How much is measured."""
+    """Cubes, resets and device of the measurement."""
 
     cubes: tuple[int, ...] = (2, 4, 6)
     resets: int = 10_000

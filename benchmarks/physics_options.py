@@ -1,4 +1,4 @@
-"""What a control step would take with other options of the physics, or as one CUDA graph.
+"""Time of a control step with other options of the physics, or as one CUDA graph.
 
     python -m benchmarks.physics_options --task TabletopReach-v0 --num-envs 1024 4096
 
@@ -45,7 +45,7 @@ Step = Callable[[Tensor], Any]
 
 @dataclass(frozen=True)
 class Options:
-    """What to measure.
+    """Options of the measurement.
 
     Attributes:
         task: id without its namespace
@@ -66,7 +66,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Variant:
-    """How an environment differs from that of the task as it is.
+    """Differences of an environment from that of the task as it is.
 
     Attributes:
         physics: fields of `opt` of the mujoco_warp Model

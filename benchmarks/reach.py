@@ -1,4 +1,4 @@
-"""How reliable reachability is: verdicts on random TCP poses compared with exact inverse kinematics.
+"""Reliability of reachability: verdicts on random TCP poses compared with exact inverse kinematics.
 
 python -m benchmarks.reach [--arms panda ur5e heron] [--n 6000] [--seed 0] [--device cuda:0] [--tiers map ik]
 

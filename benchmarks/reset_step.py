@@ -1,4 +1,4 @@
-"""What a reset adds to a step: control steps that reset 2% of the worlds, less the same steps with an empty mask.
+"""Cost of resets: control steps that reset 2% of the worlds, less the same steps with an empty mask.
 
 python -m benchmarks.reset_step mid --arm --num-envs 4096 --device cuda:0
 

@@ -1,4 +1,4 @@
-"""How many bytes SB3VecEnv copies to the host per step, for different numbers of worlds.
+"""Bytes that SB3VecEnv copies to the host per step, for different numbers of worlds.
 
 Prints a line of JSON for each number: `bytes_per_step` and `bytes_per_world` (means over the steps), `finished_share`
 (share of worlds that finish in a step), `env_ms` and `adapter_ms` (medians of the whole step and of the overhead of the

@@ -1,4 +1,4 @@
-"""How long an environment takes to its first step in a fresh process, with everything kept that an earlier start made.
+"""Time to an environment's first step in a fresh process, with everything kept that an earlier start made.
 
 python -m benchmarks.second_start TabletopReach-v0 --device cpu --repeats 5
 

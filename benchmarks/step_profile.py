@@ -1,4 +1,4 @@
-"""Where the time of a control step goes: physics, resets, and the task's own operations.
+"""Time of a control step by parts: physics, resets, and the task's own operations.
 
     python -m benchmarks.step_profile --task TabletopReach-v0
 
@@ -25,7 +25,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 @dataclass(frozen=True)
 class Options:
-    """What to time.
+    """Options of the measurement.
 
     Attributes:
         task: id without its namespace

@@ -1,4 +1,4 @@
-"""How steps are timed: waiting for the device, a step as one CUDA graph, and what is said of several figures."""
+"""Timing of steps: waiting for the device, a step as one CUDA graph, and the median and range of several figures."""
 
 from __future__ import annotations
 

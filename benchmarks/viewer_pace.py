@@ -1,4 +1,4 @@
-"""How quick the viewer's page is once it is there: another seed, physics of one world, and memory over many seeds.
+"""Pace of the viewer's page once it is there: another seed, physics of one world, and memory over many seeds.
 
 python -m benchmarks.viewer_pace mid --worlds 64
 

@@ -1,4 +1,4 @@
-"""How long `sceniris-gym view` takes: to its address, to the first message that a page gets, and to the first picture.
+"""Start of `sceniris-gym view`: times to its address, to the first message that a page gets, and to the first picture.
 
 python -m benchmarks.viewer_start mid --worlds 64
 

@@ -87,19 +87,19 @@ class View:
         return self.compiled.slots
 
     def is_placed(self, name: str) -> bool:
-        """Whether a pose is sampled for the object, or for the base of the robot."""
+        """Return whether a pose is sampled for the object, or for the base of the robot."""
         return name in self.config.parts and self.config.parts[name].is_placed
 
     def is_point(self, name: str) -> bool:
-        """Whether the object has no extent."""
+        """Return whether the object has no extent."""
         return not self._geoms(self.compiled.scene.subtree(name))
 
     def is_fresh(self, i: int) -> bool:
-        """Whether world i has a fresh layout rather than one from the bank."""
+        """Return whether world i has a fresh layout rather than one from the bank."""
         return bool(self._fresh[i])
 
     def is_present(self, name: str, i: int) -> bool:
-        """Whether an object is present in world i."""
+        """Return whether an object is present in world i."""
         return bool(self._present[i, self.names.index(name)])
 
     def worlds(self, name: str) -> list[int]:
@@ -107,7 +107,7 @@ class View:
         return [int(i) for i in np.flatnonzero(self._present[:, self.names.index(name)])]
 
     def stays(self, name: str) -> bool:
-        """Whether an object and its joints have the same state in all worlds, to a few millimetres."""
+        """Return whether an object and its joints have the same state in all worlds, to a few millimetres."""
         at = np.array([self._states[i].xpos[self.bodies(name)] for i in self.worlds(name)])
         return bool(np.ptp(at, axis=0).max() < 0.005)
 

@@ -1,4 +1,4 @@
-"""What all tests share: the skipping of tests that need a GPU."""
+"""Skipping of tests that need a GPU, for all tests."""
 
 from __future__ import annotations
 

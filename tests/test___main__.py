@@ -12,7 +12,7 @@ import pytest
 
 
 def handles(process: subprocess.Popen, number: int) -> bool:
-    """Whether a process has a handler for a signal, by what the kernel knows of it."""
+    """Return whether a process has a handler for a signal, by the kernel's record of it."""
     caught = [
         line for line in Path(f"/proc/{process.pid}/status").read_text().splitlines() if line.startswith("SigCgt")
     ]

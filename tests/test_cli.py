@@ -226,7 +226,7 @@ def test_a_path_that_cannot_be_written_is_refused_before_the_work(
 
 
 def test_a_full_disk_is_told_in_words(capfd: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """What the system says, and no half written file."""
+    """The error has the system's words, and no half written file is left."""
 
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -26,7 +26,7 @@ def test_it_is_as_before_afterwards(collecting: bool):
 
 
 def collected(thing: object, generation: int | None = None) -> bool:
-    """Whether the garbage collector looks at a thing, in one of its generations or in any."""
+    """Return whether the garbage collector looks at a thing, in one of its generations or in any."""
     return any(one is thing for one in gc.get_objects(generation))
 
 

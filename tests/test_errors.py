@@ -127,7 +127,7 @@ def test_a_circle_is_closed_in_its_message():
 
 
 def test_a_grasp_that_is_too_wide_is_told_in_numbers():
-    """What is needed and what there is, in metres; without any grasp there is no number to tell."""
+    """The error has the width that is needed and the one there is, in metres; without any grasp it has no number."""
     assert re.findall(r"\d\.\d+ m", str(GraspError("scene: objects.can", 0.1234, 0.08))) == ["0.123 m", "0.08 m"]
     said = str(GraspError("scene: objects.can", None, 0.08))
     assert said.startswith("scene: objects.can.reachable: ")
@@ -163,7 +163,7 @@ def test_the_advice_for_a_scene_without_layouts_depends_on_the_cause():
 
 
 def test_counts_of_rejections_are_the_error_s_own():
-    """What a caller does to the counts later does not change them."""
+    """A caller's later changes to the counts do not change those of the error."""
     counts = {"apple": {"collision": 7}}
     error = InfeasibleSceneError("scene.yaml", "apple", "collision", counts)
     counts["apple"]["collision"] = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,8 @@ SOURCES = [path.relative_to(PACKAGE) for path in sorted(PACKAGE.rglob("*.py"))]
 MODULES = [path for path in SOURCES if path.name != "__init__.py"]
 LONGEST_FUNCTION = 80
 DEEPEST_LOOPS = 3
+DOCUMENTED = ("sceniris_gym", "envs", "examples", "assets", "benchmarks", "docs", "tests")
+SUBORDINATE = re.compile(r"(What|Where|Whether|How|Who|That)\b")
 
 
 def functions(path: Path) -> Iterator[ast.FunctionDef]:

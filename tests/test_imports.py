@@ -1,4 +1,4 @@
-"""Who imports whom: the order of the house, where torch may be, and what `import sceniris_gym` loads."""
+"""Imports between modules: the order of the house, the places of torch, and the load of `import sceniris_gym`."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_torch_is_imported_only_where_it_may_be(path: Path):
 
 
 def test_the_audit_shares_no_code_with_the_generator():
-    """What judges layouts imports nothing that makes them."""
+    """The modules that judge layouts import nothing that makes them."""
     sources = [path for path in SOURCES if path.is_relative_to(PACKAGE / "audit")]
     assert sources
     assert not [name for path in sources for name in imports(path) if name.startswith("sceniris_gym.layout")]

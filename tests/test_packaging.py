@@ -93,7 +93,7 @@ def test_every_dependency_is_pinned():
 
 @pytest.mark.slow
 def test_wheel_and_sdist_hold_all_modules_scenes_and_assets(built: Path):
-    """What is in the tree is in both; tests and caches are not in the wheel."""
+    """Files of the tree are in both; tests and caches are not in the wheel."""
     wheel = set(zipfile.ZipFile(next(built.glob("*.whl"))).namelist())
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         sdist = {name.partition("/")[2] for name in archive.getnames()}

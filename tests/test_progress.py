@@ -1,4 +1,4 @@
-"""How far long work is: those who listen hear it, each their own."""
+"""Progress of long work: listeners hear it, each their own."""
 
 from __future__ import annotations
 

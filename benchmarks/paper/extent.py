@@ -1,4 +1,4 @@
-"""How much of the suite is measured, and where."""
+"""Extent of the suite's measurements, and the bench that they are made on."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIZES = (4, 16, 64, 256, 1024, 4096, LARGEST, PRESSURE)
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is measured.
+    """Extent of the measurements.
 
     Attributes:
         quick: Leave out what takes long.
@@ -51,7 +51,7 @@ class Extent:
 
 @dataclass(frozen=True)
 class Bench:
-    """Where and how the rows are measured: device, extent, the scene Mid, and a folder for kernel caches."""
+    """Setting of the measurements: device, extent, the scene Mid, and a folder for kernel caches."""
 
     device: str
     extent: Extent

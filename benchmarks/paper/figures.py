@@ -1,4 +1,4 @@
-"""What others report of the experiments: figures of the Sceniris paper, and measurements of the programs themselves.
+"""Figures that others report of the experiments: the Sceniris paper's, and measurements of the programs themselves.
 
 A figure of the paper has the words in which it stands there (arXiv:2512.16896, LaTeX source). Its curves have no
 numbers in the text, and none is read off a picture.

@@ -1,4 +1,4 @@
-"""How many layouts have objects in each other, by FCL: whoever made them."""
+"""Share of layouts with objects in each other, by FCL, whichever program made them."""
 
 from __future__ import annotations
 

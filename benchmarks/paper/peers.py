@@ -51,7 +51,7 @@ def uniform_row(bench: Bench) -> Row:
 
 
 def ratio_row(worlds: int, warm_rows: Sequence[Row], kept: Sequence[Row], made: Sequence[Row]) -> Row:
-    """How many times as many valid layouts a second there are as from Scene Synthesizer, one process a core."""
+    """Return the ratio of valid layouts a second to Scene Synthesizer's, with one process of it on each core."""
     told = reported(Experiment.RATIO)
     if not made:
         return Row(Experiment.RATIO, worlds, missing="run with --peer scene_synthesizer", reported=told)

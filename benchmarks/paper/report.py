@@ -1,4 +1,4 @@
-"""What the suite found, as text, as JSON and as files."""
+"""Report of the suite's results, as text, as JSON and as files."""
 
 from __future__ import annotations
 

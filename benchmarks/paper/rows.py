@@ -13,7 +13,7 @@ _HEAD = ("| scenes at once | here | the paper, on an L4 | itself, measured elsew
 
 @dataclass(frozen=True)
 class Row:
-    """What was measured here, beside what others report of the same.
+    """Figures measured here, beside those that others report of the same.
 
     Attributes:
         experiment: What it belongs to.

@@ -1,4 +1,4 @@
-"""How fast a generator that is warm makes layouts, and where its time goes."""
+"""Rate of a warm generator, and the parts that its time goes to."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def test_assigned_episode_lengths_are_copied_into_ours(env):
 
 
 def test_a_termination_is_no_time_out(env):
-    """Where an episode ends by itself in its last step, it was not cut short."""
+    """An episode that ends by itself in its last step is not reported as cut short."""
     env.episode_length_buf = torch.tensor([4, 4, 0, 0])
     action = torch.zeros(4, 5)
     action[0, 0] = action[2, 0] = 1.0  # ends these episodes

@@ -95,7 +95,7 @@ def test_it_steps_as_stable_baselines_own_vector_environment(make, reach_scene: 
 
 
 def test_infos_of_unfinished_worlds_are_dicts_of_their_own(make):
-    """What a wrapper writes into one is not seen in another."""
+    """An entry that a wrapper writes into the info of one world does not appear in another."""
     envs = make()
     envs.reset()
     infos = envs.step(np.zeros((3, 5), np.float32))[3]

@@ -1,4 +1,4 @@
-"""What the asset tests read from a compiled model, without the code that made it: surfaces, hulls, winding numbers."""
+"""Surfaces, hulls and winding numbers of compiled models for the asset tests, without the code that made them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def bounds(model: mujoco.MjModel, data: mujoco.MjData, chosen: list[int]) -> np.
 
 
 def depth_outside(model: mujoco.MjModel, data: mujoco.MjData, chosen: list[int], points: np.ndarray) -> np.ndarray:
-    """How far points (n, 3) lie outside the union of geoms' hulls [m], along face normals; negative inside."""
+    """Return how far [m] points (n, 3) lie outside the union of geoms' hulls, along face normals; negative inside."""
     nearest = np.full(len(points), np.inf)
     for geom in chosen:
         planes = ConvexHull(mesh(model, data, geom).vertices).equations

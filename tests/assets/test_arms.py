@@ -21,7 +21,7 @@ OPENINGS = {"panda": 0.08, "ur5e": 0.095, "heron": 0.088}
 
 
 def joints(model: mujoco.MjModel) -> int:
-    """How many joints an arm has before its two fingers."""
+    """Return the number of joints that an arm has before its two fingers."""
     return model.njnt - 2
 
 
@@ -163,7 +163,7 @@ def test_links_have_plausible_masses_and_every_body_is_seen(name):
 
 
 class Eye:
-    """What the eye sees of an arm, as meshes for FCL: which bodies that are not joined to each other overlap."""
+    """Visible bodies of an arm as meshes for FCL, which finds overlaps of bodies that are not joined to each other."""
 
     def __init__(self, name: str):
         self.model, self.data = load(name)

@@ -1,4 +1,4 @@
-"""How contacts fit what the eye sees: no piece sticks out of the surfaces of its body, and little is left bare."""
+"""Fit of contacts to visible surfaces: no piece sticks out of those of its body, and little is left bare."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def dense(shape: trimesh.Trimesh) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ASSETS)
 def test_no_piece_sticks_out_of_what_the_eye_sees(name):
-    """What is left of a piece without the solids of its body is nowhere further than 0.03 mm from their surfaces."""
+    """The rest of a piece outside the solids of its body is nowhere further than 0.03 mm from their surfaces."""
     model, data = load(name)
     limit = OUT.get(name, 3e-5)
     for body in range(1, model.nbody):

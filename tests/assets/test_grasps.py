@@ -73,7 +73,7 @@ class Hand:
         mujoco.mj_forward(self.model, self.data)
 
     def touches(self) -> set[str]:
-        """What touches what, among `hand`, `left_finger`, `right_finger`, `thing` and `floor`: names joined by a +."""
+        """Return pairs in contact as names joined by a +: `hand`, `left_finger`, `right_finger`, `thing`, `floor`."""
         names = {0: "floor", self.thing: "thing"}
         pairs = self.model.geom_bodyid[self.data.contact.geom]
         return {"+".join(sorted(names.get(b, str(self.model.body(b).name)[2:]) for b in pair)) for pair in pairs}

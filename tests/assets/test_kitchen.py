@@ -1,4 +1,4 @@
-"""What stands in kitchens and on tables: closed surfaces, few pieces that lie within them, hinges that hold."""
+"""Things in kitchens and on tables: closed surfaces, few pieces that lie within them, hinges that hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the scripts write: whoever reads an asset meanwhile finds the old file or the new one, never a part."""
+"""Writing of assets by the scripts: meanwhile a reader finds the old file or the new one, never a part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tests of the audit share: an auditor of the small scene, and what it says of rows in few words."""
+"""Helpers of the audit's tests: an auditor of the small scene, and its findings on rows in few words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What carries an object, as the audit reads the name: it must agree with the model, not with the generator."""
+"""Carriers of objects, as the audit reads their names: it must agree with the model, not with the generator."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def test_forward_kinematics_are_those_of_mujoco(
 
 
 def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, SerialArm]):
-    """What inverse kinematics accepts stands at the asked pose and within limits; nothing reachable is missed."""
+    """Solutions of inverse kinematics are at the asked pose and within limits; nothing reachable is missed."""
     mjm, arm = model_and_arm
     chain = chain_of(mjm, arm)
     wanted = chain.fk(chain.random_joints(150, seed=2))

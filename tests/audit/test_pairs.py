@@ -1,4 +1,4 @@
-"""Which pairs of geoms must be apart, against the contacts that MuJoCo finds where everything overlaps."""
+"""Pairs of geoms that must be apart, against the contacts that MuJoCo finds where everything overlaps."""
 
 from pathlib import Path
 
@@ -130,7 +130,7 @@ def test_what_is_seen_collides_whatever_its_bits_are():
 
 
 def test_a_pair_keeps_the_larger_clearance():
-    """That of the pickier object; what has none asks for nothing."""
+    """The clearance of a pair is that of the pickier object; an object without one asks for nothing."""
     mjm = mujoco.MjModel.from_xml_string(HEAP)
     tree = Tree(mjm, {name: mjm.body(name).id for name in HEAPED})
     judged = judged_pairs(tree, solids_of(mjm, "physics"), "physics", {"a": 0.01, "b": 0.03})

@@ -1,4 +1,4 @@
-"""What MuJoCo C says of layouts: depths that are known, and falls in closed form."""
+"""Verdicts of MuJoCo C on layouts: depths that are known, and falls in closed form."""
 
 from pathlib import Path
 

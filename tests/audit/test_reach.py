@@ -39,7 +39,7 @@ def table(compiled: CompiledScene) -> LayoutTable:
 
 
 def causes(compiled: CompiledScene, table: LayoutTable) -> set[tuple[int, str, str]]:
-    """What the audit says of a table."""
+    """Return the audit's findings on a table, as (row, name, cause)."""
     return {(u.row, u.name, u.cause) for u in judge_reach(compiled, table, reach_claims(compiled, table))}
 
 

@@ -1,4 +1,4 @@
-"""Whether objects stand where the scene says: off the edge, above and below it, under a roof, in a region."""
+"""Places of objects against the scene's words: off the edge, above and below it, under a roof, in a region."""
 
 import numpy as np
 import pytest

@@ -30,7 +30,7 @@ def surfaces(*parts: np.ndarray, up: np.ndarray = UP, open_above: bool = False) 
 
 
 def same(area: shapely.Geometry, expected: shapely.Geometry) -> bool:
-    """Whether two areas differ by less than 1 mm2."""
+    """Return whether two areas differ by less than 1 mm2."""
     return shapely.symmetric_difference(area, expected).area < 1e-6
 
 

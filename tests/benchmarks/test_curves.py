@@ -73,7 +73,7 @@ def test_kinds_are_in_order_whatever_the_size_of_a_bank(tmp_path: Path):
 
 
 def test_comparisons_of_other_numbers_of_worlds_are_not_mixed(tmp_path: Path):
-    """What trained for some time, or for other steps, may differ."""
+    """Runs with the same number of steps have the same number of worlds; other runs may differ."""
     write_run(tmp_path, "first", 0.5, million_steps=3.0, num_envs=4096)
     write_run(tmp_path, "second", 0.5, million_steps=None, num_envs=64)
     write_run(tmp_path, "third", 0.5, million_steps=2.0, num_envs=64)

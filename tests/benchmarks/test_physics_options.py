@@ -1,4 +1,4 @@
-"""What options of the physics cost, each compared with the task as it is."""
+"""Cost of options of the physics, each compared with the task as it is."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from tests.reach.shapes import gantry, gantry_reaches, poses, random_axes, turn
 
 
 def test_a_sampled_map_knows_the_poses_that_made_it():
-    """What the samples hit is reached; cells that the surface cuts, and those no sample fell into, are its errors."""
+    """The samples' poses are reached; errors are cells that the surface cuts, and those that no sample fell into."""
     mjm, arm = gantry()
     found = sampled_map(arm, "cpu", samples=50_000, step=0.2, tilt_step=math.radians(20), seed=3)
     seen = random_joints(arm, 500, 3)  # the first of the samples

@@ -114,7 +114,7 @@ def test_slivers_are_judged_as_in_double_precision(wide: float, narrow: float):
 
 @pytest.mark.parametrize("kind", ["crossing", "near", "parallel", "sliver"])
 def test_the_oracle_in_double_precision_agrees_with_fcl(kind: str):
-    """Where FCL is right: on small triangles."""
+    """The oracle and FCL agree on small triangles, for which FCL is right."""
     a, b = _pairs(kind, 1000)
     expected = [_distance(x, y) for x, y in zip(a, b, strict=True)]
     np.testing.assert_allclose(triangle_distances(a, b), expected, atol=1e-9)

@@ -69,7 +69,7 @@ def test_fingers_in_each_other_are_no_false_alarm(tmp_path: Path):
 
 
 def test_a_drawn_robot_stands_on_what_is_lowest_of_it(tmp_path: Path):
-    """Which is 10 cm below the origin of its base."""
+    """The robot's lowest point, 10 cm below the origin of its base, is on the floor."""
     foot = '<geom type="box" size="0.05 0.05 0.05" pos="0 0 -0.05"/>'
     arm = (
         '<body name="arm" pos="0 0 0.2"><joint name="turn" axis="0 0 1"/><geom type="box" size="0.2 0.02 0.02"/></body>'

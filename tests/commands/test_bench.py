@@ -43,7 +43,7 @@ def test_shares_are_those_of_the_layouts_that_were_timed():
 
 
 def test_a_scene_to_be_reached_is_narrowed_and_drawn(tmp_path: Path):
-    """What `reachable` leaves is among the figures, and the picture is where it was asked for."""
+    """The narrowing by `reachable` is among the figures, and the picture is where it was asked for."""
     asset, cube = crane_mjcf(tmp_path), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
     crane_map(asset)
     with (tmp_path / "ring.yaml").open("w") as stream:

@@ -1,4 +1,4 @@
-"""Why a scene is hard: shares, causes, and what they look like as text and as a picture."""
+"""Causes that make a scene hard: their shares, and the report of them as text and as a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `reachable` leaves of where objects lie: shares in closed form, and the picture of them."""
+"""Narrowing of objects' places by `reachable`: shares in closed form, and the picture of them."""
 
 from __future__ import annotations
 

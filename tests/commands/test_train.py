@@ -81,7 +81,7 @@ def test_what_cannot_be_trained_is_refused(
 
 
 def test_a_missing_library_is_said_with_its_extra(tmp_path: Path):
-    """Where rsl-rl is not installed."""
+    """Without rsl-rl the command ends with the extra to install."""
     program = "import sys; sys.modules['rsl_rl'] = None; from sceniris_gym.__main__ import main; main()"
     words = [sys.executable, "-c", program, "train", "DrawerPick-v0", "--out", str(tmp_path), "--device", "cpu"]
     ended = subprocess.run(words, capture_output=True, text=True, check=False)

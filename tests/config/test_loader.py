@@ -86,7 +86,7 @@ def test_a_file_is_read_as_yaml_1_2(tmp_path: Path):
 
 
 def test_an_override_may_give_a_new_object_as_a_whole_and_then_change_it():
-    """What is not there yet is one mapping; dotted keys that come after it reach into it."""
+    """A new object is given as one mapping; dotted keys that come after it reach into it."""
     pear = {"asset": "pear", "on": "floor"}
     changed = SceneConfig.load(SMALL, {"objects.pear": pear, "objects.pear.clearance": 0.01})
     assert list(changed.objects) == ["shelf", "apple", "goal", "pear"]

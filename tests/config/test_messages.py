@@ -1,4 +1,4 @@
-"""What is said of a wrong scene: every mistake at once, in the words of scene files."""
+"""Messages about a wrong scene: every mistake at once, in the words of scene files."""
 
 from __future__ import annotations
 

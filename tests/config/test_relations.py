@@ -264,7 +264,7 @@ def test_a_wrong_relation_is_refused(tmp_path: Path, relations: Any, error: type
     ],
 )
 def test_directions_that_leave_only_a_line_are_refused(relations: list[dict], fits: bool):
-    """What is left and right of one thing at once would lie on its middle line; other frames may turn apart."""
+    """An object left and right of a thing at once would lie on its middle line; other frames may turn apart."""
     if fits:
         SceneConfig.load(SMALL, {"objects.apple.relations": relations})
     else:

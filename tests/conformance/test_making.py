@@ -1,4 +1,4 @@
-"""How Gymnasium makes the environments: by id, by spec, with its module, as batch or as one world."""
+"""Environments made by Gymnasium: by id, by spec, with their module, as batch or as one world."""
 
 from __future__ import annotations
 

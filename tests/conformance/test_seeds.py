@@ -43,7 +43,7 @@ def test_the_seed_of_an_unseeded_world_brings_it_back(env_id, asked_before):
 
 
 def test_a_world_that_is_given_a_wrong_seed_keeps_its_own(env_id):
-    """What np_random_seed says is still true."""
+    """After a seed is refused, np_random_seed is still the seed of the layouts."""
     env = gymnasium.make(env_id)
     env.reset(seed=3)
     with pytest.raises(ValueError, match="seed"):

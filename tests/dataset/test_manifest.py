@@ -1,4 +1,4 @@
-"""What a data set says of itself."""
+"""Manifest of a data set, and the records of its parts."""
 
 from __future__ import annotations
 

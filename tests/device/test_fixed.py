@@ -1,4 +1,4 @@
-"""What graphs hold on to: assigning another scene or source is refused, instead of having no effect."""
+"""Attributes that graphs hold on to: assigning another scene or source is refused, instead of having no effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is sent to another process: a CompiledScene is compiled there again, and what holds memory stays."""
+"""Pickling: a CompiledScene is compiled again in the other process; an object that holds memory is refused."""
 
 from __future__ import annotations
 

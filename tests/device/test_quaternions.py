@@ -36,7 +36,7 @@ def _all(
 
 
 class Results:
-    """What each function makes of rotations, vectors and angles."""
+    """Results of each function for rotations, vectors and angles."""
 
     def __init__(self, a: Rotation, b: Rotation, v: np.ndarray, angle: np.ndarray, sign: float = 1.0) -> None:
         quats = [sign * r.as_quat(canonical=True, scalar_first=True) for r in (a, b)]

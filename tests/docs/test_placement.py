@@ -86,7 +86,7 @@ def test_every_word_of_the_scene_file_is_explained() -> None:
 
 
 def test_bounds_of_an_object_that_is_faced_are_seen_in_its_heading() -> None:
-    """What the pictures show is measured: a chair's front points from its pivot at the cabinet's."""
+    """In the pictures a chair's front points from its pivot at the cabinet's, by measurement."""
     view = View(next(e for e in EXAMPLES if e.name == "face_to").load(), 16)
     for i in view.worlds("chair"):
         chair, cabinet = view.bounds("chair", i), view.bounds("cabinet", i)
@@ -164,7 +164,7 @@ def test_what_is_not_supported_is_listed_in_the_words_of_its_error() -> None:
 
 
 def test_the_bound_on_kicks_is_that_of_the_judge() -> None:
-    """What sampled joints may accelerate by beyond gravity and springs, for slides and for hinges."""
+    """The text has the judge's bounds on accelerations beyond gravity and springs, for slides and for hinges."""
     text = " ".join(_section("`joints`").split())
     assert f"plus {KICK:g} m/s2 for a slide" in text
     assert f"it is {KICK:g} m/s2 over the radius of gyration" in text

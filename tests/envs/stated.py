@@ -1,4 +1,4 @@
-"""What the docstring of a task says about its observations, against what is observed."""
+"""Statements of a task's docstring about its observations, against the observations themselves."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_the_docstring_lists_what_is_observed(compiled):
 
 
 def test_more_things_than_slots_are_refused():
-    """What had no slot would neither be seen, nor counted where it is moved."""
+    """A thing without a slot would neither be seen, nor counted where it is moved."""
     with pytest.raises(ArgumentError, match=r"up to 12 things beside the peg can be present .* there are 11 slots"):
         gymnasium.make_vec(ENV_ID, num_envs=1, overrides={"groups.around.count": [3, 8], "bank": 8})
 
@@ -71,7 +71,7 @@ def test_two_of_five_to_eleven_others_are_within_3_cm(compiled):
 
 
 def test_the_grasp_that_is_clear_closes_where_there_is_more_room(compiled):
-    """What the generator's inverse kinematics and collisions found, against the task's own distances.
+    """The grasp found by the generator's inverse kinematics and collisions agrees with the task's own distances.
 
     In about a seventh of the layouts both pairs of sides are free, of which the generator takes either.
     """
@@ -200,7 +200,7 @@ def test_fingers_that_press_on_the_peg_do_not_grasp_it(envs, monkeypatch):
 
 
 def test_terms_of_the_reward(envs, monkeypatch):
-    """What is lifted counts less, the more else was moved."""
+    """Lifting and holding count less, the more else was moved."""
     task = hold(envs, monkeypatch)
     reach_for(envs, monkeypatch, 0.0)
     place(envs, nearest(envs, 0), 0, [0.01, 0.0, 0.0])

@@ -150,7 +150,7 @@ def test_success_takes_half_a_second(compiled, monkeypatch):
 
 
 def test_an_object_that_is_dropped_is_not_held_any_more(compiled):
-    """What was held is counted afresh, and an episode ends where the chosen object has left the table."""
+    """Steps of holding are counted afresh, and an episode ends where the chosen object has left the table."""
     envs = SceneVectorEnv(TabletopLift, 2, scene=compiled, autoreset_mode="Disabled")
     envs.reset(seed=5)
     task: Any = envs.task

@@ -1,4 +1,4 @@
-"""What came of a case: refused in our words, a sound layout, or one of what must never be."""
+"""Outcome of a case: refused in our words, a sound layout, or one of those that must never be."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FAR = 200.0  # m: the floor's half and all that can be added to it
 
 @dataclass
 class Findings:
-    """How cases ended, and what those that should not have ended so were."""
+    """Counts of the outcomes of cases, and descriptions of those that should not have been."""
 
     counts: Counter[str] = field(default_factory=Counter)
     bad: list[str] = field(default_factory=list)
@@ -75,7 +75,7 @@ def _ended(draws: np.random.Generator, folder: Path) -> tuple[str, str]:
 
 
 def _nonsense(scene: dict[str, Any]) -> str | None:
-    """What is impossible in the layouts of a scene, by MuJoCo's own kinematics; None if nothing is."""
+    """Return an impossibility in the layouts of a scene, by MuJoCo's own kinematics; None if there is none."""
     compiled = compile_scene(SceneConfig.load(scene), "cpu")
     generator = LayoutGenerator(compiled, 4)
     generator.generate()

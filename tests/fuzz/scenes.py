@@ -105,7 +105,7 @@ def wrong_scene(draws: np.random.Generator, folder: Path) -> dict[str, Any]:
 
 
 def _numbers(part: Any) -> Iterator[tuple[Any, Any]]:
-    """Where the numbers of a scene are, each as what holds it and its key."""
+    """Yield the place of each number in a scene, as its container and its key."""
     for key, inside in part.items() if isinstance(part, dict) else enumerate(part):
         if isinstance(inside, dict | list):
             yield from _numbers(inside)

@@ -396,7 +396,7 @@ def test_a_robot_that_stands_on_a_plane_of_its_own_keeps_others_off_it(tmp_path:
 
 
 def test_a_height_field_is_refused(tmp_path: Path, crate: dict):
-    """What has neither a hull nor a closed mesh cannot be an obstacle."""
+    """A height field has neither a hull nor a closed mesh, so it cannot be an obstacle."""
     body = '<geom name="dunes" type="hfield" hfield="dunes"/>'
     rest = '<asset><hfield name="dunes" nrow="2" ncol="2" size="1 1 .1 .1" elevation="0 1 0 1"/></asset>'
     objects = {"dunes": {"asset": write_mjcf(tmp_path, "dunes", body, rest), "kind": "static"}, "crate": crate}

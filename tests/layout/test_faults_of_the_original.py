@@ -45,7 +45,7 @@ def test_wedges_do_not_break_across_180_degrees(angle: float, shapes: Shapes):
 
 
 def test_a_failed_world_does_not_switch_an_object_off_in_all_worlds(shapes: Shapes):
-    """Where one world in three fails, the others have all objects in the room, as if they were alone."""
+    """If one world in three fails, the others have all objects in the room, as if they were alone."""
     cubes = {name: {"asset": shapes.cube, "on": "floor"} for name in "abc"}
     compiled = scene(cubes, floor={"size": [0.15, 0.15]}, attempts=2, restarts=0)
     generator = LayoutGenerator(compiled, 300)

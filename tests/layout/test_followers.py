@@ -81,7 +81,7 @@ def test_geared_doors_follow_in_every_layout(tmp_path: Path, kind: str):
 
 
 def test_bodies_stand_where_mujoco_has_them_when_joints_follow(tmp_path: Path):
-    """What is tested for collision is the state that is served."""
+    """The state that is tested for collision is the one that is served."""
     asset = write_mjcf(tmp_path, "doors", DOORS, GEARS)
     doors = {"asset": asset, "kind": "fixture", "region": {"box": ANYWHERE}, "joints": {"left": {"range": [-0.5, 0.5]}}}
     compiled = compile_on_cpu({"objects": {"doors": doors}})
@@ -142,7 +142,7 @@ def test_a_robot_s_mimic_finger_follows_noise_and_home(tmp_path: Path):
 
 
 def test_absent_objects_are_parked_with_their_equalities_kept(tmp_path: Path):
-    """What is left out by its group has all its joints at home."""
+    """An object that its group leaves out has all its joints at home."""
     asset = write_mjcf(tmp_path, "doors", DOORS, GEARS)
     doors = {"asset": asset, "on": "floor", "joints": {"left": {"range": [-0.5, 0.5]}}}
     scene = {

@@ -48,7 +48,7 @@ class Launches:
         return counted
 
     def number(self, function: Callable[[], None]) -> int:
-        """How many launches a function makes."""
+        """Return the number of launches that a function makes."""
         self.made, self.last = 0, -1
         function()
         return self.made

@@ -36,7 +36,7 @@ def joined(counter: str, kind: str = "fixture", gap: float = 0.03, **words: Any)
 
 
 def sites(compiled: CompiledScene, num: int, its: str = "a/right", own: str = "b/left") -> tuple[np.ndarray, ...]:
-    """Where two sites are in fresh layouts, and the headings of their x axes."""
+    """Return the positions of two sites in fresh layouts, the first's heading, and the second's relative to it."""
     generator = LayoutGenerator(compiled, num)
     generator.generate()
     found = []

@@ -1,4 +1,4 @@
-"""What a generator launches on a GPU is compiled ahead: recorded launches against the list of modules."""
+"""Compilation ahead of all modules that a generator launches on a GPU: recorded launches against their list."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_all_that_is_launched_is_compiled_ahead(name: str, tmp_path: Path, monke
 def test_it_is_said_before_kernels_are_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
-    """How many modules Warp's cache lacks, and nothing where it has them all."""
+    """The notice counts the modules that Warp's cache lacks; there is none if it has them all."""
     generator = LayoutGenerator(compile_scene("mid", "cpu"), 1)
     generator.generate()
     monkeypatch.setattr(kernel_log, "_told", set())

@@ -1,4 +1,4 @@
-"""Where the sides of an object are that its model has turned: along the axes of its own body, in literal numbers."""
+"""Sides of an object that its model has turned: along the axes of its own body, in literal numbers."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def test_layouts_are_made_ahead_on_another_gpu():
 
 @pytest.mark.cuda
 def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.MonkeyPatch):
-    """What the host repeats there is interrupted on either stream; the next resets have the bits of others."""
+    """After an interruption on either stream the next resets have the bits of an uninterrupted generator."""
     compiled, launch, left = compile_scene("hard_plus", "cuda:0"), wp.launch, [0]
 
     def counted(*args: object, **kwargs: object) -> None:
@@ -125,7 +125,7 @@ def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.Monk
 
 
 def test_nobody_waits_for_what_is_being_made(monkeypatch: pytest.MonkeyPatch):
-    """What is not done is made in place: the same bits, and nothing is begun until then."""
+    """A layout that is not done is made in place, with the same bits, and nothing is begun until then."""
     make, asked, due = PreparedLayouts._make_beside, itertools.count(), []
 
     def late(source: PreparedLayouts) -> None:
@@ -155,7 +155,7 @@ def test_what_is_ready_is_not_made_again():
 
 @pytest.mark.parametrize("last", ["_begin", "_publish"])
 def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.MonkeyPatch):
-    """Where it was decided that layouts are made ahead, and nothing was launched any more, or worlds were chosen."""
+    """A reset is interrupted before layouts ahead are launched, or after worlds are chosen; the next is right."""
     source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
     launch = wp.launch
 

@@ -1,4 +1,4 @@
-"""What placing says of whole objects against exact inverse kinematics of all their grasps."""
+"""Verdicts of placing on whole objects, against exact inverse kinematics of all their grasps."""
 
 from __future__ import annotations
 

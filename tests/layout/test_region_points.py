@@ -19,12 +19,12 @@ LATTICE = [[x / 10, y / 10] for x in range(-3, 4) for y in range(-3, 4)]
 
 
 def _at(compiled: CompiledScene, rows: Rows, name: str) -> np.ndarray:
-    """Where the mocap body of a marker or fixture is in each row, shape (n, 3)."""
+    """Return the position of a marker's or fixture's mocap body in each row, shape (n, 3)."""
     return rows.mocap_pos[:, int(compiled.mjm.body(name).mocapid[0])]
 
 
 def _chosen(at: np.ndarray, points: list, near: float = 1e-6) -> np.ndarray:
-    """How often each point is chosen, shape (npoint,); each row is at one of them."""
+    """Return how often each point is chosen, shape (npoint,); each row is at one of them."""
     apart = np.linalg.norm(at[:, None] - np.array(points), axis=2)
     assert apart.min(axis=1).max() < near
     return np.bincount(apart.argmin(axis=1), minlength=len(points))

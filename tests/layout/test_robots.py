@@ -120,7 +120,7 @@ def test_one_of_several_names_is_the_same_robot():
 @pytest.mark.parametrize(("near", "order"), [("post", ["post", "robot", "can"]), ("can", ["post", "can", "robot"])])
 @pytest.mark.parametrize("tier", ["map", "ik"])
 def test_targets_are_within_reach_of_the_base_that_was_drawn(near: str, order: list[str], tier: str):
-    """Whether it is placed before its target or after it, by the same test; it stands on the floor, clear of things."""
+    """The base is placed before its target or after it, by the same test; it is on the floor, clear of things."""
     objects = {"post": {"asset": "block", "on": "floor"}, "can": {**CAN, "reachable": tier}}
     relations = [{"near": near, "distance": {"min": 0.2, "max": 0.8}}]
     scene = compiled(objects, robot={"asset": "ur5e", "on": "floor", "relations": relations, "clearance": 0.01})

@@ -78,7 +78,7 @@ def test_a_scene_from_the_cache_is_the_scene_that_was_compiled(scene: str, devic
 
 
 def test_grasps_and_gripper_are_the_same(folder: Path, only_read: Any):
-    """What the host knows of an arm and its reach targets."""
+    """A scene from the cache has the same arm and the same reach targets on the host."""
     first = compile_scene("tabletop_lift", "cpu").reaching
     only_read()
     second = compile_scene("tabletop_lift", "cpu").reaching
@@ -219,7 +219,7 @@ def test_a_folder_that_cannot_be_written_is_no_matter(tmp_path: Path, monkeypatc
 
 
 def test_it_does_not_grow_without_end(folder: Path, monkeypatch: pytest.MonkeyPatch):
-    """What was not used for longest goes first."""
+    """The file that was not used for longest goes first."""
     monkeypatch.setattr(scene_cache, "MOST_BYTES", 10_000)
     for number in range(5):
         store_arrays(f"scene{number}", {"values": np.zeros(500)})

@@ -1,4 +1,4 @@
-"""What every source of layouts promises, and the little that is asked of one."""
+"""Promises of every source of layouts, and the little that is asked of one."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_rejections_are_counted_by_object_and_cause(mid: CompiledScene, make: Ma
 
 @pytest.mark.parametrize("make", [fresh, stored, Lifted])
 def test_a_randomizer_takes_every_source(mid: CompiledScene, make: Maker):
-    """What it writes is what the source has made, also that of somebody's own class."""
+    """A randomizer writes the layouts that its source has made, also those of somebody's own class."""
     batch, source = Batch(mid.scene, NWORLD, "cpu"), make(mid)
     randomizer = ResetRandomizer(mid, batch.model, batch.data, layout_source=source)
     randomizer.reseed([1, 2, 3, 4])

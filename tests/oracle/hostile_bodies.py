@@ -28,7 +28,7 @@ class Joint:
 
 @dataclass
 class Parts:
-    """What a model under construction has so far, besides the elements themselves.
+    """Record of a model under construction, besides the elements themselves.
 
     Attributes:
         root: <mujoco>.
@@ -53,7 +53,7 @@ class Parts:
     elements: dict[str, Element] = field(default_factory=dict)
 
     def has(self, feature: str) -> bool:
-        """Whether a feature is wanted; then it counts as used."""
+        """Return whether a feature is wanted, and count it as used if it is."""
         if feature in self.wanted:
             self.used.add(feature)
         return feature in self.wanted

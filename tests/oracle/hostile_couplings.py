@@ -1,4 +1,4 @@
-"""What ties the parts of a hostile model together: contact rules, equalities, tendons and actuators."""
+"""Couplings between the parts of a hostile model: contact rules, equalities, tendons and actuators."""
 
 from __future__ import annotations
 

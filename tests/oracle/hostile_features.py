@@ -1,4 +1,4 @@
-"""What hostile models are made of: each feature, with the share of models that get it."""
+"""Features of hostile models, each with the share of models that get it."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ class Judge:
         yield from worst.values()
 
     def _is_apart(self, data: mujoco.MjData, contact: mujoco.MjContact) -> bool:
-        """Whether two geoms are further apart than their margin after all.
+        """Return whether two geoms are further apart than their margin after all.
 
         MuJoCo's own test of two boxes measures along axes, and finds edges nearer than they are by up to a tenth.
         """
@@ -166,7 +166,7 @@ class Judge:
         return any(o >= 0 and self.things[o].placed for o in owners)
 
     def _carries(self, bodies: list[int], owners: list[int]) -> bool:
-        """Whether one of two bodies is the support of the thing that the other belongs to."""
+        """Return whether one of two bodies is the support of the thing that the other belongs to."""
         for one, other in ((0, 1), (1, 0)):
             thing = self.things[owners[one]] if owners[one] >= 0 else None
             if thing is not None and self._supports.get(thing.name) == bodies[other]:
@@ -243,7 +243,7 @@ class Judge:
         return mjm
 
     def _held(self, mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-        """What of qvel and of qpos does not belong to the roots of stable objects, as masks."""
+        """Return masks of the entries of qvel and qpos that do not belong to the roots of stable objects."""
         first = np.repeat(np.arange(mjm.njnt), np.diff([*mjm.jnt_qposadr, mjm.nq]))
         return ~np.isin(mjm.dof_bodyid, self._stable), ~np.isin(mjm.jnt_bodyid[first], self._stable)
 

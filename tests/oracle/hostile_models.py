@@ -118,7 +118,7 @@ def _finish(making: Making, seed: int) -> HostileModel:
 
 
 def _touches_inside(mjm: mujoco.MjModel, roots: set[str]) -> bool:
-    """Whether two bodies of one of these trees touch at home."""
+    """Return whether two bodies of one of these trees touch at home."""
     data = home_state(mjm)
     mujoco.mj_fwdPosition(mjm, data)
     trees = mjm.body_rootid[mjm.geom_bodyid[data.contact.geom]]

@@ -75,7 +75,7 @@ def _place(making: Making, words: dict[str, Any]) -> str | None:
 
 
 def _is_level(body: Element) -> bool:
-    """Whether a body has a level top that is wide enough for something."""
+    """Return whether a body has a level top that is wide enough for something."""
     geom = body.find("geom")
     if geom is None or geom.get("type") != "box" or geom.get("euler"):
         return False

@@ -1,4 +1,4 @@
-"""What a hostile model has besides the objects that are placed: obstacles of every kind, doors, arms and robots."""
+"""Surroundings of the placed objects in a hostile model: obstacles of every kind, doors, arms and robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the judge of hostile models is told: what a scene names, what stays at home, and served states."""
+"""Input of the judge of hostile models: the things of a scene, the state of the model at home, and served states."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COUPLINGS = (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON)
 
 @dataclass(frozen=True)
 class Thing:
-    """What a scene says about one object, or about its robot.
+    """Description of one object of a scene, or of its robot.
 
     Attributes:
         name: Its name in the scene.
@@ -38,7 +38,7 @@ class Thing:
 
 @dataclass(frozen=True)
 class Home:
-    """Where the user's own model has things at home: positions of hinges and slides, and poses of mocap bodies."""
+    """Home state in the user's own model: positions of hinges and slides, and poses of mocap bodies."""
 
     joints: dict[str, float]
     mocap: dict[str, np.ndarray]
@@ -71,7 +71,7 @@ class Served:
 
 @dataclass(frozen=True)
 class Conflict:
-    """What is wrong with one row: its kind, who is concerned, and by how much."""
+    """Fault of one row: its kind, the parts concerned, and its size."""
 
     kind: str
     row: int

@@ -1,4 +1,4 @@
-"""Where an object may be, as a shapely area for each layout, from its relations and the outlines it is given."""
+"""Areas in which an object may be, in shapely for each layout, from its relations and the outlines it is given."""
 
 from __future__ import annotations
 

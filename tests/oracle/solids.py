@@ -102,7 +102,10 @@ class Solids:
 
 
 def winding_number(triangles: np.ndarray, point: np.ndarray) -> float:
-    """How often a closed surface (n, 3, 3) winds around a point. Van Oosterom, Strackee, IEEE TBME 30(2), 1983."""
+    """Return how often a closed surface (n, 3, 3) winds around a point.
+
+    The formula is that of Van Oosterom and Strackee, IEEE TBME 30(2), 1983.
+    """
     a, b, c = (triangles - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     top = np.einsum("ij,ij->i", a, np.cross(b, c))

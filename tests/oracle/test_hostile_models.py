@@ -64,7 +64,7 @@ def test_every_feature_occurs_about_as_often_as_it_says():
 
 
 def test_features_are_seen_in_the_models():
-    """What a model claims stands in its file."""
+    """Features that a model claims stand in its files."""
     for model in models():
         tags = {e.tag for text in model.files.values() for e in fromstring(text).iter()}
         assert {TAGS[f] for f in model.features & set(TAGS)} <= tags

@@ -1,4 +1,4 @@
-"""Whether points are spread evenly over a region: chi-square over cells of equal area."""
+"""Evenness of points over a region: chi-square over cells of equal area."""
 
 import numpy as np
 import scipy.stats

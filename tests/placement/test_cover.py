@@ -31,7 +31,7 @@ def _drawer(word: str, opening: float, geometry: str, **others) -> dict:
 
 
 def _covered(compiled, rows: Rows, geometry: str) -> np.ndarray:
-    """MuJoCo C's rays straight up from the goals: is any part of the cabinet above?"""
+    """Return whether a ray of MuJoCo C straight up from the goal meets the cabinet, for each row."""
     groups = np.zeros(6, np.uint8)
     groups[3 if geometry == "physics" else 2] = 1
     goal, geom = int(compiled.mjm.body("goal").mocapid[0]), np.zeros(1, np.int32)
@@ -64,7 +64,7 @@ def test_the_cover_over_a_drawer_is_decided_by_its_opening(opening: float, geome
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_a_shut_drawer_has_no_open_sky(geometry: str):
-    """What cannot be placed under it is named, with what is overhead as the cause."""
+    """The error names the object without a place, and what is overhead as the cause."""
     with pytest.raises(InfeasibleSceneError, match="'goal' could not be placed, mostly because of overhead"):
         compile_on_cpu(_drawer("on", 0.0, geometry))
 

@@ -135,7 +135,7 @@ def _near_twins(rng: np.random.Generator) -> np.ndarray:
 
 
 def _far(rng: np.random.Generator) -> np.ndarray:
-    """Where single precision is coarse."""
+    """Return points at which single precision is coarse."""
     return 90.0 + rng.uniform(-1.0, 1.0, size=(6, 2))
 
 

@@ -184,7 +184,7 @@ FURTHEST = {
 
 @pytest.mark.parametrize("name", FURTHEST)
 def test_relations_and_supports_hold_at_the_corner_of_the_largest_floor(name: str, shapes: Shapes):
-    """Where single precision is coarsest: at 100 m along both axes, with a thing in a drawer beside it."""
+    """Both hold where single precision is coarsest: at 100 m along both axes, with a thing in a drawer beside it."""
     corner = {"region": {"box": [[99.0, 99.0], [99.5, 99.5]]}}
     case = {"asset": shapes.drawer, "on": "floor", "ratio_on_support": 1.0, "joints": {"slide": {"fraction": [0, 1]}}}
     objects = {
@@ -238,7 +238,7 @@ def test_relations_hold_on_the_floor_of_a_drawer(shapes: Shapes):
 
 @since_4("a fixture's own parts collide with it, so an open lid touches its box")
 def test_relations_hold_on_a_lid_that_is_shut(shapes: Shapes):
-    """Where the lid is drawn open nothing can stand on it, and the layout is made anew."""
+    """Nothing can stand on a lid that is drawn open, so the layout is made anew."""
     chest = near_middle(shapes.lid, joints={"hinge": {"choice": [0.0, -1.0]}})
     cube = {"asset": shapes.cube, "on": "chest/lid"}
     objects = {"chest": chest, "a": cube, "q": {**cube, "relations": [{"right_of": "a", "frame": "support"}]}}

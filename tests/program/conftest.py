@@ -1,4 +1,4 @@
-"""What the tests of programs share: a folder with their assets."""
+"""Fixture of the tests of programs: a folder with their assets."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class Packed:
         return self.plan.objects[self.number(name)]
 
     def listed(self, name: str, key: str, values: str) -> list:
-        """What one list of an object holds: the entries of `values` at `obj_{key}adr` and `obj_{key}num`."""
+        """Return a list of an object: the entries of `values` at `obj_{key}adr` and `obj_{key}num`."""
         i = self.number(name)
         adr, num = int(self[f"obj_{key}adr"][i]), int(self[f"obj_{key}num"][i])
         return self[values][adr : adr + num].tolist()

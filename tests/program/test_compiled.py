@@ -99,7 +99,7 @@ def test_no_two_trees_are_deeper_than_a_lane_has_room_for(geometry: str):
 
 
 def test_its_bank_is_empty_and_has_the_widths_of_its_rows():
-    """What is uploaded can be made, but not yet fallen back on."""
+    """Layouts can be made after the upload, but there is nothing to fall back on yet."""
     compiled = _uploaded()
     program = compiled.program
     assert compiled.bank_rows("train") == compiled.bank_rows("eval") == slice(0, 0)

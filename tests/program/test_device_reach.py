@@ -1,4 +1,4 @@
-"""What device code sees of `reachable`: every field is there, and a kernel reads in it what the host knows."""
+"""Device code's view of `reachable`: every field is there, and a kernel reads in it the values that the host knows."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ HELD = FallbackWarning("here", 0.25, "apple", "collision", ["'restarts' above 8"
 
 
 def test_a_warning_is_issued_at_its_level_and_noted():
-    """Where `warnings.warn` would place it, and only inside of the block."""
+    """A warning is placed as by `warnings.warn`, and noted only inside of the block."""
     with warnings.catch_warnings(record=True) as caught, noting() as noted:
         warnings.simplefilter("always")
         warn(ModelWarning("odd"))

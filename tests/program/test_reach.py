@@ -18,7 +18,7 @@ from tests.layout.scenes import box_mjcf, write_mjcf
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the assets of these tests are."""
+    """Return the folder with the assets of these tests."""
     return tmp_path_factory.mktemp("reach")
 
 

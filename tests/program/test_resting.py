@@ -15,7 +15,7 @@ from tests.program.scenes import scene_of
 
 
 def poses(folder: Path, body: str, joints: dict[str, Any] | None = None, rest: str = "", **words: Any) -> np.ndarray:
-    """What of the thing points up in each of its stable poses on the floor, shape (n, 3)."""
+    """Return the direction of the thing that points up in each of its stable poses on the floor, shape (n, 3)."""
     path = folder / "thing.xml"
     path.write_text(f"<mujoco><worldbody>{body}</worldbody>{rest}</mujoco>")
     thing = {"asset": str(path), "on": "floor", "orientation": "stable", **words}
@@ -29,7 +29,7 @@ def thing(inside: str, gravcomp: float = 0.0) -> str:
 
 
 def has(found: np.ndarray, *up: float) -> bool:
-    """Whether a pose has this axis of the thing up."""
+    """Return whether a pose has this axis of the thing up."""
     return bool((found @ up > 0.999).any())
 
 

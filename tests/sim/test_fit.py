@@ -105,7 +105,7 @@ FOREIGN: dict[str, tuple[Callable[[], mujoco.MjModel], str]] = {
 @pytest.mark.oldest
 @pytest.mark.parametrize(("make", "says"), FOREIGN.values(), ids=FOREIGN.keys())
 def test_a_foreign_model_is_refused(compiled: CompiledScene, make: Callable[[], mujoco.MjModel], says: str):
-    """What differs is named, and what it should be."""
+    """The error names the difference, and what should be there."""
     with pytest.raises(SceneMismatchError, match=says):
         ResetRandomizer(compiled, *put(make()))
 

@@ -1,4 +1,4 @@
-"""What differs between versions of MuJoCo and MuJoCo-Warp is found with the oldest and with the newest."""
+"""Differences between versions of MuJoCo and MuJoCo-Warp, found with the oldest and with the newest."""
 
 from __future__ import annotations
 

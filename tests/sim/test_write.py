@@ -1,4 +1,4 @@
-"""What actuators hold after a write, judged by the forces that plain MuJoCo finds."""
+"""State of actuators after a write, judged by the forces that plain MuJoCo finds."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ SCENES = {
 
 @dataclass(frozen=True)
 class Arguments:
-    """Where the wheels were unpacked, and how much is measured."""
+    """Folder of the unpacked wheels, and extent of the measurement."""
 
     folder: Annotated[Path, tyro.conf.Positional]
     layouts: int = 10_000
@@ -225,7 +225,7 @@ def depths(compiled: CompiledScene, qpos: np.ndarray, mocap_pos: np.ndarray, moc
 
 
 def _within(scene: Any, placed: tuple[str, ...], bodies: set[int]) -> bool:
-    """Whether a contact is of parts of one object, which are as its maker has them."""
+    """Return whether a contact is of parts of one object, which are as its maker has them."""
     return any(bodies <= set(scene.subtree(name)) for name in placed)
 
 

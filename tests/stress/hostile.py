@@ -41,7 +41,7 @@ MOST_SECONDS = 300.0
 
 @dataclass
 class Outcome:
-    """What came of one model.
+    """Outcome of one model.
 
     Attributes:
         seed: Its seed.
@@ -61,7 +61,7 @@ class Outcome:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether this should not have happened."""
+        """Return whether this should not have happened."""
         return self.verdict == "failed" or bool(self.conflicts)
 
 
@@ -144,7 +144,7 @@ class _Worker:
         self.pipe.send(seed)
 
     def outcome(self) -> Outcome | None:
-        """What came of its model; None as long as it works."""
+        """Return the outcome of its model; None as long as it works."""
         assert self.seed is not None
         if self.pipe.poll():
             try:

@@ -1,4 +1,4 @@
-"""How well every keyword of the placement language is kept: one line per keyword, with the worst violation found.
+"""Accuracy of every keyword of the placement language: one line per keyword, with the worst violation found.
 
 python -m tests.stress.relations --layouts 100000 [--device cuda:0] [--jobs 16] [--words near between]
 

@@ -34,7 +34,7 @@ _FAULTS = (np.nan, np.inf, -np.inf)
 
 @dataclass
 class Row:
-    """What one part of a run came to."""
+    """Counts of one part of a run."""
 
     resets: int = 0
     fallbacks: int = 0

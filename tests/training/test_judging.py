@@ -18,7 +18,7 @@ from tests.training.scenes import reach_scene
 
 
 def test_density_is_about_the_target_that_is_chosen():
-    """How many others there are and how near the nearest is, against the qpos of each; itself does not count."""
+    """The number of other things and the distance of the nearest are those by qpos; the target does not count."""
     compiled = compile_scene(SceneConfig.load("tabletop_lift", {"bank": 8}), "cpu")
     envs = task_scenes.make_env("TabletopLift-v0", 6, compiled)
     envs.reset(seed=3)

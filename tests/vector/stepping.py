@@ -1,4 +1,4 @@
-"""What tests of environments share: actions, and the state of the worlds, as it is and as plain MuJoCo has it."""
+"""Helpers of environments' tests: actions, and the state of the worlds, as it is and as plain MuJoCo has it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What users hand to an environment: tasks, scenes, sizes, seeds, masks and actions."""
+"""Arguments of an environment: tasks, scenes, sizes, seeds, masks and actions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How high bodies are, against all points that physics collides of them."""
+"""Heights of bodies, against all points that physics collides of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What only a GPU has: streams, and one graph of torch and Warp together."""
+"""Features that only a GPU has: streams, and one graph of torch and Warp together."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def worlds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CompiledScene]
 
 
 def seen(compiled: CompiledScene) -> tuple[State, Batch]:
-    """What a task sees after a reset."""
+    """Return the state that a task sees after a reset, and its batch."""
     batch = Batch(compiled.scene, NWORLD, "cpu")
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=5)
     randomizer.reset()

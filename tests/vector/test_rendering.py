@@ -1,4 +1,4 @@
-"""How an environment is looked at: the modes, how many worlds, and what is kept meanwhile."""
+"""Rendering of an environment: the modes, the number of worlds, and the page that is kept meanwhile."""
 
 from __future__ import annotations
 

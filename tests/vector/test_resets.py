@@ -1,4 +1,4 @@
-"""What `reset` takes: seeds, masks and options, and which worlds it changes."""
+"""Arguments of `reset`: seeds, masks and options, and the worlds that it changes."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def test_what_drops_out_is_seen_again():
 
 
 def test_a_reset_leaves_what_other_worlds_see():
-    """Whether it is asked for or comes by itself; the last observation of an episode is sensed too."""
+    """A reset on request or by itself leaves them alone; an episode's last observation is sensed too."""
     sensing = Sensing(noise={"time": 0.1}, delay=(0, 2), dropout=0.2)
     envs = make(sensing, 8)
     policy = run(envs, 5)[0]

@@ -1,4 +1,4 @@
-"""What a task does where its author says nothing."""
+"""Defaults of a task, where its author says nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a task returns is judged the first time: the error names task, method and form."""
+"""Checks of a task's first results: the error names task, method and form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What touches what, against where things were put."""
+"""Contacts between bodies, against the places where things were put."""
 
 from __future__ import annotations
 

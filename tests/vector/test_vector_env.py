@@ -131,7 +131,7 @@ def test_integers_of_numpy_are_integers(make_env):
 
 
 def test_returned_tensors_are_never_overwritten(make_env):
-    """What a caller keeps from a step stays as it was through later steps and resets."""
+    """Results that a caller keeps from a step stay as they were through later steps and resets."""
     envs = make_env(2, max_episode_steps=2)
     kept = [envs.reset(seed=0), *(envs.step(actions(2)) for _ in range(2))]
     copies = [[leaf.clone() for leaf in leaves(result)] for result in kept]
@@ -234,7 +234,7 @@ def test_it_steps_under_inference_mode(make_env):
 
 
 def test_it_may_be_made_under_inference_mode(make_env):
-    """What is made with it, its task's tensors too, can be written to outside, and inside again."""
+    """Tensors made under it, the task's too, can be written to outside, and inside again."""
     with torch.inference_mode():
         envs = make_env(2, max_episode_steps=2)
         envs.reset(seed=0)

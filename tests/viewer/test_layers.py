@@ -20,6 +20,6 @@ def test_names_stand_above_their_objects():
 
 
 def test_every_layer_has_a_hint():
-    """What it shows, in a sentence."""
+    """Every layer has a sentence that tells what it shows."""
     assert set(HINTS) == {*SKETCHES, PARKED, REACH}
     assert all(hint.endswith(".") for hint in HINTS.values())

@@ -18,7 +18,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def is_covered(world: ShownWorld, bodies: list[int], at: np.ndarray) -> bool:
-    """Whether a ray up from a point meets something of some bodies that collides."""
+    """Return whether a ray up from a point meets something of some bodies that collides."""
     mjm, data = world.compiled.mjm, world.data
     solid = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies) & ((mjm.geom_contype | mjm.geom_conaffinity) > 0))
     distances = [
@@ -58,7 +58,7 @@ def test_a_roof_is_where_a_ray_up_meets_something(scene: str):
 
 
 def test_a_region_is_cut_as_the_word_asks():
-    """What is inside of the cabinet's drawer is covered; whoever stands in the open part has the rest."""
+    """The inside of the cabinet's drawer is covered; an object that stands in the open part has the rest."""
     world = world_of("mid", 1)
     banana = world.placed("banana")
     assert banana.cover != Cover.EITHER

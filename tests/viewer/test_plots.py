@@ -35,7 +35,7 @@ def test_plots_show_the_last_steps():
 
 
 def test_a_new_episode_begins_with_empty_plots():
-    """What was drawn of the one before goes at once, also from a part that is chosen then; so does one step alone."""
+    """Lines of the episode before go at once, also in a part that is chosen then; a single step draws none."""
     with page() as server:
         plots = Plots(server, [("qpos", (2,)), ("way", (3,))])
         for _ in range(2):

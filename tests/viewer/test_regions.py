@@ -1,4 +1,4 @@
-"""What the layer of supports draws is where objects are: every layout's pivots are in it, and little else is."""
+"""Areas drawn by the layer of supports: every layout's pivots are in them, and little else is."""
 
 from __future__ import annotations
 

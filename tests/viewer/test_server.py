@@ -44,7 +44,7 @@ def test_every_address_is_said_as_one_that_a_browser_takes():
 
 @VISER
 def test_an_address_of_another_machine_is_refused():
-    """Where viser would wait for ever."""
+    """An address at which viser would wait for ever is refused."""
     with pytest.raises(ArgumentError, match=r"--host 192\.0\.2\.1: cannot listen there"):
         open_server("192.0.2.1", free_port())
 

@@ -30,7 +30,7 @@ def deck() -> LayoutDeck:
 
 
 def test_every_cause_has_words():
-    """What is shown is explained."""
+    """Every cause that can be shown is explained."""
     assert set(CAUSES) == {cause.name.lower() for cause in Cause if cause != Cause.NONE}
 
 

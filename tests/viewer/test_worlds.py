@@ -45,7 +45,7 @@ def test_what_is_sent_is_the_layout():
 
 
 def test_the_users_model_stays_as_it_is():
-    """What is drawn is a copy, in which nothing is fixed to the world, and planes have an end."""
+    """A copy is drawn, in which nothing is fixed to the world, and planes have an end."""
     mjm = compiled_scene("tabletop_lift").mjm
     before = {name: np.array(getattr(mjm, name)) for name in ("body_weldid", "geom_group", "geom_rgba", "geom_size")}
     width = mjm.vis.scale.framewidth
@@ -60,7 +60,7 @@ def test_the_users_model_stays_as_it_is():
 
 
 def test_many_worlds_are_coarser_from_afar():
-    """Where there are few, all are drawn in full; and the camera is far enough from many."""
+    """A few worlds are all drawn in full; the camera is far enough from many."""
     compiled = compiled_scene("mid")
     with page() as server:
         few = Worlds(server, compiled.scene, 4)._scene._mesh_groups

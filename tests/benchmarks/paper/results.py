@@ -1,4 +1,4 @@
-"""What a run of the suite may have found, with two rows only."""
+"""Possible results of a run of the suite, with two rows only."""
 
 from __future__ import annotations
 

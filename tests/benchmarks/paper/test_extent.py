@@ -1,4 +1,4 @@
-"""How much is measured where."""
+"""Extent of the measurements on each kind of device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What others report: figures of the paper stand in the words that are quoted, and the words in the paper."""
+"""Figures that others report: those of the paper stand in the words quoted, and the words in the paper."""
 
 from __future__ import annotations
 

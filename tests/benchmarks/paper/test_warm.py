@@ -53,7 +53,7 @@ def test_kernels_are_known_by_the_names_that_a_gpu_tells():
 
 
 def test_launches_are_left_as_they_were():
-    """What counts them is gone afterwards."""
+    """The functions that count launches are gone afterwards."""
     before = wp.launch, wp.launch_tiled
     shares(compiled_scene(PHYSICS, "cpu"), 4)
     assert (wp.launch, wp.launch_tiled) == before

@@ -27,7 +27,7 @@ def _slab(half: float, at: str = "0 0 -1") -> str:
 
 
 def test_a_support_of_five_kilometres_needs_a_region(tmp_path: Path):
-    """What is placed on it would get as far as it reaches; a region near the origin is no cure for its corners."""
+    """An object on it could get as far as it reaches; a region near the origin does not cure its corners."""
     objects = {"slab": {"kind": "static"}, "crate": {"on": "slab"}}
     with pytest.raises(SceneKeyError, match=r"objects\.crate\.on: 'slab' reaches 400 m .* within 100 m .* 'region'"):
         _upload(tmp_path, _slab(400), objects)

@@ -1,4 +1,4 @@
-"""What does not fit into memory is refused in words, before anything is allocated."""
+"""Refusal of scenes that do not fit into memory, in words and before anything is allocated."""
 
 from __future__ import annotations
 

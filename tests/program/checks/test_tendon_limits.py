@@ -115,7 +115,7 @@ def test_limits_that_act_on_nothing_drawn_or_on_nothing_at_all_are_left_alone(tm
 
 
 def test_a_start_pose_beyond_a_limit_may_be_kept_but_not_left_further(tmp_path: Path):
-    """What home has, no layout makes worse."""
+    """No layout makes the excess of home worse."""
     key = HOME.format(0.15)
     checked(rack(tmp_path, {"p": {"value": 0.15}, "q": {"range": [0, 0.05]}}, (-0.2, 0.1), key))
     with pytest.raises(SceneKeyError, match=r"tendon 'rack/cable' 0\.15 to 0\.16 long"):

@@ -1,4 +1,4 @@
-"""Where the collision test begins: every pair of leaves is met once, or left out."""
+"""Start of the collision test: every pair of leaves is met once, or left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How near geoms are at home: by hand, and against hulls of Minkowski differences and MuJoCo's own depths."""
+"""Distances of geoms at home: by hand, and against hulls of Minkowski differences and MuJoCo's own depths."""
 
 from __future__ import annotations
 

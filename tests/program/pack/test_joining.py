@@ -1,4 +1,4 @@
-"""Where joined sites are from the pivots, in numbers worked out by hand, and sites that join nothing."""
+"""Positions of joined sites from the pivots, in numbers worked out by hand, and sites that join nothing."""
 
 from __future__ import annotations
 

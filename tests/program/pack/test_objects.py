@@ -132,7 +132,7 @@ MEASURED = {
 
 @pytest.mark.parametrize("case", MEASURED)
 def test_only_what_may_change_and_is_looked_at_is_measured(case: str, folder: Path):
-    """What is drawn decides the lowest point of what has joints, and the bounds where something looks at them."""
+    """The lowest point is measured if joints are drawn, and the bounds too if something looks at them."""
     words, asset, measure = MEASURED[case]
     words = dict(words)
     seen, joints = words.pop("seen", None), words.pop("joints", False)

@@ -1,4 +1,4 @@
-"""Which colliders are kept apart: by hand for what is placed, by the contacts of MuJoCo C for an arm in a grasp."""
+"""Colliders that are kept apart: by hand for what is placed, by the contacts of MuJoCo C for an arm in a grasp."""
 
 from __future__ import annotations
 
@@ -92,13 +92,13 @@ def test_the_hand_has_lists_of_its_own(tmp_path: Path):
 
 
 def test_a_scene_without_reach_has_no_lists(tmp_path: Path):
-    """What is not asked for is not prepared."""
+    """Lists that are not asked for are not prepared."""
     plan = build_plan(build_model(SceneConfig.load("mid")))
     assert arm_pairs(plan, PairRules(plan.scene, collect_colliders(plan.pieces, False, "cpu"))) == ArmPairs()
 
 
 def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, str], float]:
-    """Which bodies are kept apart when the first of each pair is placed, and the least gap."""
+    """Return the least gap by pair of bodies that are kept apart when the first of the pair is placed."""
     plan = plan or build_plan(scene)
     colliders = collect_colliders(plan.pieces, False, "cpu")
     found = {}

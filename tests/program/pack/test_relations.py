@@ -169,7 +169,7 @@ INSISTS = {
 
 @pytest.mark.parametrize("case", INSISTS)
 def test_an_object_insists_where_its_own_draw_may_open_a_region(case: str, folder: Path):
-    """Where nothing that it draws could, an empty region is empty, and is not asked again."""
+    """An empty region that none of the object's draws could open is not asked again."""
     words, insists = INSISTS[case]
     box = {"asset": str(folder / "box.xml"), "on": "floor"}
     objects = {"post": {**box, "kind": "fixture"}, "tail": {**box, "kind": "fixture"}, "thing": {**box, **words}}
