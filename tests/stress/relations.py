@@ -9,10 +9,10 @@ nothing from the generator. The exit status is 1 if a keyword is violated by mor
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import os
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
@@ -104,14 +104,13 @@ def _judge(mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int], 
     return Auditor(mjm, config, bodies).judge_language(rows)
 
 
-def _line(word: str, layouts: int, fresh: int, kept: Sequence[Kept]) -> str:
+def _line(word: str, layouts: int, fresh: int, kept: Sequence[Kept]) -> dict[str, Any]:
     """Return how often a tolerance was exceeded, and the worst violation of `q` by unit (negative: none)."""
-    worst = []
+    found: dict[str, Any] = {"word": word, "layouts": layouts, "fresh": fresh, "broken": sum(k.broken for k in kept)}
     for unit in ("m", "rad"):
-        found = [k.worst for k in kept if k.name == "q" and k.word != "upright" and k.unit == unit and k.checked]
-        worst += [f"{max(found):.1e} {unit}" if found else f"no {unit}"]
-    broken = sum(k.broken for k in kept)
-    return f"{word:28s} {layouts} layouts ({fresh} fresh)  {broken} broken  worst {', '.join(worst)}"
+        worst = [k.worst for k in kept if k.name == "q" and k.word != "upright" and k.unit == unit and k.checked]
+        found |= {f"worst_{unit}": max(worst)} if worst else {}
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -122,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that check layouts")
     parser.add_argument("--words", nargs="*", help="prefixes of the keywords to measure; all if none is given")
     args = parser.parse_args(argv)
-    start, broken = time.perf_counter(), 0
+    broken = 0
     with (
         tempfile.TemporaryDirectory() as folder,
         ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn")) as pool,
@@ -137,8 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for word, fresh, judged in pending:
             kept = judged.result()
             broken += sum(k.broken for k in kept)
-            print(_line(word, args.layouts, fresh, kept), flush=True)
-    print(f"{len(pending)} words, {broken} broken, {time.perf_counter() - start:.0f} s on {args.device}")
+            print(json.dumps(_line(word, args.layouts, fresh, kept)), flush=True)
     return 1 if broken else 0
 
 
