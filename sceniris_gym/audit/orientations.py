@@ -12,7 +12,6 @@ from sceniris_gym.audit.geometry import Poses
 from sceniris_gym.audit.outlines import Outline, Outlines, Seen
 from sceniris_gym.audit.relations import ROUNDING, wrapped
 from sceniris_gym.config.orientation import DrawnOrientation
-from sceniris_gym.config.scene import SceneConfig
 
 _LOWEST = 1e-4  # m; points up to this height above the lowest one carry the object
 _ONE_POINT = 1e-5  # m; pivots that are no further apart coincide, up to rounding
@@ -22,19 +21,15 @@ class OrientationAudit:
     """Measures the violation of orientations.
 
     Args:
-        config: The scene.
         outlines: Outlines of the objects.
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
-        home: The model at the start pose.
     """
 
-    def __init__(
-        self, config: SceneConfig, outlines: Outlines, hulls: Mapping[str, np.ndarray], home: mujoco.MjData
-    ) -> None:
-        self.config, self.outlines, self.hulls = config, outlines, hulls
+    def __init__(self, outlines: Outlines, hulls: Mapping[str, np.ndarray]) -> None:
+        self.outlines, self.hulls, home = outlines, hulls, outlines.scene.home
         self._mass_at = {
             name: home.xmat[root].reshape(3, 3).T @ (_center_of_weight(home, root) - home.xpos[root])
-            for name, root in outlines.bodies.items()
+            for name, root in outlines.scene.bodies.items()
         }
 
     def excess(self, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
@@ -45,8 +40,8 @@ class OrientationAudit:
             where the object is absent. Shape (nrow,).
         """
         found, outlines = {}, seen.outlines
-        for name, part in self.config.parts.items():
-            if not part.is_placed or part.drawn_orientation.kind == "any":
+        for name, part in self.outlines.scene.placed.items():
+            if part.drawn_orientation.kind == "any":
                 continue
             turn, rotation = part.drawn_orientation, self.outlines.turn(name, seen.poses)
             missed = {("yaw", "rad"): _off_interval(outlines[name].heading - seen.support_heading[name], 0.0, turn)}
@@ -63,7 +58,7 @@ class OrientationAudit:
 
     def _off_balance(self, name: str, poses: Poses) -> np.ndarray:
         """Return the distance [m] of the centre of mass from the hull of the lowest points, seen from above."""
-        mat = poses.xmat[:, self.outlines.bodies[name]]
+        mat = poses.xmat[:, self.outlines.scene.bodies[name]]
         points = np.einsum("nij,kj->nki", mat, self.hulls[name])
         row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)
         carried = shapely.convex_hull(shapely.multipoints(points[row, corner, :2], indices=row))

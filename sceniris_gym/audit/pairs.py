@@ -53,10 +53,6 @@ class Tree:
             self.fixture[body] = self.fixture[parent] or mjm.body_mocapid[body] >= 0
             self.movable[body] = self.movable[parent] or self.fixture[body] or mjm.body_jntnum[body] > 0
 
-    def bodies_of(self, name: str) -> list[int]:
-        """Return the body ids of an object."""
-        return [body for body, owner in enumerate(self.owner) if owner == name]
-
 
 def judged_pairs(
     tree: Tree,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sceniris_gym.audit.carriers import Carrier, carrier_of, is_ground
+from sceniris_gym.audit.carriers import Carrier, carrier_of
+from sceniris_gym.audit.scene import JudgedScene
 from sceniris_gym.config.scene import SceneConfig
 from tests.scene.memory import cubes_on, spec_of
 
@@ -18,16 +19,15 @@ def test_names_mean_the_floor_objects_parts_geoms_and_bodies():
     with_floor = SceneConfig.load({"model": model, "objects": objects, "floor": {"size": [1, 1]}})
 
     def carrier(parent: str, config: SceneConfig = config) -> Carrier:
-        return carrier_of(model, bodies, config, parent)
+        return carrier_of(JudgedScene(model, config, bodies), parent)
 
-    assert carrier("floor", with_floor) == Carrier(0)
-    assert is_ground(with_floor, "floor")
-    assert not is_ground(config, "floor")
+    assert carrier("floor", with_floor) == Carrier(0, is_ground=True)
     assert carrier("cube_0") == Carrier(bodies["cube_0"], owner="cube_0")
     assert carrier("cabinet/drawer") == Carrier(model.body("cab/drawer").id, owner="cabinet")
     assert carrier("ground") == Carrier(model.body("terrain").id, model.geom("ground").id)
     assert carrier("ledge") == Carrier(0, model.geom("ledge").id)
     assert carrier("cab/case") == Carrier(bodies["cabinet"], model.geom("cab/case").id, "cabinet")
     assert carrier("terrain") == Carrier(model.body("terrain").id)
-    with pytest.raises(KeyError):
-        carrier("nowhere")
+    for name in ("nowhere", "floor"):  # without a floor in the scene file, 'floor' is a name like any other
+        with pytest.raises(KeyError):
+            carrier(name)
