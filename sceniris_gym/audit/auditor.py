@@ -111,14 +111,7 @@ class Auditor:
         self.heaped = heaps.may_touch()
         self.contacts.at_home |= self.heaped
         pairs = judged_pairs(
-            scene.tree,
-            scene.solids,
-            config.geometry,
-            clearances,
-            jointed=jointed,
-            at_home=self.contacts.at_home,
-            moved={*drawn, *jointed},
-            placed=drawn,
+            scene.tree, scene.solids, config.geometry, clearances, jointed, self.contacts.at_home, placed=drawn
         )
         self.collisions = CollisionAudit(scene.tree, scene.solids, pairs)
         self.outlines = Outlines(scene)

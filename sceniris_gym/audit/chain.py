@@ -14,7 +14,6 @@ import torch
 from pytorch_kinematics.frame import Frame, Joint, Link
 
 from sceniris_gym.audit.geometry import frame
-from sceniris_gym.errors import ArgumentError
 
 POSITION = 1e-3
 """Greatest distance [m] of the TCP from a pose that counts as reached."""
@@ -28,76 +27,47 @@ _LONGEST_STEP = 1.0  # [rad, m]
 
 
 class Chain:
-    """The kinematics of an arm on a torch device, for batches.
-
-    Forward kinematics agree with MuJoCo's to 1e-14 m in float64, and to 2e-7 m in float32 for arms of about a metre.
+    """The kinematics of an arm, for batches, in float64. Forward kinematics agree with MuJoCo's to 1e-14 m.
 
     Args:
         mjm: The model with the arm.
         root: Id of the arm's base body.
         site: Id of the site that is its TCP.
-        device: Torch's name of the device.
-        dtype: Type of all tensors.
 
     Attributes:
         joints: Ids of its n joints, from the base to the TCP, shape (n,).
         lower, upper: Their limits [rad, m], shape (n,). -inf and inf without limits.
     """
 
-    def __init__(
-        self, mjm: mujoco.MjModel, root: int, site: int, device: str = "cpu", dtype: torch.dtype = torch.float64
-    ) -> None:
-        self.device, self.dtype = device, dtype
+    def __init__(self, mjm: mujoco.MjModel, root: int, site: int) -> None:
         self.joints = joints_between(mjm, root, int(mjm.site_bodyid[site]))
         limited = mjm.jnt_limited[self.joints].astype(bool)
         low, high = mjm.jnt_range[self.joints].T
-        self.lower = self._tensor(np.where(limited, low, -np.inf))
-        self.upper = self._tensor(np.where(limited, high, np.inf))
-        self._ref = self._tensor(mjm.qpos0[mjm.jnt_qposadr[self.joints]])
-        self._slide = self._tensor(mjm.jnt_type[self.joints] == mujoco.mjtJoint.mjJNT_SLIDE).bool()
-        self.serial = pk.SerialChain(_tree(mjm, root, site), "tcp", dtype=torch.float64).to(dtype, device)
+        self.lower = torch.as_tensor(np.where(limited, low, -np.inf))
+        self.upper = torch.as_tensor(np.where(limited, high, np.inf))
+        self._ref = torch.as_tensor(mjm.qpos0[mjm.jnt_qposadr[self.joints]])
+        self._slide = torch.as_tensor(mjm.jnt_type[self.joints] == mujoco.mjtJoint.mjJNT_SLIDE)
+        self.serial = pk.SerialChain(_tree(mjm, root, site), "tcp", dtype=torch.float64)
 
-    def fk(self, q: torch.Tensor | np.ndarray) -> torch.Tensor:
-        """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m].
+    def fk(self, q: torch.Tensor) -> torch.Tensor:
+        """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m]."""
+        return self.serial.forward_kinematics_tensor(q - self._ref)[-1]
 
-        Raises:
-            ArgumentError: `q` has the wrong shape.
-        """
-        return self.serial.forward_kinematics_tensor(self._joints("q", q) - self._ref)[-1]
-
-    def ik(
-        self,
-        poses: torch.Tensor | np.ndarray,
-        seeds: torch.Tensor | np.ndarray | None = None,
-        restarts: int = 32,
-        iterations: int = 30,
-        seed: int = 0,
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def ik(self, poses: torch.Tensor, starts: torch.Tensor, iterations: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Find joints for TCP poses by damped least squares within limits, one start after the other.
 
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).
-            seeds: Joints to start from, tried in this order for every pose, shape (K, n). If None, they are drawn.
-            restarts: Number of drawn starts, uniform within limits (-pi to pi for a hinge without).
+            starts: Joints to start from, at least one, tried in this order for every pose, shape (K, n).
             iterations: Number of steps from each start.
-            seed: Seed of the draws.
 
         Returns:
             Joints [rad, m] within limits, shape (N, n): a solution, or the closest joints found; and whether their TCP
             is within POSITION and ROTATION of the pose, shape (N,), bool.
-
-        Raises:
-            ArgumentError: `poses` or `seeds` have the wrong shape, or there are no starts.
         """
-        poses = self._tensor(poses)
-        if poses.ndim != 3 or poses.shape[1:] != (4, 4):
-            raise ArgumentError(f"ik: poses have shape {tuple(poses.shape)}, but should have (N, 4, 4).")
-        starts = self.random_joints(restarts, seed) if seeds is None else self._joints("seeds", seeds)
-        if not len(starts):
-            raise ArgumentError("ik: there are no joints to start from. Give seeds, or at least one restart.")
         best = self._within(starts[:1]).repeat(len(poses), 1)
-        error = torch.full((len(poses),), torch.inf, dtype=self.dtype, device=self.device)
-        ok = torch.zeros(len(poses), dtype=torch.bool, device=self.device)
+        error = torch.full((len(poses),), torch.inf, dtype=torch.float64)
+        ok = torch.zeros(len(poses), dtype=torch.bool)
         for start in starts:
             pending = torch.nonzero(~ok).squeeze(1)
             if len(pending) == 0:
@@ -119,8 +89,8 @@ class Chain:
         push beyond a limit. Hinges without limits come back in [-pi, pi].
         """
         q = self._within(q)
-        lever = self._tensor([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])
-        eye = torch.eye(6, dtype=self.dtype, device=self.device)
+        lever = torch.tensor([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER], dtype=torch.float64)
+        eye = torch.eye(6, dtype=torch.float64)
         for _ in range(iterations):
             jacobian, at = self.serial.jacobian_tensor(q - self._ref, ret_eef_pose=True)
             e = lever * _difference(at, poses)
@@ -145,22 +115,12 @@ class Chain:
         lower = torch.where(torch.isfinite(self.lower), self.lower, -torch.pi)
         upper = torch.where(torch.isfinite(self.upper), self.upper, torch.pi)
         draws = torch.rand((num, len(lower)), dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
-        return lower + self._tensor(draws) * (upper - lower)
+        return lower + draws * (upper - lower)
 
     def _within(self, q: torch.Tensor) -> torch.Tensor:
         """Return joints clamped to limits, hinges without limits wrapped to [-pi, pi]."""
         turns = torch.where(torch.isfinite(self.lower) | self._slide, 0.0, torch.round(q / (2.0 * torch.pi)))
         return torch.clamp(q - 2.0 * torch.pi * turns, self.lower, self.upper)
-
-    def _joints(self, name: str, values: torch.Tensor | np.ndarray) -> torch.Tensor:
-        """Return joints from the user after a check of their shape."""
-        q, n = self._tensor(values), len(self.lower)
-        if q.ndim != 2 or q.shape[1] != n:
-            raise ArgumentError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}).")
-        return q
-
-    def _tensor(self, values: torch.Tensor | np.ndarray | list[float]) -> torch.Tensor:
-        return torch.as_tensor(values, dtype=self.dtype, device=self.device)
 
 
 def joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:

@@ -59,10 +59,8 @@ def judged_pairs(
     solids: list[Solid],
     geometry: str,
     clearances: Mapping[str, float],
-    *,
     jointed: Collection[str] = (),
     at_home: Collection[tuple[int, int]] = (),
-    moved: Collection[str] | None = None,
     placed: Collection[str] | None = None,
 ) -> list[Judged]:
     """List the pairs of solids that a layout must keep apart.
@@ -79,13 +77,13 @@ def judged_pairs(
         jointed: Names of the objects whose joints are drawn.
         at_home: Pairs of geoms, the lower id first, that touch at home; MuJoCo alone judges them. With "visual" their
             bodies are not judged at all.
-        moved: Names of the objects that layouts move, None for all that can move. MuJoCo alone judges two other
-            objects, because they stay as they are at home.
-        placed: Names of the objects that layouts place, None for all; two other objects keep no clearance.
+        placed: Names of the objects that layouts place, None for all. Two other objects keep no clearance, and MuJoCo
+            alone judges them if their joints are not drawn either, because they stay as they are at home.
     """
     mjm = tree.mjm
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
     explicit = {frozenset(p): float(m) for *p, m in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)}
+    moved = None if placed is None else {*placed, *jointed}
     judged = []
     for first in range(len(solids)):
         for second in range(first + 1, len(solids)):
@@ -97,7 +95,7 @@ def judged_pairs(
                 continue
             if geoms in at_home or frozenset((body1, body2)) in touching:
                 continue
-            if moved is not None and not {*owners} & {*moved}:
+            if moved is not None and not moved.intersection(owners):
                 continue
             margin = explicit.get(frozenset(geoms))
             if margin is None:

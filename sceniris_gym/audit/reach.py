@@ -15,6 +15,7 @@ from fnmatch import fnmatchcase
 
 import mujoco
 import numpy as np
+import torch
 
 from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
 from sceniris_gym.audit.geometry import frame, home_of, subtree
@@ -108,7 +109,8 @@ class ReachAudit:
                 elif claim.tier.needs_map:
                     asked.append((Unreached(row, claim.name, "no joints found"), self._from_base(claim.pose[row])))
         if asked:
-            _, ok = self.chain.ik(np.stack([pose for _, pose in asked]), restarts=_STARTS, iterations=_STEPS)
+            poses = torch.as_tensor(np.stack([pose for _, pose in asked]))
+            _, ok = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
             found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
         return found
 
