@@ -147,7 +147,7 @@ class Auditor:
                     (c.row, c.geoms), Conflict(start + c.row, c.geoms, c.owners, -c.depth, -(c.home or 0.0))
                 )
             conflicts += [nearer[key] for key in sorted(nearer)]
-            excess.append(self._excess(poses, there))
+            excess.append(self.excess(some, poses))
             self.progress("layouts judged", start + len(some), len(table))
         report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), count(excess))
         return self._settle(report, table[slice(0, settled)])
@@ -184,15 +184,17 @@ class Auditor:
         names = set(config.all_robots) | names - set(config.objects)
         return {body for body, name in enumerate(owner) if name in names}
 
-    def judge_language(self, table: LayoutTable) -> list[Kept]:
-        """Check relations, orientations and groups alone, which is fast."""
-        mjm, config = self.scene.mjm, self.scene.config
-        chunks = (some for _, some in table.chunks(CHUNK))
-        return count([self._excess(poses_of(mjm, some), presence(config, some)) for some in chunks])
+    def excess(self, table: LayoutTable, poses: Poses) -> dict[tuple[str, str, str], np.ndarray]:
+        """Measure relations, orientations and groups alone.
 
-    def _excess(self, poses: Poses, present: Mapping[str, np.ndarray]) -> dict[tuple[str, str, str], np.ndarray]:
-        """Return (name, word, unit) -> violation in each row, NaN where the requirement does not apply."""
-        seen = self.outlines.see(poses, present)
+        Args:
+            table: The layouts.
+            poses: Poses in them.
+
+        Returns:
+            (name, word, unit) -> violation in each row, NaN where the requirement does not apply, shape (nrow,).
+        """
+        seen = self.outlines.see(poses, presence(self.scene.config, table))
         found = relations.excess(self.scene, seen) | self.orientations.excess(seen)
         return found | excess_of_groups(self.scene.config, seen)
 

@@ -14,8 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.dataset import usd_stage
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import UnknownNameError, import_extra
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.body_poses import body_poses
 
@@ -32,8 +31,8 @@ def parse_formats(words: str) -> tuple[str, ...]:
     """
     names = [word.strip() for word in words.split(",")]
     for name in names:
-        if name not in ENCODERS:
-            raise UnknownNameError("format", name, "generate: --format", ENCODERS)
+        if name not in FORMATS:
+            raise UnknownNameError("format", name, "generate: --format", FORMATS)
     check_formats(names)
     return tuple(sorted(set(names)))
 
@@ -45,7 +44,7 @@ def check_formats(formats: Sequence[str]) -> None:
         MissingExtraError: usd-core is not.
     """
     if "usd" in formats:
-        usd_stage.need_usd()
+        import_extra("pxr", "import", "usd-core")
 
 
 def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -126,7 +125,16 @@ def _exact(value: Any) -> Any:
     return value
 
 
-ENCODERS: dict[str, Encoder] = {"json": as_json, "npz": as_npz, "usd": usd_stage.part_bytes}
-"""The encoders by format."""
-SUFFIXES = {"json": ".json", "npz": ".npz", "usd": ".usdc"}
-"""The suffixes of parts by format."""
+def as_usd(compiled: CompiledScene, rows: np.ndarray) -> bytes:
+    """Encode a stage over that of the scene, as `usd_stage.part_bytes` says."""
+    from sceniris_gym.dataset import usd_stage
+
+    return usd_stage.part_bytes(compiled, rows)
+
+
+FORMATS: dict[str, tuple[str, Encoder]] = {
+    "json": (".json", as_json),
+    "npz": (".npz", as_npz),
+    "usd": (".usdc", as_usd),
+}
+"""The suffix of parts, and their encoder, by format."""

@@ -49,6 +49,10 @@ class Run:
         options: The options of the run.
         show: Called with every line of the log.
 
+    Attributes:
+        checkpoint: The file that a run resumes from.
+        log: The log of training and evaluations.
+
     Raises:
         ArgumentError: The options or the changed settings are wrong, or the checkpoint to resume from is of a run with
             other options.
@@ -58,6 +62,7 @@ class Run:
     def __init__(self, options: Options, show: Callable[[str], object] = lambda line: None) -> None:
         options.check()
         self.options = options = replace(options, task=options.task.removeprefix(NAMESPACE))
+        self.checkpoint, self.log = options.out / MODEL, options.out / LOG
         self.settings, self.show = settings_of(options.task, options.changes), show
         if self.resumes:
             self._check_same()
@@ -76,16 +81,6 @@ class Run:
         self.runner = runner_of(self.env, self.settings, options.seed)
         self.seconds = self.judged_at = self.saved_at = 0.0
         self.iterations = 0
-
-    @property
-    def checkpoint(self) -> Path:
-        """The file that a run resumes from."""
-        return self.options.out / MODEL
-
-    @property
-    def log(self) -> Path:
-        """The log of training and evaluations."""
-        return self.options.out / LOG
 
     @property
     def resumes(self) -> bool:

@@ -1,4 +1,4 @@
-"""Sources of layouts: banks, replayed episodes, and placement without checks."""
+"""Sources of layouts: banks, and placement without checks."""
 
 from __future__ import annotations
 
@@ -8,19 +8,6 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.training import layout_sources
 from tests.training.scenes import reach_scene
-
-
-def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledScene):
-    """World with seed s gets row s + episode; two rows of one bank are two layouts."""
-    rows = layout_sources.valid_rows(compiled, 3, seed=100)
-    assert rows.qpos.shape == (3, compiled.mjm.nq)
-    assert len(np.unique(rows.qpos, axis=0)) == 3
-    generator = layout_sources.replayed(rows)(compiled, 2)
-    generator.reseed([1, 2])
-    for episode in range(4):
-        generator.generate()
-        expected = rows.qpos[[(1 + episode) % 3, (2 + episode) % 3]]
-        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
 
 
 def test_a_bank_for_training_goes_on_by_the_number_of_worlds(compiled: CompiledScene):
@@ -45,15 +32,6 @@ def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
         source.generate()
         seen |= {row.tobytes() for row in source.layouts.qpos.numpy()}
     assert len(seen) == 9
-
-
-def test_replayed_episodes_are_those_that_would_be_made(compiled: CompiledScene):
-    """Row i * number + e is episode e of seed i, to the bit."""
-    rows = layout_sources.episodes(compiled, [5, 90], 3)
-    generator = LayoutGenerator(compiled, 2, seed=[5, 90])
-    for episode in range(3):
-        generator.generate()
-        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), rows.qpos[[episode, 3 + episode]])
 
 
 def test_placement_without_checks_takes_the_first_candidate():
