@@ -115,12 +115,6 @@ def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
     return data
 
 
-def pose_of(data: mujoco.MjData) -> Poses:
-    """Return the poses of an MjData as one row."""
-    mats = (data.geom_xmat.reshape(1, -1, 3, 3).copy(), data.xmat.reshape(1, -1, 3, 3).copy())
-    return Poses(data.geom_xpos[None].copy(), mats[0], data.xpos[None].copy(), mats[1])
-
-
 def subtree(mjm: mujoco.MjModel, root: int) -> set[int]:
     """Return a body and all bodies below it."""
     found = {root}

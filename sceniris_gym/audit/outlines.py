@@ -51,7 +51,8 @@ class Seen:
         poses: The poses in the rows.
         outlines: Object name -> its outline.
         present: Object name -> rows in which it is present, shape (nrow,).
-        support_heading: Object name -> heading of its support [rad], shape (nrow,).
+        support_heading: Object name -> heading of the x axis of its support [rad], 0 on the floor and in the air, shape
+            (nrow,).
     """
 
     poses: Poses
@@ -81,18 +82,13 @@ class Outlines:
             poses: Poses in the rows.
             present: Object name -> rows in which it is present, shape (nrow,).
         """
-        outlines = {name: self.outline(name, poses) for name in self.scene.bodies}
-        return Seen(poses, outlines, present, self.support_heading(poses))
-
-    def support_heading(self, poses: Poses) -> dict[str, np.ndarray]:
-        """Return object name -> heading [rad] of the x axis of its support, 0 on the floor and in the air."""
-        found = {}
+        headings = {}
         for name, part in self.scene.config.parts.items():
-            found[name] = np.zeros(len(poses.xpos))
+            headings[name] = np.zeros(len(poses.xpos))
             if part.support is not None:
                 x = poses.xmat[:, carrier_of(self.scene, part.support.parent).body, :, 0]
-                found[name] = np.arctan2(x[:, 1], x[:, 0])
-        return found
+                headings[name] = np.arctan2(x[:, 1], x[:, 0])
+        return Seen(poses, {name: self.outline(name, poses) for name in self.scene.bodies}, present, headings)
 
     def turn(self, name: str, poses: Poses) -> np.ndarray:
         """Return the rotation of an object from its authored orientation in each row, shape (nrow, 3, 3)."""

@@ -99,7 +99,8 @@ def judged_pairs(
                 continue
             margin = explicit.get(frozenset(geoms))
             if margin is None:
-                if _excluded(mjm, body1, body2) or (geometry == "physics" and not _bits_meet(mjm, *geoms)):
+                excluded = (min(body1, body2) << 16) + max(body1, body2) in mjm.exclude_signature
+                if excluded or (geometry == "physics" and not _bits_meet(mjm, *geoms)):
                     continue
                 if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(mjm, body1, body2):
                     continue
@@ -114,10 +115,6 @@ def _bits_meet(mjm: mujoco.MjModel, geom1: int, geom2: int) -> bool:
     return bool(
         mjm.geom_contype[geom1] & mjm.geom_conaffinity[geom2] or mjm.geom_contype[geom2] & mjm.geom_conaffinity[geom1]
     )
-
-
-def _excluded(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
-    return (min(body1, body2) << 16) + max(body1, body2) in mjm.exclude_signature
 
 
 def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:

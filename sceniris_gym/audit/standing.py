@@ -86,31 +86,31 @@ class StandingAudit:
                 continue
             if name in self.scene.config.all_robots:  # stands on its lowest point, which may not be its origin
                 pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
-            supporting[name], stands = self._supporting(name, part, poses, pivots, erosion)
+            carrier = carrier_of(self.scene, part.support.parent)
+            supporting[name], stands = self._supporting(name, part, carrier, poses, pivots, erosion)
             wrong = {
                 "support": supporting[name] < 0,
                 "footprint": (supporting[name] >= 0) & ~stands,
-                "overhead": self._wrongly_covered(part, poses, pivots),
+                "overhead": self._wrongly_covered(part.support.word, carrier, poses, pivots),
             }
             for cause, rows in wrong.items():
                 found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
         return sorted(found, key=lambda m: (m.row, m.name)), supporting
 
     def _supporting(
-        self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
+        self, name: str, part: ObjectConfig, carrier: Carrier, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the supporting body in each row (-1 for none), and whether it carries the whole footprint if required.
 
         Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
         """
         assert part.support is not None
-        carrier = self._carrier(part)
         ground = carrier.body
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
         turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
         whole = part.ratio_on_support == 1.0
         corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
-        for rows, surfaces in self._surfaces(part, carrier, poses):
+        for rows, surfaces in self._surfaces(part.support.word, carrier, poses):
             bounds = shapely.total_bounds([surface.area for surface in surfaces])
             for surface in surfaces:
                 level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
@@ -132,15 +132,8 @@ class StandingAudit:
         root = self.scene.bodies[name]
         return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
-    def _carrier(self, part: ObjectConfig) -> Carrier:
-        assert part.support is not None
-        return carrier_of(self.scene, part.support.parent)
-
-    def _surfaces(
-        self, part: ObjectConfig, carrier: Carrier, poses: Poses
-    ) -> list[tuple[np.ndarray, list[LevelSurface]]]:
+    def _surfaces(self, word: str, carrier: Carrier, poses: Poses) -> list[tuple[np.ndarray, list[LevelSurface]]]:
         """Return groups of rows in which the same direction of the support points up, with its level surfaces."""
-        assert part.support is not None
         body, geom = carrier.body, carrier.geom
         if carrier.is_ground:
             assert self.scene.config.floor is not None
@@ -149,7 +142,7 @@ class StandingAudit:
         ups, index = _directions(poses.xmat[:, body, 2])
         groups = []
         # A support that never moves is open wherever there is room: a thing above it is an obstacle or not.
-        open_above = part.support.word == "on" and carrier.owner is not None
+        open_above = word == "on" and carrier.owner is not None
         for k, up in enumerate(ups):
             key = (body, geom, open_above, *np.round(up, 6))
             if key not in self._levels:
@@ -176,14 +169,12 @@ class StandingAudit:
                 parts[geom] = (vertices @ mat.T + pos)[faces]
         return parts
 
-    def _wrongly_covered(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
+    def _wrongly_covered(self, word: str, carrier: Carrier, poses: Poses, pivots: np.ndarray) -> np.ndarray:
         """Return the rows in which the support covers the object but should not, or the reverse, shape (nrow,).
 
         A ray that passes an edge within the tolerance is not conclusive, so its four neighbours must agree.
         """
-        assert part.support is not None
         wrong = np.zeros(len(pivots), bool)
-        word, carrier = part.support.word, self._carrier(part)
         if word == "in" or carrier.is_ground or (word == "on" and carrier.owner is None):
             return wrong
         rows = np.arange(len(pivots))

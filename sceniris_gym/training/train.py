@@ -27,11 +27,11 @@ import warp as wp
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.files import replacing
+from sceniris_gym.files import as_json, replacing
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, as_json, evaluations, without_layouts
+from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, evaluations, without_layouts
 from sceniris_gym.training.runner import runner_of
 from sceniris_gym.training.settings import Options, settings_of
 from sceniris_gym.training.sources import source_hash
