@@ -15,7 +15,6 @@ from fnmatch import fnmatchcase
 
 import mujoco
 import numpy as np
-import torch
 
 from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
 from sceniris_gym.audit.geometry import frame, home_of, subtree
@@ -84,7 +83,7 @@ class ReachAudit:
         self.chain = Chain(mjm, root, self.site) if chain is None else chain
         self.joints = self.chain.joints if chain is None else []
         self.adr = mjm.jnt_qposadr[self.joints].astype(int)
-        self.lower, self.upper = self.chain.lower.numpy(), self.chain.upper.numpy()
+        self.lower, self.upper = self.chain.lower, self.chain.upper
         self._of = {name: subtree(mjm, body) for name, body in bodies.items()}
         self._robot = subtree(mjm, root)
         self._hand = subtree(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
@@ -109,7 +108,7 @@ class ReachAudit:
                 elif claim.tier.needs_map:
                     asked.append((Unreached(row, claim.name, "no joints found"), self._from_base(claim.pose[row])))
         if asked:
-            poses = torch.as_tensor(np.stack([pose for _, pose in asked]))
+            poses = np.stack([pose for _, pose in asked])
             _, ok = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
             found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
         return found
