@@ -106,7 +106,8 @@ class CollisionAudit:
         for pair in self.pairs:
             rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
             surplus = self._lower_bound(pair, poses, rows) - self._required(pair, supporting, rows)
-            tolerance = self._tolerance(pair)
+            forms = {self.solids[i].form for i in (pair.first, pair.second)}
+            tolerance = POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
             near = rows[surplus <= tolerance]
             if self._over_halfspace(pair) is None:
                 exact = np.array([self._exact(pair, poses, int(row), 0) for row in near])
@@ -139,10 +140,6 @@ class CollisionAudit:
     def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return the distance [m] that the pair must keep in each of the rows."""
         return np.where(self._lifted(pair, supporting, rows) != 0, 0.0, max(pair.clearance, pair.margin))
-
-    def _tolerance(self, pair: Judged) -> float:
-        forms = {self.solids[i].form for i in (pair.first, pair.second)}
-        return POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
 
     def _lifted(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return for each of the rows 1 or 2 if the other solid's body supports the first or second one, else 0."""

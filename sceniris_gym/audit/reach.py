@@ -106,16 +106,14 @@ class ReachAudit:
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
                 elif claim.tier.needs_map:
-                    asked.append((Unreached(row, claim.name, "no joints found"), self._from_base(claim.pose[row])))
+                    base = frame(self.data.xpos[self.root], self.data.xquat[self.root])
+                    pose = np.linalg.inv(base) @ _matrix(claim.pose[row])
+                    asked.append((Unreached(row, claim.name, "no joints found"), pose))
         if asked:
             poses = np.stack([pose for _, pose in asked])
             _, ok = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
             found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
         return found
-
-    def _from_base(self, pose: np.ndarray) -> np.ndarray:
-        """Return a world pose in the frame of the base in `data`, as a matrix (4, 4)."""
-        return np.linalg.inv(frame(self.data.xpos[self.root], self.data.xquat[self.root])) @ _matrix(pose)
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
         """Return what is wrong with a claim in the layout in `data`, without a search for joints."""

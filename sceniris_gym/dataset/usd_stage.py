@@ -32,15 +32,14 @@ _PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_BOX: "Cube"}
 def scene_bytes(compiled: CompiledScene) -> bytes:
     """Return the stage of the scene, bodies at the start pose with their geometry, as the bytes of a .usdc file."""
     mjm, paths = compiled.mjm, body_paths(compiled)
-    layer = Sdf.Layer.CreateAnonymous(".usdc")
+    layer = _new_layer()
     stage = Usd.Stage.Open(layer)
-    _describe(layer)
     UsdGeom.Xform.Define(stage, WORLD)
     pos, quat = compiled.home_xpos.astype(float), compiled.home_xquat.astype(float)
+    pos, quat = _seen_from(pos[mjm.body_parentid], quat[mjm.body_parentid], pos, quat)
     for body in range(1, mjm.nbody):
         xform = UsdGeom.Xform.Define(stage, paths[body])
-        parent = int(mjm.body_parentid[body])
-        _place(xform, *(v[0] for v in _seen_from(pos[parent, None], quat[parent, None], pos[body], quat[body])))
+        _place(xform, pos[body], quat[body])
         xform.GetPrim().SetCustomDataByKey("mujoco:body", mjm.body(body).name)
     taken: set[str] = set(paths)
     for geom in range(mjm.ngeom):
@@ -59,9 +58,8 @@ def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
     `layout:seed`, `layout:episode` and `layout:valid`, and bodies `joint:NAME` [rad or m].
     """
     mjm, paths = compiled.mjm, body_paths(compiled)
-    layer = Sdf.Layer.CreateAnonymous(".usdc")
+    layer = _new_layer()
     layer.subLayerPaths.append(f"./{SCENE_USD}")
-    _describe(layer)
     layer.startTimeCode, layer.endTimeCode = 0.0, float(len(rows) - 1)
     types = Sdf.ValueTypeNames
     for name, kind in (("seed", types.UInt64), ("episode", types.Int), ("valid", types.Bool)):
@@ -110,11 +108,13 @@ def _free_path(folder: str, name: str, taken: set[str]) -> str:
     return path
 
 
-def _describe(layer: Any) -> None:
-    """Write the default prim, the unit of length and the axis that points up."""
+def _new_layer() -> Any:
+    """Return an empty layer with the default prim, the unit of length and the axis that points up."""
+    layer = Sdf.Layer.CreateAnonymous(".usdc")
     layer.defaultPrim = WORLD[1:]
     layer.pseudoRoot.SetInfo("metersPerUnit", 1.0)
     layer.pseudoRoot.SetInfo("upAxis", "Z")
+    return layer
 
 
 def _seen_from(
