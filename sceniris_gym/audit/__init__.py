@@ -1,6 +1,6 @@
 """The audit of layouts. It judges them from the MjModel and the scene file alone, and imports nothing that makes them.
 
-scene.py         the scene that is judged                geometry.py    geoms as solids, and their poses
+scene.py         the scene that is judged, carriers      geometry.py    geoms as solids, and their poses
 distance.py      exact distances, containment            pairs.py       pairs of solids that must be apart
 collisions.py    missed collisions, false alarms         supports.py    level surfaces, rays
 standing.py      objects on their supports               outlines.py    objects seen from above

@@ -119,7 +119,7 @@ class Auditor:
         hulls = self.standing.hulls
         if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
             hulls = scene.hulls(solids_of(mjm, "physics"))
-        self.orientations = OrientationAudit(self.outlines, hulls)
+        self.orientations = OrientationAudit(scene, hulls)
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
 
     def judge(self, table: LayoutTable, *, settled: int = 0) -> Report:

@@ -137,12 +137,11 @@ class Chain:
 
 def joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
     """Return the ids of the joints between a root and a body below it, from the root on."""
-    found: list[int] = []
+    path = []
     while body != root:
-        first = int(mjm.body_jntadr[body])
-        found[:0] = range(first, first + int(mjm.body_jntnum[body]))
+        path.append(body)
         body = int(mjm.body_parentid[body])
-    return np.array(found, int)
+    return np.flatnonzero(np.isin(mjm.jnt_bodyid, path))
 
 
 def _difference(at: np.ndarray, wanted: np.ndarray) -> np.ndarray:

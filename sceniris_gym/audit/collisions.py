@@ -113,29 +113,17 @@ class CollisionAudit:
                 exact = np.array([self._exact(pair, poses, int(row), 0) for row in near])
                 near = near[exact - self._required(pair, supporting, near) <= tolerance]
             free[near] = False
-        return [self._nearest(int(row), poses, supporting, candidate, rank) for row in np.flatnonzero(free)]
-
-    def _nearest(
-        self,
-        row: int,
-        poses: Poses,
-        supporting: Mapping[str, np.ndarray],
-        candidate: np.ndarray,
-        rank: Mapping[str, int],
-    ) -> FalseAlarm:
-        """Return the pair with the candidate of a row that has the least distance beyond its clearance."""
-        found = FalseAlarm(row, None, np.inf)
-        rows = np.array([row])
+        nearest = {int(row): FalseAlarm(int(row), None, np.inf) for row in np.flatnonzero(free)}
         for pair in self.pairs:
-            if not takes_part(pair.owners, candidate[rows], rank)[0]:
-                continue
-            required = self._required(pair, supporting, rows)[0]
-            surplus = self._lower_bound(pair, poses, rows)[0] - required
-            if surplus < found.surplus and self._over_halfspace(pair) is None:
-                surplus = self._exact(pair, poses, row, 0) - required
-            if surplus < found.surplus:
-                found = FalseAlarm(row, pair.owners, float(surplus))
-        return found
+            rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
+            required = self._required(pair, supporting, rows)
+            surplus = self._lower_bound(pair, poses, rows) - required
+            for i, row in enumerate(rows.tolist()):
+                if surplus[i] < nearest[row].surplus and self._over_halfspace(pair) is None:
+                    surplus[i] = self._exact(pair, poses, row, 0) - required[i]
+                if surplus[i] < nearest[row].surplus:
+                    nearest[row] = FalseAlarm(row, pair.owners, float(surplus[i]))
+        return list(nearest.values())
 
     def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return the distance [m] that the pair must keep in each of the rows."""

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sceniris_gym.audit.carriers import carrier_of
 from sceniris_gym.audit.geometry import Poses, rotation
 from sceniris_gym.audit.scene import JudgedScene
 
@@ -23,7 +22,7 @@ class HeapAudit:
 
     def __init__(self, scene: JudgedScene) -> None:
         self.mjm, self.bodies = scene.mjm, scene.bodies
-        self._filled = [(heap, carrier_of(scene, heap.fill).body) for heap in scene.config.heaps.values()]
+        self._filled = [(heap, scene.carrier(heap.fill).body) for heap in scene.config.heaps.values()]
 
     def may_touch(self) -> dict[tuple[int, int], float]:
         """Return pairs of geoms, the lower id first, that were settled together -> greatest depth [m]."""

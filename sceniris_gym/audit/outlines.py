@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sceniris_gym.audit.carriers import carrier_of
-from sceniris_gym.audit.geometry import Form, Poses, Solid, rotation
+from sceniris_gym.audit.geometry import Form, Poses, Solid
 from sceniris_gym.audit.scene import JudgedScene
 
 _UPRIGHT = 1e-3  # an x axis with a shorter horizontal part points straight up or down
@@ -86,14 +85,9 @@ class Outlines:
         for name, part in self.scene.config.parts.items():
             headings[name] = np.zeros(len(poses.xpos))
             if part.support is not None:
-                x = poses.xmat[:, carrier_of(self.scene, part.support.parent).body, :, 0]
+                x = poses.xmat[:, self.scene.carrier(part.support.parent).body, :, 0]
                 headings[name] = np.arctan2(x[:, 1], x[:, 0])
         return Seen(poses, {name: self.outline(name, poses) for name in self.scene.bodies}, present, headings)
-
-    def turn(self, name: str, poses: Poses) -> np.ndarray:
-        """Return the rotation of an object from its authored orientation in each row, shape (nrow, 3, 3)."""
-        root = self.scene.bodies[name]
-        return poses.xmat[:, root] @ rotation(self.scene.mjm.body_quat[root]).T
 
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.

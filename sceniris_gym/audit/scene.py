@@ -1,16 +1,34 @@
-"""The scene that the audit judges: its model and scene file, the owners of bodies, its solids and its start pose."""
+"""The scene that the audit judges: owners of bodies, carriers of objects, solids and start pose."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.audit.geometry import Form, Solid, convex_hull, home_of, solids_of
+from sceniris_gym.audit.geometry import Form, Solid, convex_hull, home_of, solids_of, subtree
 from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.audit.supports import surface_of
+from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.scene import SceneConfig
+
+
+class Carrier(NamedTuple):
+    """The carrier of an object.
+
+    Attributes:
+        body: Id of the body; 0 for the world.
+        geom: Id of the one geom that carries; None for any geom of the body.
+        owner: The object that owns the body; None for the world and for bodies that never move.
+        is_ground: Whether it is the ground workspace, whose size is in the scene file.
+    """
+
+    body: int
+    geom: int | None = None
+    owner: str | None = None
+    is_ground: bool = False
 
 
 class JudgedScene:
@@ -47,6 +65,33 @@ class JudgedScene:
         """Return position [m] (3,) and rotation (3, 3) of a geom in the frame of a body at the start pose."""
         home, back = self.home, self.home.xmat[body].reshape(3, 3).T
         return back @ (home.geom_xpos[geom] - home.xpos[body]), back @ home.geom_xmat[geom].reshape(3, 3)
+
+    def carrier(self, parent: str) -> Carrier:
+        """Return the carrier of an object.
+
+        Args:
+            parent: Its name in the scene file: 'floor', 'object', 'object/body', a geom or a body that never moves.
+        """
+        mjm, bodies = self.mjm, self.bodies
+        if parent == FLOOR and self.config.floor is not None:
+            return Carrier(0, is_ground=True)
+        owner, _, part = parent.partition("/")
+        if parent in bodies:
+            return Carrier(bodies[parent], owner=parent)
+        if owner in bodies:
+            own = self.config.objects[owner].body or owner
+            spaces = (own, own.rpartition("/")[0])  # names of an attached model have a prefix
+            names = [part, *(f"{space}/{part}" for space in spaces)]
+            ids = [mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) for name in reversed(names)]
+            inside = [i for i in ids if i in subtree(mjm, bodies[owner])]
+            if inside:
+                return Carrier(inside[0], owner=owner)
+        geom = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, parent)
+        body = int(mjm.geom_bodyid[geom]) if geom >= 0 else mjm.body(parent).id
+        roots, above = {root: name for name, root in bodies.items()}, body
+        while above and above not in roots:
+            above = int(mjm.body_parentid[above])
+        return Carrier(body, geom if geom >= 0 else None, roots.get(above))
 
     def hulls(self, solids: list[Solid]) -> dict[str, np.ndarray]:
         """Return the corners of the convex hulls of placed objects in their roots' frames at home [m], by name.

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.carriers import Carrier, carrier_of
 from sceniris_gym.audit.geometry import Form, Poses
 from sceniris_gym.audit.heaps import HeapAudit
 from sceniris_gym.audit.outlines import Outlines
-from sceniris_gym.audit.scene import JudgedScene
+from sceniris_gym.audit.scene import Carrier, JudgedScene
 from sceniris_gym.audit.supports import (
     EDGE_TOLERANCE,
     HEIGHT_TOLERANCE,
@@ -86,7 +85,7 @@ class StandingAudit:
                 continue
             if name in self.scene.config.all_robots:  # stands on its lowest point, which may not be its origin
                 pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
-            carrier = carrier_of(self.scene, part.support.parent)
+            carrier = self.scene.carrier(part.support.parent)
             supporting[name], stands = self._supporting(name, part, carrier, poses, pivots, erosion)
             wrong = {
                 "support": supporting[name] < 0,

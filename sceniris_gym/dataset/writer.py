@@ -66,21 +66,18 @@ class DatasetWriter:
         self._progress = folder / PROGRESS
         self._manifest: dict[str, Any] | None = None
         check_formats(plan.words["formats"])
-        self._begin(resume or share.size > 1)
-
-    def _begin(self, resume: bool) -> None:
-        """Compare the plan with that of a data set that is there, and leave it for processes that come later."""
         begun = self._progress / MANIFEST
-        for path in (self.folder / MANIFEST, begun):
+        for path in (folder / MANIFEST, begun):
             if path.exists():
-                self._compare(path, resume)
-        if (self.folder / MANIFEST).exists():
-            self._manifest = read_manifest(self.folder)
-        else:
+                self._compare(path, resume or share.size > 1)
+        if (folder / MANIFEST).exists():
+            self._manifest = read_manifest(folder)
+        else:  # for processes that come later
             with replacing(begun) as file:
-                file.write_text(as_json(self.plan.words))
+                file.write_text(as_json(plan.words))
 
     def _compare(self, path: Path, resume: bool) -> None:
+        """Compare the plan with that of a data set that is there."""
         if not resume:
             raise DatasetError(
                 f"{self.folder}: a data set is here already. Add --resume to finish it, or give another folder."

@@ -23,7 +23,7 @@ from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.reach.labels import base_turn, wrist_turn
+from sceniris_gym.reach.labels import end_turns
 from sceniris_gym.reach.lookup import MapView, look_up, vec8h
 from sceniris_gym.reach.solve import as_vec8, vec8
 
@@ -159,7 +159,7 @@ class ReachMap:
         view.wit_per_meter = view.per_meter / WITNESS_CELLS[0]
         view.wit_per_radian = view.per_radian / WITNESS_CELLS[1]
         view.njoint = len(self.arm.joints)
-        view.base, view.wrist = base_turn(self.arm), wrist_turn(self.arm)
+        view.base, view.wrist = end_turns(self.arm)
         view.home = vec8(*map(float, as_vec8(self.arm.home[None])[0]))
         with wp.ScopedDevice(device):
             view.rows = wp.array(self.rows, dtype=wp.vec3i)

@@ -7,13 +7,16 @@ single layout every object is chosen in turn.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+
+import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.training.unchecked import unchecked
 
 
 def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
@@ -40,3 +43,16 @@ def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
 def uniform(split: str = "train") -> Callable[[CompiledScene, int], LayoutGenerator]:
     """Return a `layout_source` for SceneVectorEnv that places without checks."""
     return lambda compiled, num_envs: LayoutGenerator(unchecked(compiled), num_envs, split=split)
+
+
+def unchecked(compiled: CompiledScene) -> CompiledScene:
+    """Return a CompiledScene that draws the same candidates but tests none of them for collisions.
+
+    Reach is still checked, so give it a scene without `reachable` for placement without any check.
+    """
+    program = Program()
+    for name in Program.vars:
+        setattr(program, name, getattr(compiled.program, name))
+    program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)
+    program.obj_broadnum = wp.zeros_like(compiled.program.obj_broadnum)
+    return replace(compiled, program=program)

@@ -7,6 +7,7 @@ import numpy as np
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.training import layout_sources
+from tests.layout.scenes import compile_on_cpu
 from tests.training.scenes import reach_scene
 
 
@@ -57,3 +58,14 @@ def test_placement_without_checks_rejects_nothing():
     generator = layout_sources.uniform()(plain, 64)
     generator.generate()
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())
+
+
+def test_nothing_is_rejected_for_a_collision():
+    """With either geometry; the scene itself stays as it was."""
+    for geometry in ("physics", "visual"):
+        compiled = compile_on_cpu("mid", {"geometry": geometry})
+        for scene, some in ((layout_sources.unchecked(compiled), False), (compiled, True)):
+            generator = LayoutGenerator(scene, 64)
+            generator.generate()
+            rejected = sum(causes["collision"] for causes in generator.rejection_counts().values())
+            assert (rejected > 0) == some
