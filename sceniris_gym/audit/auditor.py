@@ -176,11 +176,8 @@ class Auditor:
         """Return the bodies of the robots, and of anything else with actuators that is no object of the scene."""
         mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
         joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-        names = {
-            owner[mjm.jnt_bodyid[driven[0]]]
-            for kind, driven in zip(mjm.actuator_trntype.tolist(), mjm.actuator_trnid.tolist(), strict=True)
-            if kind in joints
-        }
+        driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
+        names = {owner[body] for body in mjm.jnt_bodyid[driven]}
         names = set(config.all_robots) | names - set(config.objects)
         return {body for body, name in enumerate(owner) if name in names}
 

@@ -142,7 +142,8 @@ def first_scene(path: Path) -> FirstScene:
     arms = find_arms(mjm)
     roots = {arm.base for arm in arms}
     tops = [b for b in range(1, mjm.nbody) if mjm.body_parentid[b] == 0 and b not in roots]
-    free = {name: b for name, b in _names(mjm, tops).items() if _is_free(mjm, b)}
+    joints = {b: mjm.jnt_type[mjm.jnt_bodyid == b].tolist() for b in tops}
+    free = {name: b for name, b in _names(mjm, tops).items() if joints[b] == [mujoco.mjtJoint.mjJNT_FREE]}
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
@@ -266,10 +267,6 @@ def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
         name = name if re.match(r"[A-Za-z_]", name) and name not in (FLOOR, ROBOT, "world") else f"thing_{name}"
         found[name if name not in found else f"{name}_{body}"] = body
     return found
-
-
-def _is_free(mjm: mujoco.MjModel, body: int) -> bool:
-    return mjm.jnt_type[mjm.jnt_bodyid == body].tolist() == [mujoco.mjtJoint.mjJNT_FREE]
 
 
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:
