@@ -102,8 +102,9 @@ class Auditor:
         bodies: Mapping[str, int],
         progress: Callable[[str, int, int], object] = lambda what, done, total: None,
     ) -> None:
-        self.scene, self.progress = JudgedScene(mjm, config, bodies), progress
-        scene, placed = self.scene, {n: part for n, part in config.parts.items() if part.kind in ("free", "fixture")}
+        self.scene = scene = JudgedScene(mjm, config, bodies)
+        self.progress = progress
+        placed = {name: part for name, part in config.parts.items() if part.kind in ("free", "fixture")}
         clearances = {name: part.clearance for name, part in {**placed, **config.all_robots}.items()}
         drawn = {name: bodies[name] for name, part in placed.items() if part.is_placed}
         jointed = {name for name, part in {**config.objects, **config.all_robots}.items() if part.joints}
@@ -160,8 +161,8 @@ class Auditor:
         motion = settle(mjm, self.free, table, frozen=limp)
         unstable: dict[str, tuple[int, str]] = {}
         for kind, text in motion.warnings.values():
-            count, earlier = unstable.get(kind, (0, text))
-            unstable[kind] = (count + 1, earlier)
+            rows, first = unstable.get(kind, (0, text))
+            unstable[kind] = (rows + 1, first)
         return replace(
             report,
             settled=len(table),
