@@ -31,8 +31,9 @@ class HeapAudit:
         for heap, filled in self._filled:
             things = np.flatnonzero(np.isin(root, [self.bodies[name] for name in heap.of])).tolist()
             rigid = (root == self.mjm.body_rootid[filled]) & (weld == self.mjm.body_weldid[filled])
+            walls = np.flatnonzero(rigid).tolist()
             for i, one in enumerate(things):
-                for other in (*things[i + 1 :], *np.flatnonzero(rigid).tolist()):
+                for other in (*things[i + 1 :], *walls):
                     if of[one] != of[other]:
                         found[min(one, other), max(one, other)] = DEEPEST
         return found
