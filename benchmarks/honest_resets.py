@@ -32,8 +32,8 @@ from sceniris_gym.scene.model import subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.versions import OverflowType
+from sceniris_gym.training.layout_sources import unchecked
 from sceniris_gym.training.task_scenes import SEED_SPACING, scene_of
-from sceniris_gym.training.unchecked import unchecked
 
 FASTEST = 1.0
 """Speed of an object above which a reset counts as exploded [m/s]."""

@@ -21,10 +21,11 @@ import numpy as np
 import torch
 import tyro
 
+from benchmarks.replays import episodes, replayed
 from benchmarks.timing import wait
 from sceniris_gym.files import replacing
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.training import layout_sources
+from sceniris_gym.training.layout_sources import valid_rows
 from sceniris_gym.training.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -79,8 +80,8 @@ def main(options: Options) -> None:
     sources: dict[str, Any] = {
         "fresh": None,
         "in_place": None,
-        "replayed": layout_sources.replayed(layout_sources.episodes(compiled, seeds, per_world)),
-        "fixed": layout_sources.replayed(layout_sources.valid_rows(compiled, 1, seeds[0])),
+        "replayed": replayed(episodes(compiled, seeds, per_world)),
+        "fixed": replayed(valid_rows(compiled, 1, seeds[0])),
     }
     environments = {
         name: make_env(

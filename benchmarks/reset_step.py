@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from benchmarks.replays import episodes, replayed
 from benchmarks.timing import spread
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
-from sceniris_gym.training import layout_sources
 
 _ARM = {"asset": "panda", "base": [-0.6, 0.0, 0.0]}
 _STEPS = 100
@@ -48,14 +48,14 @@ def main() -> None:
     overlay = {"robot": _ARM} if words.arm else {}
     compiled = compile_scene(SceneConfig.load({"base": words.scene, **overlay}), words.device)
     n = words.num_envs
-    table = layout_sources.episodes(compiled, list(range(0, n * _BANK, _BANK)), _BANK)
+    table = episodes(compiled, list(range(0, n * _BANK, _BANK)), _BANK)
     device = wp.get_device(compiled.device)
     turns = [wp.array(np.arange(n) % _EVERY == turn, dtype=wp.bool, device=device) for turn in range(_EVERY)]
     masks = {"with": turns, "without": [wp.zeros(n, dtype=wp.bool, device=device)]}
     ways: dict[str, dict[str, Any]] = {
         "ahead": {"prefetch": True},
         "in_place": {"prefetch": False},
-        "replayed": {"layout_source": layout_sources.replayed(table)(compiled, n)},
+        "replayed": {"layout_source": replayed(table)(compiled, n)},
     }
     worlds, starts = {}, {}
     for name, arguments in ways.items():

@@ -356,13 +356,7 @@ class FallbackWarning(ScenirisWarning):
     """
 
     def __init__(
-        self,
-        where: str,
-        share: float,
-        name: str,
-        cause: str,
-        cures: Iterable[str],
-        held: tuple[int, int] | None = None,
+        self, where: str, share: float, name: str, cause: str, cures: Iterable[str], held: tuple[int, int] | None = None
     ) -> None:
         self.where, self.share, self.name, self.cause, self.cures = where, share, name, cause, tuple(cures)
         self.held = held

@@ -1,8 +1,10 @@
-"""Files that are written completely or not at all, and checks beforehand that they can be written."""
+"""Files that are written completely or not at all, checks beforehand that they can be, and the JSON in them."""
 
 from __future__ import annotations
 
 import errno
+import json
+import math
 import os
 import re
 import socket
@@ -10,6 +12,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Any
 
 from sceniris_gym.errors import NotSupportedError, OutputError
 from sceniris_gym.stopping import temporary
@@ -65,6 +68,28 @@ def check_picture(path: Path | None) -> None:
     if path.suffix.lower() != ".png":
         raise NotSupportedError(f"{path}: a picture should be a PNG. Give a path that ends in .png.")
     check_writable(path)
+
+
+def as_json(value: Any, *, digits: int | None = None, indent: int | None = None) -> str:
+    """Return strict JSON, in which numbers that are not finite are null and paths are text.
+
+    Args:
+        value: The value.
+        digits: Significant digits of floats; None for all.
+        indent: Spaces by which nested lines are indented; None for a single line.
+    """
+
+    def plain(part: Any) -> Any:
+        if isinstance(part, dict):
+            return {key: plain(item) for key, item in part.items()}
+        if isinstance(part, list | tuple):
+            return [plain(item) for item in part]
+        if isinstance(part, float):
+            short = part if digits is None else float(f"{part:.{digits}g}")
+            return short if math.isfinite(part) else None
+        return str(part) if isinstance(part, Path) else part
+
+    return json.dumps(plain(value), allow_nan=False, indent=indent)
 
 
 def _file_beside(path: Path) -> AbstractContextManager[Path]:

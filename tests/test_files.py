@@ -1,6 +1,7 @@
 """Files that are whole or not there, and paths that are refused before the work."""
 
 import errno
+import json
 import os
 import socket
 import subprocess
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sceniris_gym.errors import NotSupportedError, OutputError
-from sceniris_gym.files import check_picture, check_writable, replacing
+from sceniris_gym.files import as_json, check_picture, check_writable, replacing
 
 
 def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path):
@@ -107,3 +108,14 @@ def test_a_full_disk_is_told_with_its_file(tmp_path: Path, number: int):
     with pytest.raises(OutputError, match=r"a\.png cannot be written: .*Give --out"), replacing(tmp_path / "a.png"):
         raise OSError(number, os.strerror(number))
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_written_is_strict_json():
+    """Numbers that JSON does not have are null; digits beyond those asked for are left out."""
+    text = as_json({"a": [float("nan"), 1.5], "b": {"c": float("inf"), "d": (1, Path("x/y"))}, "e": None})
+    assert json.loads(text, parse_constant=pytest.fail) == {
+        "a": [None, 1.5],
+        "b": {"c": None, "d": [1, "x/y"]},
+        "e": None,
+    }
+    assert as_json([1 / 3, 2, float("inf")], digits=3) == "[0.333, 2, null]"

@@ -49,7 +49,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
     )
     for name in names
 }
-WITH_TORCH = {"reach", "audit", "vector", "adapters", "dataset", "training", "commands", "viewer"}
+WITH_TORCH = {"vector", "adapters", "dataset", "training", "commands", "viewer"}
 OUTSIDE = {"__init__", "registration"}  # the door of the package: looked at below, by what it loads
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 

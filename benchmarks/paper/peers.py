@@ -13,7 +13,7 @@ from benchmarks.paper.judge import colliding
 from benchmarks.paper.rows import Row
 from benchmarks.paper.warm import warm
 from sceniris_gym.layout.tables import make_table
-from sceniris_gym.training.unchecked import unchecked
+from sceniris_gym.training.layout_sources import unchecked
 
 Peer = Literal["scene_synthesizer", "uniform"]
 

@@ -14,16 +14,19 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm
+from sceniris_gym.audit import relations
+from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, takes_part
 from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
-from sceniris_gym.audit.geometry import home_of, pose_of, poses_of, solids_of
+from sceniris_gym.audit.geometry import Poses, poses_of, solids_of
 from sceniris_gym.audit.heaps import HeapAudit
-from sceniris_gym.audit.language import Kept, LanguageAudit
+from sceniris_gym.audit.language import Kept, count
+from sceniris_gym.audit.orientations import OrientationAudit
 from sceniris_gym.audit.outlines import Outlines
-from sceniris_gym.audit.pairs import Tree, judged_pairs
+from sceniris_gym.audit.pairs import judged_pairs
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
-from sceniris_gym.audit.presence import presence
-from sceniris_gym.audit.standing import Misplaced, StandingAudit, hulls_of
+from sceniris_gym.audit.presence import excess_of_groups, presence
+from sceniris_gym.audit.scene import JudgedScene
+from sceniris_gym.audit.standing import Misplaced, StandingAudit
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -99,35 +102,25 @@ class Auditor:
         bodies: Mapping[str, int],
         progress: Callable[[str, int, int], object] = lambda what, done, total: None,
     ) -> None:
-        self.mjm, self.progress = mjm, progress
-        self.tree = Tree(mjm, bodies, config.home)
-        markers = {name for name, part in config.objects.items() if part.kind == "marker"}
-        owners = self.tree.owner
-        solids = [s for s in solids_of(mjm, config.geometry) if owners[mjm.geom_bodyid[s.geom]] not in markers]
+        self.scene = scene = JudgedScene(mjm, config, bodies)
+        self.progress = progress
         placed = {name: part for name, part in config.parts.items() if part.kind in ("free", "fixture")}
-        clearances = {name: part.clearance for name, part in placed.items()}
-        clearances |= {name: robot.clearance for name, robot in config.all_robots.items()}
+        clearances = {name: part.clearance for name, part in {**placed, **config.all_robots}.items()}
         drawn = {name: bodies[name] for name, part in placed.items() if part.is_placed}
-        self.contacts = ContactAudit(self.tree, drawn, markers)
-        heaps = HeapAudit(config, mjm, bodies)
+        jointed = {name for name, part in {**config.objects, **config.all_robots}.items() if part.joints}
+        self.contacts, heaps = ContactAudit(scene.tree, drawn, scene.markers), HeapAudit(scene)
         self.heaped = heaps.may_touch()
         self.contacts.at_home |= self.heaped
-        jointed = {name for name, part in {**config.objects, **config.all_robots}.items() if part.joints}
-        at_home, moved = self.contacts.at_home, {*drawn, *jointed}
         pairs = judged_pairs(
-            self.tree, solids, config.geometry, clearances, jointed=jointed, at_home=at_home, moved=moved, placed=drawn
+            scene.tree, scene.solids, config.geometry, clearances, jointed, self.contacts.at_home, placed=drawn
         )
-        self.collisions = CollisionAudit(self.tree, solids, pairs)
-        home = home_of(mjm, config.home)
-        outlines = Outlines(self.tree, solids, config, bodies, pose_of(home))
-        self.standing = StandingAudit(self.tree, solids, config, outlines, pose_of(home), heaps)
-        self.outlines = outlines
+        self.collisions = CollisionAudit(scene.tree, scene.solids, pairs)
+        self.outlines = Outlines(scene)
+        self.standing = StandingAudit(scene, self.outlines, heaps)
         hulls = self.standing.hulls
         if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
-            names = self.standing.placed
-            hulls = hulls_of(self.tree, solids_of(mjm, "physics"), {n: bodies[n] for n in names}, pose_of(home))
-        self.language = LanguageAudit(config, outlines, hulls, home)
-        self.config = config
+            hulls = scene.hulls(solids_of(mjm, "physics"))
+        self.orientations = OrientationAudit(scene, hulls)
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
 
     def judge(self, table: LayoutTable, *, settled: int = 0) -> Report:
@@ -139,11 +132,10 @@ class Auditor:
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
-        kept: list[Kept] = []
-        tally = ContactTally(self.mjm, self.config.geometry, self.heaped)
+        excess = []
+        tally = ContactTally(self.scene.mjm, self.scene.config.geometry, self.heaped)
         for start, some in table.chunks(CHUNK):
-            poses = poses_of(self.mjm, some)
-            there = presence(self.config, some)
+            poses, there = poses_of(self.scene.mjm, some), presence(self.scene.config, some)
             found, supporting = self.standing.check(poses)
             misplaced += [replace(m, row=start + m.row) for m in found if there[m.name][m.row]]
             nearer = {
@@ -156,25 +148,25 @@ class Auditor:
                     (c.row, c.geoms), Conflict(start + c.row, c.geoms, c.owners, -c.depth, -(c.home or 0.0))
                 )
             conflicts += [nearer[key] for key in sorted(nearer)]
-            kept = self.language.add(kept, start, poses, there)
+            excess.append(self.excess(some, poses))
             self.progress("layouts judged", start + len(some), len(table))
-        report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), kept)
+        report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), count(excess))
         return self._settle(report, table[slice(0, settled)])
 
     def _settle(self, report: Report, table: LayoutTable) -> Report:
         """Return the report with the motion of free objects in some layouts."""
         if not len(table) or not self.free:
             return report
-        limp = limp_joints(self.mjm, self._robots())
-        motion = settle(self.mjm, self.free, table, frozen=limp)
+        mjm, limp = self.scene.mjm, limp_joints(self.scene.mjm, self._robots())
+        motion = settle(mjm, self.free, table, frozen=limp)
         unstable: dict[str, tuple[int, str]] = {}
         for kind, text in motion.warnings.values():
-            count, earlier = unstable.get(kind, (0, text))
-            unstable[kind] = (count + 1, earlier)
+            rows, first = unstable.get(kind, (0, text))
+            unstable[kind] = (rows + 1, first)
         return replace(
             report,
             settled=len(table),
-            frozen=tuple(self.mjm.joint(j).name or f"joint {j}" for j in limp),
+            frozen=tuple(mjm.joint(j).name or f"joint {j}" for j in limp),
             moved={name: int((d > STILL).sum()) for name, d in motion.moved.items()},
             fast={name: int((v > FAST).sum()) for name, v in motion.speed.items()},
             top_speed=float(max(v.max(initial=0.0, where=~np.isnan(v)) for v in motion.speed.values())),
@@ -183,22 +175,26 @@ class Auditor:
 
     def _robots(self) -> set[int]:
         """Return the bodies of the robots, and of anything else with actuators that is no object of the scene."""
-        mjm, owner = self.mjm, self.tree.owner
+        mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
         joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-        names = {
-            owner[mjm.jnt_bodyid[driven[0]]]
-            for kind, driven in zip(mjm.actuator_trntype.tolist(), mjm.actuator_trnid.tolist(), strict=True)
-            if kind in joints
-        }
-        names = set(self.config.all_robots) | names - set(self.config.objects)
+        driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
+        names = {owner[body] for body in mjm.jnt_bodyid[driven]}
+        names = set(config.all_robots) | names - set(config.objects)
         return {body for body, name in enumerate(owner) if name in names}
 
-    def judge_language(self, table: LayoutTable) -> list[Kept]:
-        """Check relations, orientations and groups alone, which is fast."""
-        kept: list[Kept] = []
-        for start, some in table.chunks(CHUNK):
-            kept = self.language.add(kept, start, poses_of(self.mjm, some), presence(self.config, some))
-        return kept
+    def excess(self, table: LayoutTable, poses: Poses) -> dict[tuple[str, str, str], np.ndarray]:
+        """Measure relations, orientations and groups alone.
+
+        Args:
+            table: The layouts.
+            poses: Poses in them.
+
+        Returns:
+            (name, word, unit) -> violation in each row, NaN where the requirement does not apply, shape (nrow,).
+        """
+        seen = self.outlines.see(poses, presence(self.scene.config, table))
+        found = relations.excess(self.scene, seen) | self.orientations.excess(seen)
+        return found | excess_of_groups(self.scene.config, seen)
 
     def judge_rejected(self, table: LayoutTable, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
         """Check candidates that were rejected for collision.
@@ -215,25 +211,18 @@ class Auditor:
         names = np.asarray(candidate)
         rank = {name: i for i, name in enumerate(order)}
         for start, some in table.chunks(CHUNK):
-            poses = poses_of(self.mjm, some)
-            mine = names[start : start + len(some)].tolist()
+            poses, mine = poses_of(self.scene.mjm, some), names[start : start + len(some)]
             _, supporting = self.standing.check(poses)
-            found = self.collisions.false_alarms(poses, supporting, mine, order)
-            if found and self.config.geometry == "physics":
+            found = self.collisions.false_alarms(poses, supporting, mine, rank)
+            if found and self.scene.config.geometry == "physics":
                 rows = np.array([a.row for a in found])
                 carrying = {name: bodies[rows] for name, bodies in supporting.items()}
                 hit = {
                     int(rows[c.row])
                     for c in self.contacts.contacts(some[rows], carrying)
-                    if c.acts and _takes_part(c, mine[rows[c.row]], rank)
+                    if c.acts and takes_part(c.owners, mine[rows[[c.row]]], rank).all()
                 }
                 found = [a for a in found if a.row not in hit]
             alarms += [replace(a, row=start + a.row) for a in found]
             self.progress("candidates judged", start + len(some), len(table))
         return alarms
-
-
-def _takes_part(contact: Contact, candidate: str, rank: Mapping[str, int]) -> bool:
-    """Return whether a contact is between the candidate and itself or something placed before it."""
-    others = [owner for owner in contact.owners if owner != candidate]
-    return len(others) < 2 and all(rank.get(owner, -1) < rank[candidate] for owner in others)

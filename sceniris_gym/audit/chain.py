@@ -1,20 +1,15 @@
-"""Forward and inverse kinematics in torch, with which the audit judges the reach of an arm.
+"""Forward and inverse kinematics in NumPy, with which the audit judges the reach of an arm.
 
-Nothing is shared with reach/solve.py, the kinematics in Warp of resets and maps. The chain is one of
-pytorch-kinematics, made from the bodies of an MjModel. The MJCF reader of that library does not do: it fails on joints
-under MuJoCo 4, supports one joint per body, and gives hinges without limits the range (0, 0).
+Nothing is shared with reach/solve.py, the kinematics in Warp of resets and maps. Forward kinematics are the product of
+exponentials (R. W. Brockett, "Robotic manipulators and the product of exponentials formula", 1984), with the axes of
+joints where MuJoCo C has them at `qpos0`.
 """
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
-import pytorch_kinematics as pk
-import torch
-from pytorch_kinematics.frame import Frame, Joint, Link
-
-from sceniris_gym.audit.geometry import frame
-from sceniris_gym.errors import ArgumentError
+from scipy.spatial.transform import Rotation
 
 POSITION = 1e-3
 """Greatest distance [m] of the TCP from a pose that counts as reached."""
@@ -28,90 +23,76 @@ _LONGEST_STEP = 1.0  # [rad, m]
 
 
 class Chain:
-    """The kinematics of an arm on a torch device, for batches.
-
-    Forward kinematics agree with MuJoCo's to 1e-14 m in float64, and to 2e-7 m in float32 for arms of about a metre.
+    """The kinematics of an arm, for batches. Forward kinematics agree with MuJoCo's to 1e-14 m.
 
     Args:
         mjm: The model with the arm.
         root: Id of the arm's base body.
         site: Id of the site that is its TCP.
-        device: Torch's name of the device.
-        dtype: Type of all tensors.
 
     Attributes:
         joints: Ids of its n joints, from the base to the TCP, shape (n,).
         lower, upper: Their limits [rad, m], shape (n,). -inf and inf without limits.
     """
 
-    def __init__(
-        self, mjm: mujoco.MjModel, root: int, site: int, device: str = "cpu", dtype: torch.dtype = torch.float64
-    ) -> None:
-        self.device, self.dtype = device, dtype
+    def __init__(self, mjm: mujoco.MjModel, root: int, site: int) -> None:
         self.joints = joints_between(mjm, root, int(mjm.site_bodyid[site]))
         limited = mjm.jnt_limited[self.joints].astype(bool)
         low, high = mjm.jnt_range[self.joints].T
-        self.lower = self._tensor(np.where(limited, low, -np.inf))
-        self.upper = self._tensor(np.where(limited, high, np.inf))
-        self._ref = self._tensor(mjm.qpos0[mjm.jnt_qposadr[self.joints]])
-        self._slide = self._tensor(mjm.jnt_type[self.joints] == mujoco.mjtJoint.mjJNT_SLIDE).bool()
-        self.serial = pk.SerialChain(_tree(mjm, root, site), "tcp", dtype=torch.float64).to(dtype, device)
+        self.lower, self.upper = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
+        self._ref = mjm.qpos0[mjm.jnt_qposadr[self.joints]]
+        self._slide = mjm.jnt_type[self.joints] == mujoco.mjtJoint.mjJNT_SLIDE
+        data = mujoco.MjData(mjm)
+        mujoco.mj_kinematics(mjm, data)
+        base = data.xmat[root].reshape(3, 3)
+        self._tcp = np.eye(4)
+        self._tcp[:3, :3] = base.T @ data.site_xmat[site].reshape(3, 3)
+        self._tcp[:3, 3] = base.T @ (data.site_xpos[site] - data.xpos[root])
+        # The twist of a hinge is its axis and its moment about the base, that of a slide its axis alone.
+        axis, anchor = data.xaxis[self.joints] @ base, (data.xanchor[self.joints] - data.xpos[root]) @ base
+        self._twist = np.zeros((len(self.joints), 4, 4))
+        self._twist[:, :3, :3] = np.where(self._slide[:, None, None], 0.0, np.cross(axis[:, None], -np.eye(3)))
+        self._twist[:, :3, 3] = np.where(self._slide[:, None], axis, np.cross(anchor, axis))
 
-    def fk(self, q: torch.Tensor | np.ndarray) -> torch.Tensor:
-        """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m].
+    def fk(self, q: np.ndarray) -> np.ndarray:
+        """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m]."""
+        return self._placed(q)[0]
 
-        Raises:
-            ArgumentError: `q` has the wrong shape.
-        """
-        return self.serial.forward_kinematics_tensor(self._joints("q", q) - self._ref)[-1]
-
-    def ik(
-        self,
-        poses: torch.Tensor | np.ndarray,
-        seeds: torch.Tensor | np.ndarray | None = None,
-        restarts: int = 32,
-        iterations: int = 30,
-        seed: int = 0,
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def ik(self, poses: np.ndarray, starts: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
         """Find joints for TCP poses by damped least squares within limits, one start after the other.
 
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).
-            seeds: Joints to start from, tried in this order for every pose, shape (K, n). If None, they are drawn.
-            restarts: Number of drawn starts, uniform within limits (-pi to pi for a hinge without).
+            starts: Joints to start from, at least one, tried in this order for every pose, shape (K, n).
             iterations: Number of steps from each start.
-            seed: Seed of the draws.
 
         Returns:
             Joints [rad, m] within limits, shape (N, n): a solution, or the closest joints found; and whether their TCP
             is within POSITION and ROTATION of the pose, shape (N,), bool.
-
-        Raises:
-            ArgumentError: `poses` or `seeds` have the wrong shape, or there are no starts.
         """
-        poses = self._tensor(poses)
-        if poses.ndim != 3 or poses.shape[1:] != (4, 4):
-            raise ArgumentError(f"ik: poses have shape {tuple(poses.shape)}, but should have (N, 4, 4).")
-        starts = self.random_joints(restarts, seed) if seeds is None else self._joints("seeds", seeds)
-        if not len(starts):
-            raise ArgumentError("ik: there are no joints to start from. Give seeds, or at least one restart.")
-        best = self._within(starts[:1]).repeat(len(poses), 1)
-        error = torch.full((len(poses),), torch.inf, dtype=self.dtype, device=self.device)
-        ok = torch.zeros(len(poses), dtype=torch.bool, device=self.device)
+        best = np.repeat(self._within(starts[:1]), len(poses), axis=0)
+        error, ok = np.full(len(poses), np.inf), np.zeros(len(poses), bool)
         for start in starts:
-            pending = torch.nonzero(~ok).squeeze(1)
+            pending = np.flatnonzero(~ok)
             if len(pending) == 0:
                 break
-            q = self.refine(poses[pending], start.repeat(len(pending), 1), iterations)
-            distance, angle = self.errors(poses[pending], q)
+            q = self._refined(poses[pending], np.tile(start, (len(pending), 1)), iterations)
+            off = _difference(self.fk(q), poses[pending])
+            distance, angle = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
             found = (distance < POSITION) & (angle < ROTATION)
-            left = torch.where(found, 0.0, distance + _LEVER * angle)
+            left = np.where(found, 0.0, distance + _LEVER * angle)
             closer = left < error[pending]
             error[pending[closer]], best[pending[closer]] = left[closer], q[closer]
             ok[pending] = found
         return best, ok
 
-    def refine(self, poses: torch.Tensor, q: torch.Tensor, iterations: int) -> torch.Tensor:
+    def random_joints(self, num: int, seed: int = 0) -> np.ndarray:
+        """Return joints drawn uniformly within limits (-pi to pi for a hinge without), shape (num, n)."""
+        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
+        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
+        return np.random.default_rng(seed).uniform(lower, upper, (num, len(lower)))
+
+    def _refined(self, poses: np.ndarray, q: np.ndarray, iterations: int) -> np.ndarray:
         """Return joints (N, n) moved towards TCP poses (N, 4, 4) within limits.
 
         Damping shrinks with the squared error (T. Sugihara, "Solvability-unconcerned inverse kinematics by the
@@ -119,95 +100,51 @@ class Chain:
         push beyond a limit. Hinges without limits come back in [-pi, pi].
         """
         q = self._within(q)
-        lever = self._tensor([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])
-        eye = torch.eye(6, dtype=self.dtype, device=self.device)
+        lever = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])
         for _ in range(iterations):
-            jacobian, at = self.serial.jacobian_tensor(q - self._ref, ret_eef_pose=True)
+            at, jacobian = self._placed(q)
             e = lever * _difference(at, poses)
             jacobian = lever[:, None] * jacobian
-            down = torch.einsum("nij,ni->nj", jacobian, e)
+            down = np.einsum("nij,ni->nj", jacobian, e)
             stuck = ((q <= self.lower) & (down < 0.0)) | ((q >= self.upper) & (down > 0.0))
-            jacobian = torch.where(stuck[:, None, :], 0.0, jacobian)
+            jacobian = np.where(stuck[:, None, :], 0.0, jacobian)
             damping = _DAMPING * (e * e).sum(1) + _LEAST_DAMPING
-            y = torch.linalg.solve(jacobian @ jacobian.mT + damping[:, None, None] * eye, e)
-            step = torch.einsum("nij,ni->nj", jacobian, y)
-            step = step * torch.clamp(_LONGEST_STEP / step.abs().amax(1, keepdim=True).clamp(min=1e-12), max=1.0)
-            q = torch.clamp(q + step, self.lower, self.upper)
+            back = jacobian.transpose(0, 2, 1)
+            y = np.linalg.solve(jacobian @ back + damping[:, None, None] * np.eye(6), e[..., None])
+            step = (back @ y)[..., 0]
+            longest = np.abs(step).max(axis=1, keepdims=True)
+            q = np.clip(q + step * np.minimum(_LONGEST_STEP / np.maximum(longest, 1e-12), 1.0), self.lower, self.upper)
         return self._within(q)
 
-    def errors(self, poses: torch.Tensor, q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return distances [m] and angles [rad], (N,), between the TCP at joints (N, n) and poses (N, 4, 4)."""
-        e = _difference(self.fk(q), poses)
-        return e[:, :3].norm(dim=1), e[:, 3:].norm(dim=1)
+    def _placed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return TCP poses (N, 4, 4) at joints (N, n), and their Jacobians [m, rad] (N, 6, n), in the base frame."""
+        turn = q - self._ref
+        sine, versine = np.where(self._slide, turn, np.sin(turn)), 1.0 - np.cos(turn)
+        motion = np.eye(4) + sine[..., None, None] * self._twist + versine[..., None, None] * self._twist @ self._twist
+        at, moved = np.tile(np.eye(4), (len(q), 1, 1)), np.zeros((*q.shape, 4, 4))
+        for i, twist in enumerate(self._twist):
+            moved[:, i] = at @ twist @ np.linalg.inv(at)
+            at = at @ motion[:, i]
+        at = at @ self._tcp
+        along, around = (moved @ at[:, None, :, 3:])[:, :, :3, 0], moved[:, :, [2, 0, 1], [1, 2, 0]]
+        return at, np.concatenate([along, around], axis=2).transpose(0, 2, 1)
 
-    def random_joints(self, num: int, seed: int = 0) -> torch.Tensor:
-        """Return joints drawn uniformly within limits (-pi to pi for a hinge without), shape (num, n)."""
-        lower = torch.where(torch.isfinite(self.lower), self.lower, -torch.pi)
-        upper = torch.where(torch.isfinite(self.upper), self.upper, torch.pi)
-        draws = torch.rand((num, len(lower)), dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
-        return lower + self._tensor(draws) * (upper - lower)
-
-    def _within(self, q: torch.Tensor) -> torch.Tensor:
+    def _within(self, q: np.ndarray) -> np.ndarray:
         """Return joints clamped to limits, hinges without limits wrapped to [-pi, pi]."""
-        turns = torch.where(torch.isfinite(self.lower) | self._slide, 0.0, torch.round(q / (2.0 * torch.pi)))
-        return torch.clamp(q - 2.0 * torch.pi * turns, self.lower, self.upper)
-
-    def _joints(self, name: str, values: torch.Tensor | np.ndarray) -> torch.Tensor:
-        """Return joints from the user after a check of their shape."""
-        q, n = self._tensor(values), len(self.lower)
-        if q.ndim != 2 or q.shape[1] != n:
-            raise ArgumentError(f"{name} has shape {tuple(q.shape)}, but should have (N, {n}).")
-        return q
-
-    def _tensor(self, values: torch.Tensor | np.ndarray | list[float]) -> torch.Tensor:
-        return torch.as_tensor(values, dtype=self.dtype, device=self.device)
+        turns = np.where(np.isfinite(self.lower) | self._slide, 0.0, np.round(q / (2.0 * np.pi)))
+        return np.clip(q - 2.0 * np.pi * turns, self.lower, self.upper)
 
 
 def joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
     """Return the ids of the joints between a root and a body below it, from the root on."""
-    found: list[int] = []
+    path = []
     while body != root:
-        first = int(mjm.body_jntadr[body])
-        found[:0] = range(first, first + int(mjm.body_jntnum[body]))
+        path.append(body)
         body = int(mjm.body_parentid[body])
-    return np.array(found, int)
+    return np.flatnonzero(np.isin(mjm.jnt_bodyid, path))
 
 
-def _tree(mjm: mujoco.MjModel, root: int, site: int) -> pk.Chain:
-    """Return an arm as frames of pytorch-kinematics: a fixed base, one frame per joint, and the fixed TCP."""
-    path = [int(mjm.site_bodyid[site])]
-    while path[-1] != root:
-        path.append(int(mjm.body_parentid[path[-1]]))
-    top = tip = Frame("base", link=Link("base"), joint=Joint("base"))
-    offset = np.eye(4)  # from the last frame
-    for body in path[-2::-1]:
-        offset = offset @ frame(mjm.body_pos[body], mjm.body_quat[body])
-        first = int(mjm.body_jntadr[body])
-        for i in range(first, first + int(mjm.body_jntnum[body])):
-            to_anchor, back = np.eye(4), np.eye(4)
-            to_anchor[:3, 3], back[:3, 3] = mjm.jnt_pos[i], -mjm.jnt_pos[i]
-            kind = "prismatic" if mjm.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE else "revolute"
-            axis = torch.as_tensor(mjm.jnt_axis[i])
-            tip = _added(tip, f"joint {i}", offset @ to_anchor, kind, axis)
-            offset = back
-    _added(tip, "tcp", offset @ frame(mjm.site_pos[site], mjm.site_quat[site]), "fixed", None)
-    return pk.Chain(top, dtype=torch.float64)
-
-
-def _added(tip: Frame, name: str, offset: np.ndarray, kind: str, axis: torch.Tensor | None) -> Frame:
-    """Add a frame to the end of a chain, and return it."""
-    moved = pk.Transform3d(matrix=torch.as_tensor(offset), dtype=torch.float64)
-    joint = Joint(name, moved, kind, axis, torch.float64)
-    added = Frame(name, link=Link(name), joint=joint)
-    tip.add_child(added)
-    return added
-
-
-def _difference(at: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+def _difference(at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Return the translation [m] and rotation vector [rad] from poses `at` to `wanted`, base frame, shape (N, 6)."""
-    turn = wanted[:, :3, :3] @ at[:, :3, :3].mT
-    quat = pk.matrix_to_quaternion(turn)
-    quat = torch.where(quat[:, :1] < 0.0, -quat, quat)
-    sine = quat[:, 1:].norm(dim=1, keepdim=True)
-    scale = torch.where(sine > 1e-9, 2.0 * torch.atan2(sine, quat[:, :1]) / sine.clamp(min=1e-9), 2.0)
-    return torch.cat([wanted[:, :3, 3] - at[:, :3, 3], scale * quat[:, 1:]], dim=1)
+    turn = Rotation.from_matrix(wanted[:, :3, :3] @ at[:, :3, :3].transpose(0, 2, 1))
+    return np.hstack([wanted[:, :3, 3] - at[:, :3, 3], turn.as_rotvec()])

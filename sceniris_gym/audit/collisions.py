@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,63 +92,42 @@ class CollisionAudit:
         return sorted(conflicts, key=lambda c: (c.row, c.geoms))
 
     def false_alarms(
-        self, poses: Poses, supporting: Mapping[str, np.ndarray], candidate: Sequence[str], order: Sequence[str]
+        self, poses: Poses, supporting: Mapping[str, np.ndarray], candidate: np.ndarray, rank: Mapping[str, int]
     ) -> list[FalseAlarm]:
         """Return the rejected candidates that keep their clearance and more than a tolerance from everything.
 
         Args:
             poses: World poses of the rows; in each, the candidate stands where it was rejected.
             supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
-            candidate: Name of the rejected object of each row.
-            order: Names of the placed objects in placement order; those after the candidate are not there yet.
+            candidate: Name of the rejected object of each row, shape (nrow,).
+            rank: Placed object -> its number in placement order; those after the candidate are not there yet.
         """
-        rank = {name: i for i, name in enumerate(order)}
-        names = np.array(candidate)
-        free = np.ones(len(names), bool)
+        free = np.ones(len(candidate), bool)
         for pair in self.pairs:
-            rows = np.flatnonzero(free & self._takes_part(pair, names, rank))
+            rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
             surplus = self._lower_bound(pair, poses, rows) - self._required(pair, supporting, rows)
-            tolerance = self._tolerance(pair)
+            forms = {self.solids[i].form for i in (pair.first, pair.second)}
+            tolerance = POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
             near = rows[surplus <= tolerance]
             if self._over_halfspace(pair) is None:
                 exact = np.array([self._exact(pair, poses, int(row), 0) for row in near])
                 near = near[exact - self._required(pair, supporting, near) <= tolerance]
             free[near] = False
-        return [self._nearest(int(row), poses, supporting, names, rank) for row in np.flatnonzero(free)]
-
-    def _nearest(
-        self, row: int, poses: Poses, supporting: Mapping[str, np.ndarray], names: np.ndarray, rank: Mapping[str, int]
-    ) -> FalseAlarm:
-        """Return the pair with the candidate of a row that has the least distance beyond its clearance."""
-        found = FalseAlarm(row, None, np.inf)
-        rows = np.array([row])
+        nearest = {int(row): FalseAlarm(int(row), None, np.inf) for row in np.flatnonzero(free)}
         for pair in self.pairs:
-            if not self._takes_part(pair, names[rows], rank)[0]:
-                continue
-            required = self._required(pair, supporting, rows)[0]
-            surplus = self._lower_bound(pair, poses, rows)[0] - required
-            if surplus < found.surplus and self._over_halfspace(pair) is None:
-                surplus = self._exact(pair, poses, row, 0) - required
-            if surplus < found.surplus:
-                found = FalseAlarm(row, pair.owners, float(surplus))
-        return found
+            rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
+            required = self._required(pair, supporting, rows)
+            surplus = self._lower_bound(pair, poses, rows) - required
+            for i, row in enumerate(rows.tolist()):
+                if surplus[i] < nearest[row].surplus and self._over_halfspace(pair) is None:
+                    surplus[i] = self._exact(pair, poses, row, 0) - required[i]
+                if surplus[i] < nearest[row].surplus:
+                    nearest[row] = FalseAlarm(row, pair.owners, float(surplus[i]))
+        return list(nearest.values())
 
     def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return the distance [m] that the pair must keep in each of the rows."""
         return np.where(self._lifted(pair, supporting, rows) != 0, 0.0, max(pair.clearance, pair.margin))
-
-    def _tolerance(self, pair: Judged) -> float:
-        forms = {self.solids[i].form for i in (pair.first, pair.second)}
-        return POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
-
-    def _takes_part(self, pair: Judged, candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:
-        """Return the rows in which the pair is the candidate and itself or an earlier object, shape (nrow,)."""
-        mine = [candidate == owner for owner in pair.owners]
-        if pair.owners[0] == pair.owners[1]:
-            return mine[0]
-        ranks = np.array([rank[name] for name in candidate])
-        there = [rank.get(owner, -1) < ranks for owner in pair.owners]
-        return (mine[0] & there[1]) | (mine[1] & there[0])
 
     def _lifted(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return for each of the rows 1 or 2 if the other solid's body supports the first or second one, else 0."""
@@ -182,21 +161,28 @@ class CollisionAudit:
         return _box_gap(self.solids[pair.first], self.solids[pair.second], pos, mat)
 
     def _exact(self, pair: Judged, poses: Poses, row: int, lifted: int) -> float:
-        """Return the distance [m] of a pair in a row; minus infinity if one solid is inside the other."""
-        placed = []
-        for side, i in enumerate((pair.first, pair.second), start=1):
-            pos = poses.geom_xpos[row, self.solids[i].geom]
-            if side == lifted:
-                pos = pos + np.array([0.0, 0.0, MISSED_TOLERANCE])
-            placed.append((pos, poses.geom_xmat[row, self.solids[i].geom]))
-            self._narrow.place(i, *placed[-1])
-        distance = self._narrow.distance(pair.first, pair.second)
-        if distance > 0 and (
-            self._narrow.contains(pair.first, pair.second, placed[0], placed[1])
-            or self._narrow.contains(pair.second, pair.first, placed[1], placed[0])
-        ):
-            return -np.inf
-        return distance
+        """Return the distance [m] of a pair in a row, with one of the two lifted if it is 1 or 2."""
+        first, second = (
+            (poses.geom_xpos[row, geom] + [0.0, 0.0, MISSED_TOLERANCE * (side == lifted)], poses.geom_xmat[row, geom])
+            for side, geom in enumerate(self._geoms(pair), start=1)
+        )
+        return self._narrow.distance(pair.first, pair.second, first, second)
+
+
+def takes_part(owners: tuple[str, str], candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:
+    """Return the rows in which two owners are the candidate and itself, or an object placed before it, shape (nrow,).
+
+    Args:
+        owners: Names of the two objects.
+        candidate: Name of the candidate of each row, shape (nrow,).
+        rank: Placed object -> its number in placement order; all others are always there.
+    """
+    mine = [candidate == owner for owner in owners]
+    if owners[0] == owners[1]:
+        return mine[0]
+    ranks = np.array([rank[name] for name in candidate])
+    there = [rank.get(owner, -1) < ranks for owner in owners]
+    return (mine[0] & there[1]) | (mine[1] & there[0])
 
 
 def _box_gap(first: Solid, second: Solid, pos: list[np.ndarray], mat: list[np.ndarray]) -> np.ndarray:

@@ -17,6 +17,8 @@ import numpy as np
 
 from sceniris_gym.audit.geometry import Form, Solid
 
+Pose = tuple[np.ndarray, np.ndarray]
+
 
 class Narrow:
     """Distances between the solids of one model.
@@ -31,35 +33,42 @@ class Narrow:
             i: fcl.CollisionObject(_fcl_geometry(s)) for i, s in enumerate(solids) if s.form is not Form.HALFSPACE
         }
 
-    def place(self, i: int, pos: np.ndarray, mat: np.ndarray) -> None:
-        """Put solid `i`, which is not a half-space, at position (3,) and rotation (3, 3) in the world."""
-        self._objects[i].setTransform(fcl.Transform(mat, pos))
+    def distance(self, i: int, j: int, pose_i: Pose, pose_j: Pose) -> float:
+        """Return the distance [m] between two solids, neither of which is a half-space.
 
-    def distance(self, i: int, j: int) -> float:
-        """Return the distance [m] between two placed solids; at most 0 if their surfaces cross."""
-        radii = self.solids[i].radius + self.solids[j].radius
-        first, second = self._objects[i], self._objects[j]
-        if radii == 0.0 and fcl.collide(first, second):
-            return 0.0
-        return max(fcl.distance(first, second), 0.0) - radii
-
-    def contains(self, i: int, j: int, pose_i: tuple[np.ndarray, np.ndarray], pose_j: tuple) -> bool:
-        """Return whether a point of solid `j` is inside the closed surface of polyhedron `i`.
+        It is at most 0 if their surfaces cross, and minus infinity if one of them is inside the other.
 
         Args:
-            i: Index of the polyhedron; other forms are already solid in FCL and give False.
-            j: Index of the solid whose first vertex, or centre, is tested.
-            pose_i: Position (3,) and rotation (3, 3) of `i`.
-            pose_j: The same for `j`.
+            i: Index of the first solid.
+            j: Index of the second solid.
+            pose_i: Position (3,) and rotation (3, 3) of the first solid in the world.
+            pose_j: The same for the second solid.
         """
-        outer, inner = self.solids[i], self.solids[j]
-        if outer.form is not Form.POLYHEDRON:
-            return False
-        point = inner.vertices[0] if len(inner.vertices) else np.zeros(3)
-        local = (pose_j[1] @ point + pose_j[0] - pose_i[0]) @ pose_i[1]
-        if np.any(np.abs(local - outer.center) > outer.half):
-            return False
-        return winding_number(outer.vertices[outer.faces], local) > 0.5
+        first, second = self._objects[i], self._objects[j]
+        for placed, (pos, mat) in ((first, pose_i), (second, pose_j)):
+            placed.setTransform(fcl.Transform(mat, pos))
+        one, other = self.solids[i], self.solids[j]
+        radii = one.radius + other.radius
+        if radii == 0.0 and fcl.collide(first, second):
+            return 0.0
+        distance = max(fcl.distance(first, second), 0.0) - radii
+        if distance > 0.0 and (_contains(one, other, pose_i, pose_j) or _contains(other, one, pose_j, pose_i)):
+            return -np.inf
+        return distance
+
+
+def _contains(outer: Solid, inner: Solid, outer_pose: Pose, inner_pose: Pose) -> bool:
+    """Return whether the first vertex, or the centre, of a solid is inside the closed surface of a polyhedron.
+
+    False if `outer` is no polyhedron: other forms are already solid in FCL.
+    """
+    if outer.form is not Form.POLYHEDRON:
+        return False
+    point = inner.vertices[0] if len(inner.vertices) else np.zeros(3)
+    local = (inner_pose[1] @ point + inner_pose[0] - outer_pose[0]) @ outer_pose[1]
+    if np.any(np.abs(local - outer.center) > outer.half):
+        return False
+    return winding_number(outer.vertices[outer.faces], local) > 0.5
 
 
 def winding_number(triangles: np.ndarray, point: np.ndarray) -> float:

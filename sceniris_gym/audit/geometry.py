@@ -30,6 +30,13 @@ class Form(Enum):
     HALFSPACE = "halfspace"  # everything below the plane z = 0 of the geom
 
 
+_WITHOUT_VERTICES = {
+    mujoco.mjtGeom.mjGEOM_CYLINDER: Form.CYLINDER,
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: Form.ELLIPSOID,
+    mujoco.mjtGeom.mjGEOM_PLANE: Form.HALFSPACE,
+}
+
+
 @dataclass(frozen=True)
 class Solid:
     """The solid of one geom, in the geom's frame [m].
@@ -55,17 +62,12 @@ class Solid:
     half: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        if self.form is Form.HALFSPACE:
-            low, high = np.full(3, -np.inf), np.full(3, np.inf)
-        elif self.form is Form.CYLINDER:
-            high = np.array([self.size[0], self.size[0], self.size[1]])
-            low = -high
-        elif self.form is Form.ELLIPSOID:
-            low, high = -self.size, self.size
-        else:
-            low, high = self.vertices.min(0) - self.radius, self.vertices.max(0) + self.radius
-        object.__setattr__(self, "center", np.zeros(3) if self.form is Form.HALFSPACE else (low + high) / 2)
-        object.__setattr__(self, "half", (high - low) / 2)
+        center, half = np.zeros(3), np.full(3, np.inf)
+        if self.form is not Form.HALFSPACE:
+            low, high = self.lowest(np.eye(3)), -self.lowest(-np.eye(3))
+            center, half = (low + high) / 2, (high - low) / 2
+        object.__setattr__(self, "center", center)
+        object.__setattr__(self, "half", half)
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
         """Return the least height of the solid along directions `up` (n, 3) of its own frame, shape (n,)."""
@@ -111,12 +113,6 @@ def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
     mujoco.mj_kinematics(mjm, data)
     mujoco.mj_comPos(mjm, data)
     return data
-
-
-def pose_of(data: mujoco.MjData) -> Poses:
-    """Return the poses of an MjData as one row."""
-    mats = (data.geom_xmat.reshape(1, -1, 3, 3).copy(), data.xmat.reshape(1, -1, 3, 3).copy())
-    return Poses(data.geom_xpos[None].copy(), mats[0], data.xpos[None].copy(), mats[1])
 
 
 def subtree(mjm: mujoco.MjModel, root: int) -> set[int]:
@@ -176,9 +172,8 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
     Raises:
         NotSupportedError: The geom has a type that the audit does not know (height field, signed distance field).
     """
-    none = np.zeros((0, 3))
     kind, size = mujoco.mjtGeom(mjm.geom_type[geom]), mjm.geom_size[geom].copy()
-    no_faces = np.zeros((0, 3), int)
+    none, no_faces = np.zeros((0, 3)), np.zeros((0, 3), int)
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return Solid(geom, Form.POLYHEDRON, *convex_hull(_BOX_CORNERS * size), 0.0, size)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
@@ -190,12 +185,8 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         ends = np.array([[0, 0, -size[1]], [0, 0, size[1]]])
         return Solid(geom, Form.ROUNDED, ends, no_faces, float(size[0]), size)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return Solid(geom, Form.CYLINDER, none, no_faces, 0.0, size)
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        return Solid(geom, Form.ELLIPSOID, none, no_faces, 0.0, size)
-    if kind == mujoco.mjtGeom.mjGEOM_PLANE:
-        return Solid(geom, Form.HALFSPACE, none, no_faces, 0.0, size)
+    if kind in _WITHOUT_VERTICES:
+        return Solid(geom, _WITHOUT_VERTICES[kind], none, no_faces, 0.0, size)
     name = mjm.geom(geom).name or f"number {geom}"
     raise NotSupportedError(
         f"audit: geom '{name}' is of type {kind.name.removeprefix('mjGEOM_').lower()}, which the audit cannot judge. "

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-import mujoco
 import numpy as np
-
-from sceniris_gym.audit import presence, relations
-from sceniris_gym.audit.geometry import Poses
-from sceniris_gym.audit.orientations import OrientationAudit
-from sceniris_gym.audit.outlines import Outlines
-from sceniris_gym.config.scene import SceneConfig
 
 TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
 
@@ -41,48 +34,19 @@ class Kept:
     row: int
 
 
-class LanguageAudit:
-    """Judges relations, orientations and groups.
+def count(found: Sequence[Mapping[tuple[str, str, str], np.ndarray]]) -> list[Kept]:
+    """Count the rows that keep each requirement.
 
     Args:
-        config: The scene.
-        outlines: Outlines of the objects.
-        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
-        home: The model at the start pose.
+        found: For each chunk of rows, (name, word, unit) -> violation in each row, NaN where the requirement does not
+            apply, shape (nrow,).
     """
-
-    def __init__(
-        self, config: SceneConfig, outlines: Outlines, hulls: Mapping[str, np.ndarray], home: mujoco.MjData
-    ) -> None:
-        self.config, self.outlines = config, outlines
-        self._turns = OrientationAudit(config, outlines, hulls, home)
-
-    def add(self, kept: list[Kept], start: int, poses: Poses, present: Mapping[str, np.ndarray]) -> list[Kept]:
-        """Judge some rows, and return the counts with these rows added.
-
-        Args:
-            kept: The counts so far, empty at first.
-            start: Index of the first row.
-            poses: Poses in the rows.
-            present: Object name -> rows in which it is present, shape (nrow,).
-        """
-        seen = self.outlines.see(poses, present)
-        found = [
-            *relations.excess(self.outlines, seen).items(),
-            *self._turns.excess(seen).items(),
-            *presence.excess(self.config, seen).items(),
-        ]
-        before = kept or [Kept(*key, 0, 0, -np.inf, -1) for key, _ in found]
-        return [_counted(k, start, amount) for k, (_, amount) in zip(before, found, strict=True)]
+    return [_counted(key, np.concatenate([chunk[key] for chunk in found])) for key in (found[0] if found else ())]
 
 
-def _counted(kept: Kept, start: int, amount: np.ndarray) -> Kept:
-    """Return the counts with rows from `start` on added: their violations `amount` (nrow,), NaN where none applies."""
+def _counted(key: tuple[str, str, str], amount: np.ndarray) -> Kept:
     applies = ~np.isnan(amount)
-    if not applies.any():
-        return kept
-    row = int(np.nanargmax(amount))
-    if amount[row] > kept.worst:
-        kept = replace(kept, worst=float(amount[row]), row=start + row)
-    broken = int((amount[applies] > TOLERANCES[kept.unit]).sum())
-    return replace(kept, checked=kept.checked + int(applies.sum()), broken=kept.broken + broken)
+    amount = np.where(applies, amount, -np.inf)
+    row = int(amount.argmax()) if applies.any() else -1
+    broken = int((amount > TOLERANCES[key[-1]]).sum())
+    return Kept(*key, int(applies.sum()), broken, float(amount.max(initial=-np.inf)), row)

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.geometry import Poses
-from sceniris_gym.audit.outlines import Outline, Outlines, Seen
+from sceniris_gym.audit.geometry import Poses, rotation
+from sceniris_gym.audit.outlines import Outline, Seen
 from sceniris_gym.audit.relations import ROUNDING, wrapped
+from sceniris_gym.audit.scene import JudgedScene
 from sceniris_gym.config.orientation import DrawnOrientation
-from sceniris_gym.config.scene import SceneConfig
 
 _LOWEST = 1e-4  # m; points up to this height above the lowest one carry the object
 _ONE_POINT = 1e-5  # m; pivots that are no further apart coincide, up to rounding
@@ -22,19 +22,15 @@ class OrientationAudit:
     """Measures the violation of orientations.
 
     Args:
-        config: The scene.
-        outlines: Outlines of the objects.
+        scene: The scene.
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
-        home: The model at the start pose.
     """
 
-    def __init__(
-        self, config: SceneConfig, outlines: Outlines, hulls: Mapping[str, np.ndarray], home: mujoco.MjData
-    ) -> None:
-        self.config, self.outlines, self.hulls = config, outlines, hulls
+    def __init__(self, scene: JudgedScene, hulls: Mapping[str, np.ndarray]) -> None:
+        self.scene, self.hulls, home = scene, hulls, scene.home
         self._mass_at = {
             name: home.xmat[root].reshape(3, 3).T @ (_center_of_weight(home, root) - home.xpos[root])
-            for name, root in outlines.bodies.items()
+            for name, root in scene.bodies.items()
         }
 
     def excess(self, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
@@ -45,15 +41,16 @@ class OrientationAudit:
             where the object is absent. Shape (nrow,).
         """
         found, outlines = {}, seen.outlines
-        for name, part in self.config.parts.items():
-            if not part.is_placed or part.drawn_orientation.kind == "any":
+        for name, part in self.scene.placed.items():
+            if part.drawn_orientation.kind == "any":
                 continue
-            turn, rotation = part.drawn_orientation, self.outlines.turn(name, seen.poses)
+            turn, root = part.drawn_orientation, self.scene.bodies[name]
             missed = {("yaw", "rad"): _off_interval(outlines[name].heading - seen.support_heading[name], 0.0, turn)}
             if turn.kind == "stable":
                 missed["stable", "m"] = self._off_balance(name, seen.poses)
             else:
-                missed["upright", "rad"] = np.arctan2(np.linalg.norm(rotation[:, :2, 2], axis=1), rotation[:, 2, 2])
+                up = seen.poses.xmat[:, root] @ rotation(self.scene.mjm.body_quat[root])[2]
+                missed["upright", "rad"] = np.arctan2(np.linalg.norm(up[:, :2], axis=1), up[:, 2])
             if turn.target is not None:
                 facing = _off_interval(*_from_target(outlines[name], outlines[turn.target]), turn)
                 yaw = missed.pop(("yaw", "rad"))
@@ -63,7 +60,7 @@ class OrientationAudit:
 
     def _off_balance(self, name: str, poses: Poses) -> np.ndarray:
         """Return the distance [m] of the centre of mass from the hull of the lowest points, seen from above."""
-        mat = poses.xmat[:, self.outlines.bodies[name]]
+        mat = poses.xmat[:, self.scene.bodies[name]]
         points = np.einsum("nij,kj->nki", mat, self.hulls[name])
         row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)
         carried = shapely.convex_hull(shapely.multipoints(points[row, corner, :2], indices=row))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sceniris_gym.audit.carriers import carrier_of
-from sceniris_gym.audit.geometry import Form, Poses, Solid, rotation
-from sceniris_gym.audit.pairs import Tree
-from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.audit.geometry import Form, Poses, Solid
+from sceniris_gym.audit.scene import JudgedScene
 
 _UPRIGHT = 1e-3  # an x axis with a shorter horizontal part points straight up or down
 
@@ -52,7 +50,8 @@ class Seen:
         poses: The poses in the rows.
         outlines: Object name -> its outline.
         present: Object name -> rows in which it is present, shape (nrow,).
-        support_heading: Object name -> heading of its support [rad], shape (nrow,).
+        support_heading: Object name -> heading of the x axis of its support [rad], 0 on the floor and in the air, shape
+            (nrow,).
     """
 
     poses: Poses
@@ -65,22 +64,15 @@ class Outlines:
     """The objects of a scene, of which it computes outlines.
 
     Args:
-        tree: Owners of the bodies.
-        solids: The solids of the model.
-        config: The scene.
-        bodies: Object name -> root body id.
-        home: The start pose, one row.
+        scene: The scene.
     """
 
-    def __init__(
-        self, tree: Tree, solids: list[Solid], config: SceneConfig, bodies: Mapping[str, int], home: Poses
-    ) -> None:
-        self.mjm, self.config, self.bodies, self._home = tree.mjm, config, bodies, home
-        self._solids: dict[str, list[Solid]] = {name: [] for name in bodies}
-        for solid in solids:
-            owner = tree.owner[tree.mjm.geom_bodyid[solid.geom]]
-            if owner in bodies and solid.form is not Form.HALFSPACE:
-                self._solids[owner].append(solid)
+    def __init__(self, scene: JudgedScene) -> None:
+        self.scene = scene
+        self._solids: dict[str, list[Solid]] = {name: [] for name in scene.bodies}
+        for solid in scene.solids:
+            if scene.owner(solid) in scene.bodies and solid.form is not Form.HALFSPACE:
+                self._solids[scene.owner(solid)].append(solid)
 
     def see(self, poses: Poses, present: Mapping[str, np.ndarray]) -> Seen:
         """Return the objects as relations, orientations and groups are judged by them.
@@ -89,23 +81,13 @@ class Outlines:
             poses: Poses in the rows.
             present: Object name -> rows in which it is present, shape (nrow,).
         """
-        outlines = {name: self.outline(name, poses) for name in self.bodies}
-        return Seen(poses, outlines, present, self.support_heading(poses))
-
-    def support_heading(self, poses: Poses) -> dict[str, np.ndarray]:
-        """Return object name -> heading [rad] of the x axis of its support, 0 on the floor and in the air."""
-        found = {}
-        for name, part in self.config.parts.items():
-            found[name] = np.zeros(len(poses.xpos))
+        headings = {}
+        for name, part in self.scene.config.parts.items():
+            headings[name] = np.zeros(len(poses.xpos))
             if part.support is not None:
-                x = poses.xmat[:, carrier_of(self.mjm, self.bodies, self.config, part.support.parent).body, :, 0]
-                found[name] = np.arctan2(x[:, 1], x[:, 0])
-        return found
-
-    def turn(self, name: str, poses: Poses) -> np.ndarray:
-        """Return the rotation of an object from its authored orientation in each row, shape (nrow, 3, 3)."""
-        root = self.bodies[name]
-        return poses.xmat[:, root] @ rotation(self.mjm.body_quat[root]).T
+                x = poses.xmat[:, self.scene.carrier(part.support.parent).body, :, 0]
+                headings[name] = np.arctan2(x[:, 1], x[:, 0])
+        return Seen(poses, {name: self.outline(name, poses) for name in self.scene.bodies}, present, headings)
 
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
@@ -114,44 +96,43 @@ class Outlines:
         any`, with the joints of the row. The bounds, and the height of the pivot, always have the joints of the row. A
         robot's pivot is the origin of its base.
         """
-        heading = _heading(poses.xmat[:, self.bodies[name]])
-        at = poses.xpos[:, self.bodies[name]]
+        root = self.scene.bodies[name]
+        at, heading = poses.xpos[:, root], _heading(poses.xmat[:, root])
         if not self._solids[name]:
             return Outline(at, heading, np.zeros((len(at), 2)), np.zeros((len(at), 2)))
-        c, s, zero = np.cos(heading), np.sin(heading), np.zeros_like(heading)
-        axes = np.stack([np.stack([c, s, zero], 1), np.stack([-s, c, zero], 1)], 1)
-        up = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
-        low = np.stack([self._least(name, poses, axes[:, k]) for k in range(2)], 1)
-        high = np.stack([-self._least(name, poses, -axes[:, k]) for k in range(2)], 1)
-        if name in self.config.all_robots:
-            return Outline(at, heading, low, high)
-        middle = (low + high) / 2
-        part = self.config.parts.get(name)
-        if part is None or part.drawn_orientation.kind != "any":
-            ends = [[self._least_at_home(name, poses, sign * axes[:, k]) for k in range(2)] for sign in (1, -1)]
-            middle = (np.stack(ends[0], 1) - np.stack(ends[1], 1)) / 2
+        axes = np.tile(np.eye(3), (len(at), 1, 1))
+        axes[:, 0, 0] = axes[:, 1, 1] = np.cos(heading)
+        axes[:, 0, 1] = np.sin(heading)
+        axes[:, 1, 0] = -axes[:, 0, 1]
+        low, high = self._bounds(name, poses, axes)
+        if name in self.scene.config.all_robots:
+            return Outline(at, heading, low[:, :2], high[:, :2])
+        part = self.scene.config.parts.get(name)
+        any_way_up = part is not None and part.drawn_orientation.kind == "any"
+        ends = (low, high) if any_way_up else self._bounds(name, self._with_joints_at_home(name, poses), axes)
+        middle = (ends[0] + ends[1]) / 2
+        middle[:, 2] = low[:, 2]
         pivot = at + np.einsum("nk,nkj->nj", middle, axes)
-        pivot[:, 2] += self._least(name, poses, up)
-        return Outline(pivot, heading, low - middle, high - middle)
+        return Outline(pivot, heading, (low - middle)[:, :2], (high - middle)[:, :2])
 
-    def _least(self, name: str, poses: Poses, direction: np.ndarray) -> np.ndarray:
-        """Return the least coordinate [m] of an object along unit vectors (nrow, 3) from its root, shape (nrow,)."""
-        at = poses.xpos[:, self.bodies[name]]
-        ends = []
+    def _bounds(self, name: str, poses: Poses, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and greatest coordinates [m] of an object along axes (nrow, 3, 3) from its root."""
+        at, low, high = poses.xpos[:, self.scene.bodies[name]], [], []
         for solid in self._solids[name]:
-            local = np.einsum("nij,ni->nj", poses.geom_xmat[:, solid.geom], direction)
-            ends.append(((poses.geom_xpos[:, solid.geom] - at) * direction).sum(1) + solid.lowest(local))
-        return np.min(ends, axis=0)
+            middle = np.einsum("nkj,nj->nk", axes, poses.geom_xpos[:, solid.geom] - at)
+            local = (axes @ poses.geom_xmat[:, solid.geom]).transpose(1, 0, 2)
+            low.append(middle + np.stack([solid.lowest(up) for up in local], 1))
+            high.append(middle - np.stack([solid.lowest(-up) for up in local], 1))
+        return np.min(low, axis=0), np.max(high, axis=0)
 
-    def _least_at_home(self, name: str, poses: Poses, direction: np.ndarray) -> np.ndarray:
-        """Return the same with the object's joints at home."""
-        root, home = self.bodies[name], self._home
-        seen = np.einsum("nij,ni->nj", poses.xmat[:, root], direction)
-        ends = []
+    def _with_joints_at_home(self, name: str, poses: Poses) -> Poses:
+        """Return the same poses, but for the geoms of an object: they are as with its joints at home."""
+        root, pos, mat = self.scene.bodies[name], poses.geom_xpos.copy(), poses.geom_xmat.copy()
         for solid in self._solids[name]:
-            at = home.xmat[0, root].T @ (home.geom_xpos[0, solid.geom] - home.xpos[0, root])
-            ends.append(seen @ at + solid.lowest(seen @ home.xmat[0, root].T @ home.geom_xmat[0, solid.geom]))
-        return np.min(ends, axis=0)
+            at, turn = self.scene.at_home(solid.geom, root)
+            pos[:, solid.geom] = poses.xpos[:, root] + poses.xmat[:, root] @ at
+            mat[:, solid.geom] = poses.xmat[:, root] @ turn
+        return replace(poses, geom_xpos=pos, geom_xmat=mat)
 
 
 def _heading(mat: np.ndarray) -> np.ndarray:

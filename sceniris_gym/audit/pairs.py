@@ -53,20 +53,14 @@ class Tree:
             self.fixture[body] = self.fixture[parent] or mjm.body_mocapid[body] >= 0
             self.movable[body] = self.movable[parent] or self.fixture[body] or mjm.body_jntnum[body] > 0
 
-    def bodies_of(self, name: str) -> list[int]:
-        """Return the body ids of an object."""
-        return [body for body, owner in enumerate(self.owner) if owner == name]
-
 
 def judged_pairs(
     tree: Tree,
     solids: list[Solid],
     geometry: str,
     clearances: Mapping[str, float],
-    *,
     jointed: Collection[str] = (),
     at_home: Collection[tuple[int, int]] = (),
-    moved: Collection[str] | None = None,
     placed: Collection[str] | None = None,
 ) -> list[Judged]:
     """List the pairs of solids that a layout must keep apart.
@@ -83,13 +77,13 @@ def judged_pairs(
         jointed: Names of the objects whose joints are drawn.
         at_home: Pairs of geoms, the lower id first, that touch at home; MuJoCo alone judges them. With "visual" their
             bodies are not judged at all.
-        moved: Names of the objects that layouts move, None for all that can move. MuJoCo alone judges two other
-            objects, because they stay as they are at home.
-        placed: Names of the objects that layouts place, None for all; two other objects keep no clearance.
+        placed: Names of the objects that layouts place, None for all. Two other objects keep no clearance, and MuJoCo
+            alone judges them if their joints are not drawn either, because they stay as they are at home.
     """
     mjm = tree.mjm
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
     explicit = {frozenset(p): float(m) for *p, m in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)}
+    moved = None if placed is None else {*placed, *jointed}
     judged = []
     for first in range(len(solids)):
         for second in range(first + 1, len(solids)):
@@ -101,11 +95,12 @@ def judged_pairs(
                 continue
             if geoms in at_home or frozenset((body1, body2)) in touching:
                 continue
-            if moved is not None and not {*owners} & {*moved}:
+            if moved is not None and not moved.intersection(owners):
                 continue
             margin = explicit.get(frozenset(geoms))
             if margin is None:
-                if _excluded(mjm, body1, body2) or (geometry == "physics" and not _bits_meet(mjm, *geoms)):
+                excluded = (min(body1, body2) << 16) + max(body1, body2) in mjm.exclude_signature
+                if excluded or (geometry == "physics" and not _bits_meet(mjm, *geoms)):
                     continue
                 if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(mjm, body1, body2):
                     continue
@@ -120,10 +115,6 @@ def _bits_meet(mjm: mujoco.MjModel, geom1: int, geom2: int) -> bool:
     return bool(
         mjm.geom_contype[geom1] & mjm.geom_conaffinity[geom2] or mjm.geom_contype[geom2] & mjm.geom_conaffinity[geom1]
     )
-
-
-def _excluded(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
-    return (min(body1, body2) << 16) + max(body1, body2) in mjm.exclude_signature
 
 
 def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:

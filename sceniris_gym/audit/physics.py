@@ -151,18 +151,12 @@ def limp_joints(mjm: mujoco.MjModel, bodies: Collection[int]) -> list[int]:
         elif kind == mujoco.mjtTrn.mjTRN_TENDON:
             wraps = range(mjm.tendon_adr[driven], mjm.tendon_adr[driven] + mjm.tendon_num[driven])
             held |= {int(mjm.wrap_objid[w]) for w in wraps if int(mjm.wrap_type[w]) == mujoco.mjtWrap.mjWRAP_JOINT}
-    coupled = [
-        {int(mjm.eq_obj1id[e]), int(mjm.eq_obj2id[e])}
-        for e in range(mjm.neq)
-        if int(mjm.eq_type[e]) == mujoco.mjtEq.mjEQ_JOINT and mjm.eq_active0[e]
-    ]
+    eq = (mjm.eq_type == mujoco.mjtEq.mjEQ_JOINT) & mjm.eq_active0.astype(bool)
+    coupled = [set(pair) for pair in zip(mjm.eq_obj1id[eq].tolist(), mjm.eq_obj2id[eq].tolist(), strict=True)]
     for _ in coupled:
         held |= {j for pair in coupled if pair & held for j in pair}
-    return [
-        j
-        for j in range(mjm.njnt)
-        if int(mjm.jnt_bodyid[j]) in bodies and j not in held and int(mjm.jnt_type[j]) != mujoco.mjtJoint.mjJNT_FREE
-    ]
+    limp = np.isin(mjm.jnt_bodyid, list(bodies)) & (mjm.jnt_type != mujoco.mjtJoint.mjJNT_FREE)
+    return sorted({*np.flatnonzero(limp).tolist()} - held)
 
 
 def _servos(mjm: mujoco.MjModel) -> np.ndarray:

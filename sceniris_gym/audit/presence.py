@@ -17,7 +17,7 @@ def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
     return {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
 
 
-def excess(config: SceneConfig, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
+def excess_of_groups(config: SceneConfig, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
     """Count the violations of groups.
 
     Returns:

@@ -83,7 +83,7 @@ class ReachAudit:
         self.chain = Chain(mjm, root, self.site) if chain is None else chain
         self.joints = self.chain.joints if chain is None else []
         self.adr = mjm.jnt_qposadr[self.joints].astype(int)
-        self.lower, self.upper = self.chain.lower.numpy(), self.chain.upper.numpy()
+        self.lower, self.upper = self.chain.lower, self.chain.upper
         self._of = {name: subtree(mjm, body) for name, body in bodies.items()}
         self._robot = subtree(mjm, root)
         self._hand = subtree(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
@@ -106,15 +106,14 @@ class ReachAudit:
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
                 elif claim.tier.needs_map:
-                    asked.append((Unreached(row, claim.name, "no joints found"), self._from_base(claim.pose[row])))
+                    base = frame(self.data.xpos[self.root], self.data.xquat[self.root])
+                    pose = np.linalg.inv(base) @ _matrix(claim.pose[row])
+                    asked.append((Unreached(row, claim.name, "no joints found"), pose))
         if asked:
-            _, ok = self.chain.ik(np.stack([pose for _, pose in asked]), restarts=_STARTS, iterations=_STEPS)
+            poses = np.stack([pose for _, pose in asked])
+            _, ok = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
             found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
         return found
-
-    def _from_base(self, pose: np.ndarray) -> np.ndarray:
-        """Return a world pose in the frame of the base in `data`, as a matrix (4, 4)."""
-        return np.linalg.inv(frame(self.data.xpos[self.root], self.data.xquat[self.root])) @ _matrix(pose)
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
         """Return what is wrong with a claim in the layout in `data`, without a search for joints."""
@@ -144,9 +143,7 @@ class ReachAudit:
         for s, name in own.items():
             if claim.pattern and not fnmatchcase(name, claim.pattern) and not fnmatchcase(name[6:], claim.pattern):
                 continue
-            axes, shift = self.data.site_xmat[s].reshape(3, 3).T @ pose[:3, :3], pose[:3, 3] - self.data.site_xpos[s]
-            trace = max(np.trace(axes), np.trace(axes @ np.diag([-1.0, -1.0, 1.0])))
-            if np.linalg.norm(shift) < POSITION and trace > 1.0 + 2.0 * np.cos(ROTATION):
+            if self._meets(s, pose) or self._meets(s, pose @ np.diag([-1.0, -1.0, 1.0, 1.0])):
                 return True
         return not own
 
@@ -158,8 +155,7 @@ class ReachAudit:
             return "limits"
         data.qpos[self.adr] = qpos
         mujoco.mj_fwdPosition(mjm, data)
-        shift, turn = self._away(pose)
-        if np.linalg.norm(shift) > POSITION or np.linalg.norm(turn) > ROTATION:
+        if not self._meets(self.site, pose):
             return "another pose"
         for contact in data.contact[: data.ncon]:
             first, second = (int(mjm.geom_bodyid[g]) for g in contact.geom)
@@ -200,12 +196,11 @@ class ReachAudit:
         away = np.linalg.norm(np.maximum(np.abs(local - center) - half, 0.0), axis=1)
         return float(away.min()) if len(away) else 0.0
 
-    def _away(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return translation [m] and rotation vector [rad] from the current TCP to a pose (4, 4), in the world."""
-        quat, turn = np.zeros(4), np.zeros(3)
-        mujoco.mju_mat2Quat(quat, (pose[:3, :3] @ self.data.site_xmat[self.site].reshape(3, 3).T).ravel())
-        mujoco.mju_quat2Vel(turn, quat, 1.0)
-        return pose[:3, 3] - self.data.site_xpos[self.site], turn
+    def _meets(self, site: int, pose: np.ndarray) -> bool:
+        """Return whether a site is within POSITION and ROTATION of a pose (4, 4) in the world."""
+        away = np.linalg.norm(pose[:3, 3] - self.data.site_xpos[site])
+        turn = self.data.site_xmat[site].reshape(3, 3).T @ pose[:3, :3]
+        return bool(away <= POSITION and np.trace(turn) >= 1.0 + 2.0 * np.cos(ROTATION))
 
 
 def _matrix(pose: np.ndarray) -> np.ndarray:

@@ -8,7 +8,8 @@ import numpy as np
 import shapely
 
 from sceniris_gym.audit.geometry import rotation
-from sceniris_gym.audit.outlines import Outline, Outlines, Seen
+from sceniris_gym.audit.outlines import Outline, Seen
+from sceniris_gym.audit.scene import JudgedScene
 from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
 
 THIN = 1e-3  # m; anchors with a thinner hull lie on a line
@@ -16,7 +17,7 @@ _NEARLY_THIN = 1e-5  # m; so near to THIN, either answer is right
 ROUNDING = 1e-6  # m; rounding error of a position in single precision, a large angle close to the anchor
 
 
-def excess(scene: Outlines, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
+def excess(scene: JudgedScene, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
     """Measure every relation of every object.
 
     Returns:
@@ -39,18 +40,20 @@ def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
 
 
 @singledispatch
-def _missed(relation: Relation, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+def _missed(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     """Return unit -> violation of an object's relation. Absent objects count, except anchors of 'between'."""
     raise NotImplementedError(f"no audit of {type(relation).__name__}")
 
 
 @_missed.register
-def _off_sector(relation: Sector, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+def _off_sector(relation: Sector, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     own, anchor = seen.outlines[name], seen.outlines[relation.anchors[0]]
     missed = {}
     apart = own.pivot[:, :2] - anchor.pivot[:, :2]
     if relation.low > 0 or relation.high < np.inf:
-        distance = _between_bounds(own, anchor) if relation.by_bounds else np.linalg.norm(apart, axis=1)
+        distance = np.linalg.norm(apart, axis=1)
+        if relation.by_bounds:
+            distance = np.asarray(shapely.distance(_rectangles(own), _rectangles(anchor)))
         missed["m"] = np.maximum(relation.low - distance, distance - relation.high)
     if not isinstance(relation, Near):
         off = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - _heading(relation, name, scene, seen))
@@ -60,7 +63,7 @@ def _off_sector(relation: Sector, name: str, scene: Outlines, seen: Seen) -> dic
 
 
 @_missed.register
-def _off_between(relation: Between, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+def _off_between(relation: Between, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     own = seen.outlines[name]
     anchors = np.stack([seen.outlines[a].pivot[:, :2] for a in relation.anchors], 1)
     there = np.stack([seen.present[a] for a in relation.anchors], 1)
@@ -69,7 +72,7 @@ def _off_between(relation: Between, name: str, scene: Outlines, seen: Seen) -> d
 
 
 @_missed.register
-def _off_beside(relation: Beside, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     """Return the larger of two errors: that of the gap, and the part of the narrower bounds beyond the wider ones."""
     own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
@@ -82,7 +85,7 @@ def _off_beside(relation: Beside, name: str, scene: Outlines, seen: Seen) -> dic
 
 
 @_missed.register
-def _off_site(relation: Joined, name: str, scene: Outlines, seen: Seen) -> dict[str, np.ndarray]:
+def _off_site(relation: Joined, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     """Return the distance of the sites from where they should meet, and the error of the angle between them."""
     sites = relation.beside
     own, own_x = _site(name, sites.my, scene, seen)
@@ -93,7 +96,7 @@ def _off_site(relation: Joined, name: str, scene: Outlines, seen: Seen) -> dict[
     return {"m": np.linalg.norm(own - its - (relation.gap or 0.0) * level, axis=1), "rad": np.abs(off)}
 
 
-def _heading(relation: Relation, name: str, scene: Outlines, seen: Seen) -> np.ndarray:
+def _heading(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> np.ndarray:
     """Return the heading [rad] of a relation in the world, shape (nrow,)."""
     turned = {"support": seen.support_heading[name], "world": np.zeros(len(seen.support_heading[name]))}
     frame = relation.reference_frame
@@ -101,7 +104,7 @@ def _heading(relation: Relation, name: str, scene: Outlines, seen: Seen) -> np.n
     return heading + relation.heading(scene.config.all_robots)
 
 
-def _site(name: str, word: str, scene: Outlines, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
+def _site(name: str, word: str, scene: JudgedScene, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
     """Return the position of an object's site from above [m], and its x axis, shape (nrow, 2) each."""
     mjm, poses = scene.mjm, seen.poses
     inside = mjm.body(scene.bodies[name]).name.rpartition("/")[0] or name
@@ -120,10 +123,6 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 def _rectangles(outline: Outline) -> np.ndarray:
     """Return the bounds as shapes, shape (nrow,); bounds without area become a point or a line."""
     return np.asarray(shapely.convex_hull(shapely.multipoints(outline.corners())))
-
-
-def _between_bounds(own: Outline, anchor: Outline) -> np.ndarray:
-    return np.asarray(shapely.distance(_rectangles(own), _rectangles(anchor)))
 
 
 def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:

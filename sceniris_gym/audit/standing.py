@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
-from sceniris_gym.audit import supports
-from sceniris_gym.audit.carriers import Carrier, carrier_of, is_ground
-from sceniris_gym.audit.geometry import Form, Poses, Solid
+from sceniris_gym.audit.geometry import Form, Poses
 from sceniris_gym.audit.heaps import HeapAudit
 from sceniris_gym.audit.outlines import Outlines
-from sceniris_gym.audit.pairs import Tree
-from sceniris_gym.audit.supports import EDGE_TOLERANCE, LevelSurface, inside, surface_of, upright_frame
+from sceniris_gym.audit.scene import Carrier, JudgedScene
+from sceniris_gym.audit.supports import (
+    EDGE_TOLERANCE,
+    HEIGHT_TOLERANCE,
+    LevelSurface,
+    hit_above,
+    inside,
+    level_surfaces,
+    plane_surface,
+    surface_of,
+    upright_frame,
+)
 from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.scene import SceneConfig
 
 _AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
 
@@ -38,56 +44,23 @@ class Misplaced:
     cause: str
 
 
-def hulls_of(tree: Tree, solids: list[Solid], bodies: Mapping[str, int], home: Poses) -> dict[str, np.ndarray]:
-    """Return the corners of the convex hulls of objects in their roots' frames at home [m], shape (n, 3), by name.
-
-    Args:
-        tree: Owners of the bodies.
-        solids: The solids of the objects; an object without any is a point.
-        bodies: Object name -> root body id.
-        home: The start pose, one row.
-    """
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in bodies}
-    for solid in solids:
-        name = tree.owner[tree.mjm.geom_bodyid[solid.geom]]
-        if name in parts and solid.form is not Form.HALFSPACE:
-            world = surface_of(solid)[0] @ home.geom_xmat[0, solid.geom].T + home.geom_xpos[0, solid.geom]
-            parts[name].append((world - home.xpos[0, bodies[name]]) @ home.xmat[0, bodies[name]])
-    return {name: supports.footprint_points(found) if found else np.zeros((1, 3)) for name, found in parts.items()}
-
-
 class StandingAudit:
     """Checks the standing of objects in layouts.
 
     Args:
-        tree: Owners of the bodies.
-        solids: The solids of the model.
-        config: The scene.
+        scene: The scene.
         outlines: Outlines of the objects.
-        home: The start pose, one row.
-        heaps: The judge of heaps; None if there are none.
+        heaps: The judge of heaps.
 
     Attributes:
-        placed: Object name -> its ObjectConfig, for all placed objects.
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
     """
 
-    def __init__(
-        self,
-        tree: Tree,
-        solids: list[Solid],
-        config: SceneConfig,
-        outlines: Outlines,
-        home: Poses,
-        heaps: HeapAudit | None = None,
-    ) -> None:
-        self._heaps = heaps
-        self.tree, self.config, self.bodies, self.outlines = tree, config, outlines.bodies, outlines
-        self.placed = {name: part for name, part in config.parts.items() if part.is_placed}
-        self._planes = [s.geom for s in solids if s.form is Form.HALFSPACE]
-        self._surface = {s.geom: surface_of(s) for s in solids if s.form is not Form.HALFSPACE}
-        self._home = home
-        self.hulls = hulls_of(tree, solids, {name: self.bodies[name] for name in self.placed}, home)
+    def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit) -> None:
+        self.scene, self.outlines, self._heaps = scene, outlines, heaps
+        self._planes = [s.geom for s in scene.solids if s.form is Form.HALFSPACE]
+        self._surface = {s.geom: surface_of(s) for s in scene.solids if s.form is not Form.HALFSPACE}
+        self.hulls = scene.hulls(scene.solids)
         self._levels: dict[tuple, list[LevelSurface]] = {}
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
@@ -98,10 +71,10 @@ class StandingAudit:
         """
         found: list[Misplaced] = []
         supporting = {}
-        elsewhere = {} if self._heaps is None else self._heaps.elsewhere(poses)
+        elsewhere = self._heaps.elsewhere(poses)
         for name, rows in elsewhere.items():
             found += [Misplaced(int(row), name, "heap") for row in np.flatnonzero(rows)]
-        for name, part in self.placed.items():
+        for name, part in self.scene.placed.items():
             if name in elsewhere:
                 continue
             outline = self.outlines.outline(name, poses)
@@ -110,36 +83,36 @@ class StandingAudit:
                 outside = ~_in_space(part, pivots)
                 found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
                 continue
-            if name in self.config.all_robots:  # stands on its lowest point, which may not be its origin
+            if name in self.scene.config.all_robots:  # stands on its lowest point, which may not be its origin
                 pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
-            supporting[name], stands = self._supporting(name, part, poses, pivots, erosion)
+            carrier = self.scene.carrier(part.support.parent)
+            supporting[name], stands = self._supporting(name, part, carrier, poses, pivots, erosion)
             wrong = {
                 "support": supporting[name] < 0,
                 "footprint": (supporting[name] >= 0) & ~stands,
-                "overhead": self._wrongly_covered(part, poses, pivots),
+                "overhead": self._wrongly_covered(part.support.word, carrier, poses, pivots),
             }
             for cause, rows in wrong.items():
                 found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
         return sorted(found, key=lambda m: (m.row, m.name)), supporting
 
     def _supporting(
-        self, name: str, part: ObjectConfig, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
+        self, name: str, part: ObjectConfig, carrier: Carrier, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the supporting body in each row (-1 for none), and whether it carries the whole footprint if required.
 
         Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
         """
         assert part.support is not None
-        carrier = self._carrier(part)
         ground = carrier.body
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
         turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
         whole = part.ratio_on_support == 1.0
         corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
-        for rows, surfaces in self._surfaces(part, carrier, poses):
+        for rows, surfaces in self._surfaces(part.support.word, carrier, poses):
             bounds = shapely.total_bounds([surface.area for surface in surfaces])
             for surface in surfaces:
-                level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= supports.HEIGHT_TOLERANCE]
+                level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
                 allowed = inside(surface.area, turned[level, :2], erosion[level])
                 allowed &= _in_region(surface.area, bounds, part, turned[level, :2])
                 on = level[allowed]
@@ -155,69 +128,53 @@ class StandingAudit:
 
     def _corners(self, name: str, poses: Poses) -> np.ndarray:
         """Return the corners of an object's hull in each row [m], world frame, shape (nrow, n, 3)."""
-        root = self.bodies[name]
+        root = self.scene.bodies[name]
         return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
-    def _carrier(self, part: ObjectConfig) -> Carrier:
-        assert part.support is not None
-        return carrier_of(self.tree.mjm, self.bodies, self.config, part.support.parent)
-
-    def _surfaces(
-        self, part: ObjectConfig, carrier: Carrier, poses: Poses
-    ) -> list[tuple[np.ndarray, list[LevelSurface]]]:
+    def _surfaces(self, word: str, carrier: Carrier, poses: Poses) -> list[tuple[np.ndarray, list[LevelSurface]]]:
         """Return groups of rows in which the same direction of the support points up, with its level surfaces."""
-        assert part.support is not None
         body, geom = carrier.body, carrier.geom
-        if is_ground(self.config, part.support.parent):
-            assert self.config.floor is not None
-            x, y = (extent / 2 for extent in self.config.floor.size)
+        if carrier.is_ground:
+            assert self.scene.config.floor is not None
+            x, y = (extent / 2 for extent in self.scene.config.floor.size)
             return [(np.arange(len(poses.xpos)), [LevelSurface(0.0, shapely.box(-x, -y, x, y))])]
         ups, index = _directions(poses.xmat[:, body, 2])
         groups = []
         # A support that never moves is open wherever there is room: a thing above it is an obstacle or not.
-        open_above = part.support.word == "on" and carrier.owner is not None
+        open_above = word == "on" and carrier.owner is not None
         for k, up in enumerate(ups):
             key = (body, geom, open_above, *np.round(up, 6))
             if key not in self._levels:
                 solids = self._triangles(body)
                 only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
-                found = supports.level_surfaces([*solids.values()], up, open_above=open_above, only=only)
+                found = level_surfaces([*solids.values()], up, open_above=open_above, only=only)
                 self._levels[key] = found + self._level_planes(carrier, up)
             groups.append((np.flatnonzero(index == k), self._levels[key]))
         return groups
 
     def _level_planes(self, carrier: Carrier, up: np.ndarray) -> list[LevelSurface]:
         """Return the planes of a support that are level if `up` (3,) of its body's frame points up."""
-        mjm = self.tree.mjm
+        mjm = self.scene.mjm
         wanted = [g for g in self._planes if mjm.geom_bodyid[g] == carrier.body and carrier.geom in (None, g)]
-        found = []
-        for geom in wanted:
-            mat = self._home.xmat[0, carrier.body].T @ self._home.geom_xmat[0, geom]
-            pos = self._home.xmat[0, carrier.body].T @ (
-                self._home.geom_xpos[0, geom] - self._home.xpos[0, carrier.body]
-            )
-            found.append(supports.plane_surface(mjm.geom_size[geom], pos, mat, up))
+        found = (plane_surface(mjm.geom_size[g], *self.scene.at_home(g, carrier.body), up) for g in wanted)
         return [surface for surface in found if surface is not None]
 
     def _triangles(self, body: int) -> dict[int, np.ndarray]:
         """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m], by geom."""
         parts = {}
         for geom, (vertices, faces) in self._surface.items():
-            if self.tree.mjm.geom_bodyid[geom] == body:
-                world = vertices @ self._home.geom_xmat[0, geom].T + self._home.geom_xpos[0, geom]
-                parts[geom] = ((world - self._home.xpos[0, body]) @ self._home.xmat[0, body])[faces]
+            if self.scene.mjm.geom_bodyid[geom] == body:
+                pos, mat = self.scene.at_home(geom, body)
+                parts[geom] = (vertices @ mat.T + pos)[faces]
         return parts
 
-    def _wrongly_covered(self, part: ObjectConfig, poses: Poses, pivots: np.ndarray) -> np.ndarray:
+    def _wrongly_covered(self, word: str, carrier: Carrier, poses: Poses, pivots: np.ndarray) -> np.ndarray:
         """Return the rows in which the support covers the object but should not, or the reverse, shape (nrow,).
 
         A ray that passes an edge within the tolerance is not conclusive, so its four neighbours must agree.
         """
-        assert part.support is not None
         wrong = np.zeros(len(pivots), bool)
-        word, carrier = part.support.word, self._carrier(part)
-        ground = is_ground(self.config, part.support.parent)
-        if word == "in" or ground or (word == "on" and carrier.owner is None):
+        if word == "in" or carrier.is_ground or (word == "on" and carrier.owner is None):
             return wrong
         rows = np.arange(len(pivots))
         for shift in _AROUND:
@@ -230,12 +187,12 @@ class StandingAudit:
         """Return whether the support (object or body) has a solid above each point (n, 3) of the rows (n,)."""
         covered = np.zeros(len(rows), bool)
         for geom, surface in self._surface.items():
-            body = int(self.tree.mjm.geom_bodyid[geom])
-            if self.tree.owner[body] != carrier.owner if carrier.owner is not None else body != carrier.body:
+            body = int(self.scene.mjm.geom_bodyid[geom])
+            if self.scene.tree.owner[body] != carrier.owner if carrier.owner is not None else body != carrier.body:
                 continue
             mat = poses.geom_xmat[rows, geom]
             origin = np.einsum("nij,ni->nj", mat, points - poses.geom_xpos[rows, geom])
-            covered |= supports.hit_above(surface, origin, mat[:, 2])
+            covered |= hit_above(surface, origin, mat[:, 2])
         return covered
 
 

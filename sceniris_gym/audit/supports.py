@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -184,8 +183,3 @@ def _enters_box(low: np.ndarray, high: np.ndarray, origin: np.ndarray, up: np.nd
         t1, t2 = (low - origin) / up, (high - origin) / up
     near, far = np.fmin(t1, t2), np.fmax(t1, t2)
     return (near.max(1) <= far.min(1) + 1e-9) & (far.min(1) > 0)
-
-
-def footprint_points(parts: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the points of an object that can be corners of its footprint: the vertices of its convex hull."""
-    return convex_hull(np.concatenate(list(parts)))[0]

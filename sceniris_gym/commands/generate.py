@@ -38,7 +38,7 @@ def generate(
         chunk: Layouts made at once, which changes nothing else; None for a number that suits the device.
         share: The parts that this process writes; None for all of them.
         resume: Go on with a data set that was begun.
-        formats: Formats of parts beside `.npy`: some of `dataset.formats.ENCODERS`, in alphabetical order.
+        formats: Formats of parts beside `.npy`: some of `dataset.formats.FORMATS`, in alphabetical order.
 
     Raises:
         DatasetError, MissingExtraError: See `DatasetWriter`.

@@ -6,16 +6,14 @@ Their bytes follow from the rows of the part alone, so every process writes the 
 from __future__ import annotations
 
 import io
-import json
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.dataset import usd_stage
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import UnknownNameError, import_extra
+from sceniris_gym.files import as_json as strict_json
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.body_poses import body_poses
 
@@ -32,8 +30,8 @@ def parse_formats(words: str) -> tuple[str, ...]:
     """
     names = [word.strip() for word in words.split(",")]
     for name in names:
-        if name not in ENCODERS:
-            raise UnknownNameError("format", name, "generate: --format", ENCODERS)
+        if name not in FORMATS:
+            raise UnknownNameError("format", name, "generate: --format", FORMATS)
     check_formats(names)
     return tuple(sorted(set(names)))
 
@@ -45,7 +43,7 @@ def check_formats(formats: Sequence[str]) -> None:
         MissingExtraError: usd-core is not.
     """
     if "usd" in formats:
-        usd_stage.need_usd()
+        import_extra("pxr", "import", "usd-core")
 
 
 def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -98,35 +96,35 @@ def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode a list of layouts, one a line: the columns, `poses` and `joints` by name, and who is `present`."""
+    """Encode a list of layouts, one a line: the columns, `poses` and `joints` by name, and who is `present`.
+
+    Numbers have as many digits as give the same float32 again, and are null if they are not finite.
+    """
     columns = {name: rows[name].tolist() for name in rows.dtype.names or () if name != "present"}
     poses = {name: values.tolist() for name, values in poses_by_name(compiled, rows).items()}
     joints = {name: values.tolist() for name, values in joints_by_name(compiled, rows).items()}
-    lines = [
-        json.dumps(
-            {
-                **{name: _exact(values[i]) for name, values in columns.items()},
-                "present": dict(zip(compiled.slots, rows["present"][i].tolist(), strict=True)),
-                "poses": {name: _exact(values[i]) for name, values in poses.items()},
-                "joints": {name: _exact(values[i]) for name, values in joints.items()},
-            },
-            allow_nan=False,
-        )
-        for i in range(len(rows))
-    ]
+    lines = []
+    for i in range(len(rows)):
+        layout = {
+            **{name: values[i] for name, values in columns.items()},
+            "present": dict(zip(compiled.slots, rows["present"][i].tolist(), strict=True)),
+            "poses": {name: values[i] for name, values in poses.items()},
+            "joints": {name: values[i] for name, values in joints.items()},
+        }
+        lines.append(strict_json(layout, digits=9))
     return ("[\n" + ",\n".join(lines) + "\n]\n").encode()
 
 
-def _exact(value: Any) -> Any:
-    """Return a value with as many digits as give the same float32 again; None for numbers that are not finite."""
-    if isinstance(value, list):
-        return [_exact(part) for part in value]
-    if isinstance(value, float):
-        return float(f"{value:.9g}") if math.isfinite(value) else None
-    return value
+def as_usd(compiled: CompiledScene, rows: np.ndarray) -> bytes:
+    """Encode a stage over that of the scene, as `usd_stage.part_bytes` says."""
+    from sceniris_gym.dataset import usd_stage
+
+    return usd_stage.part_bytes(compiled, rows)
 
 
-ENCODERS: dict[str, Encoder] = {"json": as_json, "npz": as_npz, "usd": usd_stage.part_bytes}
-"""The encoders by format."""
-SUFFIXES = {"json": ".json", "npz": ".npz", "usd": ".usdc"}
-"""The suffixes of parts by format."""
+FORMATS: dict[str, tuple[str, Encoder]] = {
+    "json": (".json", as_json),
+    "npz": (".npz", as_npz),
+    "usd": (".usdc", as_usd),
+}
+"""The suffix of parts, and their encoder, by format."""

@@ -201,14 +201,9 @@ def verify(folder: str | Path) -> dict[str, Any]:
         compare({part_name(part): record["sha256"], **record["files"]})
         tell("layouts", int(dataset._ends[part]), len(dataset))
     if damaged:
+        more = f" and {len(damaged) - 5} others" if len(damaged) > 5 else ""
         raise DatasetError(
-            f"{folder}: {_listed(damaged)} not as {MANIFEST} tells. Remove them, and repeat the data set's "
-            "`sceniris-gym generate` with --resume."
+            f"{folder}: {', '.join(damaged[:5])}{more} {'is' if len(damaged) == 1 else 'are'} not as {MANIFEST} tells. "
+            "Remove them, and repeat the data set's `sceniris-gym generate` with --resume."
         )
     return held
-
-
-def _listed(names: Iterable[str]) -> str:
-    kept = list(names)
-    more = f" and {len(kept) - 5} others" if len(kept) > 5 else ""
-    return ", ".join(kept[:5]) + more + (" is" if len(kept) == 1 else " are")

@@ -1,7 +1,8 @@
 """Layouts as USD: the scene's geometry once, and a stage over it for each part, whose frame i is row i.
 
 Stages are z up, in metres. Every body is an Xform below that of its parent, and an object of the scene is
-`/World/<name>`. The stages are for the eye and have no physics, for which there is `scene.zip`.
+`/World/<name>`. The stages are for the eye and have no physics, for which there is `scene.zip`. Importing this module
+needs usd-core: `formats.check_formats` says how to install it.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom
 
 from sceniris_gym.dataset.manifest import SCENE_USD
-from sceniris_gym.errors import MissingExtraError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.body_poses import body_poses, product, rotated
 
@@ -28,32 +29,17 @@ _PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_CAPSULE: "Capsule", mujoco.mjtGeom.mjGEOM_
 _PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_BOX: "Cube"}
 
 
-def need_usd() -> None:
-    """Make sure that usd-core is installed.
-
-    Raises:
-        MissingExtraError: It is not.
-    """
-    try:
-        import pxr  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("usd-core", "import") from None
-
-
 def scene_bytes(compiled: CompiledScene) -> bytes:
     """Return the stage of the scene, bodies at the start pose with their geometry, as the bytes of a .usdc file."""
-    from pxr import Sdf, Usd, UsdGeom
-
     mjm, paths = compiled.mjm, body_paths(compiled)
-    layer = Sdf.Layer.CreateAnonymous(".usdc")
+    layer = _new_layer()
     stage = Usd.Stage.Open(layer)
-    _describe(layer)
     UsdGeom.Xform.Define(stage, WORLD)
     pos, quat = compiled.home_xpos.astype(float), compiled.home_xquat.astype(float)
+    pos, quat = _seen_from(pos[mjm.body_parentid], quat[mjm.body_parentid], pos, quat)
     for body in range(1, mjm.nbody):
         xform = UsdGeom.Xform.Define(stage, paths[body])
-        parent = int(mjm.body_parentid[body])
-        _place(xform, *(v[0] for v in _seen_from(pos[parent, None], quat[parent, None], pos[body], quat[body])))
+        _place(xform, pos[body], quat[body])
         xform.GetPrim().SetCustomDataByKey("mujoco:body", mjm.body(body).name)
     taken: set[str] = set(paths)
     for geom in range(mjm.ngeom):
@@ -71,12 +57,9 @@ def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
     Time i is row i: it has the poses of bodies, makes absent objects invisible, and gives `/World` the attributes
     `layout:seed`, `layout:episode` and `layout:valid`, and bodies `joint:NAME` [rad or m].
     """
-    from pxr import Gf, Sdf
-
     mjm, paths = compiled.mjm, body_paths(compiled)
-    layer = Sdf.Layer.CreateAnonymous(".usdc")
+    layer = _new_layer()
     layer.subLayerPaths.append(f"./{SCENE_USD}")
-    _describe(layer)
     layer.startTimeCode, layer.endTimeCode = 0.0, float(len(rows) - 1)
     types = Sdf.ValueTypeNames
     for name, kind in (("seed", types.UInt64), ("episode", types.Int), ("valid", types.Bool)):
@@ -111,16 +94,12 @@ def body_paths(compiled: CompiledScene) -> list[str]:
 
 def _local(mjm: mujoco.MjModel, body: int, name: str) -> str:
     """Return a name without the prefix of the object that it is a part of."""
-    from pxr import Tf
-
     prefix = mjm.body(body).name.partition("/")[0] + "/"
     return Tf.MakeValidIdentifier(name.removeprefix(prefix)) if name else ""
 
 
 def _free_path(folder: str, name: str, taken: set[str]) -> str:
     """Return a free path for a name in a folder, and mark it as taken."""
-    from pxr import Tf
-
     path = first = folder + Tf.MakeValidIdentifier(name)
     number = 1
     while path in taken:
@@ -129,11 +108,13 @@ def _free_path(folder: str, name: str, taken: set[str]) -> str:
     return path
 
 
-def _describe(layer: Any) -> None:
-    """Write the default prim, the unit of length and the axis that points up."""
+def _new_layer() -> Any:
+    """Return an empty layer with the default prim, the unit of length and the axis that points up."""
+    layer = Sdf.Layer.CreateAnonymous(".usdc")
     layer.defaultPrim = WORLD[1:]
     layer.pseudoRoot.SetInfo("metersPerUnit", 1.0)
     layer.pseudoRoot.SetInfo("upAxis", "Z")
+    return layer
 
 
 def _seen_from(
@@ -146,8 +127,6 @@ def _seen_from(
 
 def _write(layer: Any, prim: str, name: str, kind: Any, values: list, *, custom: bool = False) -> None:
     """Write an attribute: a sample for each row, or a default where all are the same."""
-    from pxr import Sdf
-
     spec = Sdf.CreatePrimInLayer(layer, prim)
     attribute = Sdf.AttributeSpec(spec, name, kind, Sdf.VariabilityVarying, custom)
     if all(value == values[0] for value in values):
@@ -158,8 +137,6 @@ def _write(layer: Any, prim: str, name: str, kind: Any, values: list, *, custom:
 
 
 def _place(xform: Any, pos: np.ndarray, quat: np.ndarray, scale: np.ndarray | None = None) -> None:
-    from pxr import Gf, UsdGeom
-
     xform.AddTranslateOp().Set(Gf.Vec3d(*pos.tolist()))
     # USD turns quaternions into angles by the arc cosine: of single ones it loses angles below 0.02 degrees.
     xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Quatd(*quat.tolist()))
@@ -169,8 +146,6 @@ def _place(xform: Any, pos: np.ndarray, quat: np.ndarray, scale: np.ndarray | No
 
 def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
     """Add a geom to the body that it belongs to."""
-    from pxr import UsdGeom
-
     kind, size = mujoco.mjtGeom(int(mjm.geom_type[geom])), mjm.geom_size[geom]
     scale = size if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID) else None
     if kind in _PRIMITIVES:

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-from sceniris_gym.dataset import usd_stage
-from sceniris_gym.dataset.formats import ENCODERS, SUFFIXES, check_formats
+from sceniris_gym.dataset.formats import FORMATS, check_formats
 from sceniris_gym.dataset.manifest import (
     MANIFEST,
     PART_ROWS,
@@ -67,21 +66,18 @@ class DatasetWriter:
         self._progress = folder / PROGRESS
         self._manifest: dict[str, Any] | None = None
         check_formats(plan.words["formats"])
-        self._begin(resume or share.size > 1)
-
-    def _begin(self, resume: bool) -> None:
-        """Compare the plan with that of a data set that is there, and leave it for processes that come later."""
         begun = self._progress / MANIFEST
-        for path in (self.folder / MANIFEST, begun):
+        for path in (folder / MANIFEST, begun):
             if path.exists():
-                self._compare(path, resume)
-        if (self.folder / MANIFEST).exists():
-            self._manifest = read_manifest(self.folder)
-        else:
+                self._compare(path, resume or share.size > 1)
+        if (folder / MANIFEST).exists():
+            self._manifest = read_manifest(folder)
+        else:  # for processes that come later
             with replacing(begun) as file:
-                file.write_text(as_json(self.plan.words))
+                file.write_text(as_json(plan.words))
 
     def _compare(self, path: Path, resume: bool) -> None:
+        """Compare the plan with that of a data set that is there."""
         if not resume:
             raise DatasetError(
                 f"{self.folder}: a data set is here already. Add --resume to finish it, or give another folder."
@@ -140,7 +136,7 @@ class DatasetWriter:
         if self._manifest is not None:
             record = self._manifest["parts"][part]
         size = len(_header(self.plan.row, rows)) + rows * self.plan.row.itemsize
-        others = (self.folder / part_name(part, SUFFIXES[name]) for name in self.plan.words["formats"])
+        others = (self.folder / part_name(part, FORMATS[name][0]) for name in self.plan.words["formats"])
         there = path.is_file() and path.stat().st_size == size and all(other.is_file() for other in others)
         return record if there and record is not None and record["rows"] == rows else None
 
@@ -155,18 +151,20 @@ class DatasetWriter:
             write_zip(spec, file)
             _sync(file)
         if "usd" in self.plan.words["formats"]:
+            from sceniris_gym.dataset import usd_stage
+
             _write(self.folder / SCENE_USD, usd_stage.scene_bytes(self.compiled))
 
     def _write_part(self, part: int, rows: np.ndarray) -> None:
         files = {}
         for word in self.plan.words["formats"]:
-            name = part_name(part, SUFFIXES[word])
-            files[name] = _write(self.folder / name, ENCODERS[word](self.compiled, rows))
+            suffix, encode = FORMATS[word]
+            name = part_name(part, suffix)
+            files[name] = _write(self.folder / name, encode(self.compiled, rows))
+        header = _header(self.plan.row, len(rows))
         record = {
             "rows": len(rows),
-            "sha256": _write(
-                self.folder / part_name(part), _header(self.plan.row, len(rows)), rows.view(np.uint8).data
-            ),
+            "sha256": _write(self.folder / part_name(part), header, rows.view(np.uint8).data),
             "files": files,
             "valid": int(rows["valid"].sum()),
             "first_pass_valid": int(rows["first_pass_valid"].sum()),

@@ -48,9 +48,6 @@ def build_tree(lower: np.ndarray, upper: np.ndarray) -> BoxTree:
         for i in inner:
             order[start[i] : stop[i]] = gather[first[i] : first[i] + size[i]]
         half = start[inner] + size[inner] // 2
-        start, stop = (
-            np.stack([start[inner], half], axis=1).ravel(),
-            np.stack([half, stop[inner]], axis=1).ravel(),
-        )
+        start, stop = np.stack([start[inner], half], axis=1).ravel(), np.stack([half, stop[inner]], axis=1).ravel()
     low, high = np.concatenate(lows), np.concatenate(highs)
     return BoxTree(0.5 * (low + high), 0.5 * (high - low), np.concatenate(children))

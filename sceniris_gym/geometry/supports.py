@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import TYPE_CHECKING
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 from shapely.geometry import MultiPoint, MultiPolygon, Point, Polygon, box
-from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.config.objects import RegionConfig
@@ -120,14 +119,12 @@ def crop(
         ErodedSupportError: Nothing is left of any surface, or a point is on none of them.
     """
     rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ only by rounding count as one
-    erosion = min(rounded)
-    if region is not None and region.points is not None:
-        kept = {e: _with_points(surfaces, region.points, e) for e in set(rounded)}
-        _check_points(surfaces, region.points, kept[erosion], erosion, where)
-        return [kept[e] for e in rounded]
-    keep = _crop_shape(surfaces, region)
-    kept = {e: _kept(surfaces, keep, e) for e in set(rounded)}
-    if not any(kept.values()):
+    erosion, points = min(rounded), None if region is None else region.points
+    keep = None if region is None or points is not None else _crop_shape(surfaces, region)
+    kept = {e: _kept(surfaces, keep, points, e) for e in set(rounded)}
+    if points is not None:
+        _check_points(surfaces, points, kept[erosion], erosion, where)
+    elif not any(kept.values()):
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
         said = f"erosion by {erosion:.4g} m" if erosion > 0.0 else ""
         said += " and " if said and region is not None else ""
@@ -139,26 +136,23 @@ def crop(
     return [kept[e] for e in rounded]
 
 
-def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) -> list[SupportSurface]:
-    left = (_eroded(s, erosion) if keep is None else _eroded(s, erosion).intersection(keep) for s in surfaces)
-    return _with_regions(surfaces, (_parts(area) for area in left))
-
-
-def _with_regions(surfaces: list[SupportSurface], regions: Iterable[MultiPolygon | MultiPoint]) -> list[SupportSurface]:
-    """Return the surfaces with a region each, but those whose region is empty."""
-    return [replace(s, region=region) for s, region in zip(surfaces, regions, strict=True) if not region.is_empty]
-
-
-def _eroded(surface: SupportSurface, erosion: float) -> BaseGeometry:
-    return surface.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else surface.outline
-
-
-def _with_points(
-    surfaces: list[SupportSurface], points: tuple[tuple[float, ...], ...], erosion: float
+def _kept(
+    surfaces: list[SupportSurface], keep: Polygon | None, points: tuple[tuple[float, ...], ...] | None, erosion: float
 ) -> list[SupportSurface]:
-    """Return the surfaces that points are on, each with these points."""
-    on = [shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE for s in surfaces]
-    return _with_regions(surfaces, (MultiPoint(np.array(points)[which]) for which in on))
+    """Return the surfaces with their regions eroded, but those of which nothing is left.
+
+    What is left of a region is its part in `keep`, or those of `points` that are on it.
+    """
+    found = []
+    for surface in surfaces:
+        area = surface.outline.buffer(-erosion, quad_segs=_ARC) if erosion > 0.0 else surface.outline
+        if points is not None:
+            region = MultiPoint(np.array(points)[shapely.distance(area, shapely.points(points)) <= _ON_EDGE])
+        else:
+            region = _parts(area if keep is None else area.intersection(keep))
+        if not region.is_empty:
+            found.append(replace(surface, region=region))
+    return found
 
 
 def _check_points(
@@ -218,9 +212,7 @@ def edges(outline: MultiPolygon) -> np.ndarray:
     return np.concatenate(sides)
 
 
-def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig | None) -> Polygon | None:
-    if region is None:
-        return None
+def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig) -> Polygon:
     if region.polygon is not None:
         return Polygon(region.polygon)
     if region.box is not None:

@@ -19,6 +19,7 @@ import numpy as np
 from sceniris_gym.config.stored_arrays import Array
 from sceniris_gym.errors import GraspError, UnknownNameError
 from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.geometry.resting_poses import Variant
 from sceniris_gym.geometry.rotations import matrix, product, quaternion
 from sceniris_gym.grasping.gripper import Gripper
@@ -128,9 +129,8 @@ class Graspable:
             )
         if own:
             return GraspSet(tuple(kept[0]), ((0, len(kept[0])),) * len(variants))
-        first = np.cumsum([0, *(len(group) for group in kept)])
-        spans = tuple((int(a), len(group)) for a, group in zip(first, kept, strict=False))
-        return GraspSet(tuple(g for group in kept for g in group), spans)
+        grasps, adr, num = ranges(kept)
+        return GraspSet(tuple(grasps), tuple(zip(adr.tolist(), num.tolist(), strict=True)))
 
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
         """Return the grasps whose names match a glob; the half turn of a site matches with it."""

@@ -13,11 +13,8 @@ from sceniris_gym.reach.solve import ITERATIONS, RESTARTS, solve
 POSES = 4096
 """Accepted poses to solve in each set: the standard error of a share of 0.5% is then 0.1%."""
 
-_SETS = (
-    (0, 1, 2, 3),
-    (0, 3),
-    (1, 2),
-)  # nonzero entries of the wxyz quaternion: any orientation, straight up, straight down
+# Nonzero entries of the wxyz quaternion: any orientation, straight up, straight down.
+_SETS = ((0, 1, 2, 3), (0, 3), (1, 2))
 _LEAST = 256  # a set with fewer accepted poses among all draws is ignored: layouts hardly ever ask for such poses
 _DRAWS, _ROUNDS = 1 << 16, 16
 # Restarts and steps: for all poses, then for those still unsolved. Of 61,440 poses that maps of a Panda, a UR5e and

@@ -143,12 +143,6 @@ class SerialArm:
         return float(np.linalg.norm(away)), _angle_to(turned, axis)
 
     @property
-    def tcp_on_axis(self) -> bool:
-        """True if the last joint is a hinge about the TCP's own z axis."""
-        length, angle = self.tcp_offset
-        return not self.slide[-1] and length < _TCP_LENGTH_TOL and angle < _TCP_ANGLE_TOL
-
-    @property
     def free_base(self) -> bool:
         """True if the first joint can make a full turn."""
         return self._turns_freely(0)
@@ -168,8 +162,8 @@ class SerialArm:
             return f"the first joint{first} is {np.degrees(self.tilt):.3g} degrees off the z axis of '{self.name}'"
         if self.slide[-1]:
             return f"the last joint{last} is a slide, not a hinge about the approach axis of the TCP"
-        if not self.tcp_on_axis:
-            length, angle = self.tcp_offset
+        length, angle = self.tcp_offset
+        if length >= _TCP_LENGTH_TOL or angle >= _TCP_ANGLE_TOL:
             return (
                 f"the TCP is {1000.0 * length:.3g} mm off the axis of the last joint{last}, "
                 f"and its z axis {np.degrees(angle):.3g} degrees"

@@ -65,19 +65,14 @@ class Checkpoint:
             raise MapError(f"{self._path}: says that {self.done} of {most} parts of '{task}' are done. {_AGAIN}")
         return True
 
-    def reached(self, done: int) -> None:
-        """Record the number of finished parts, and save if the last save was long ago."""
-        self.done = done
-        self._write()
-
     def leave(self, task: str) -> None:
         """End a task."""
         self._finished.add(task)
-        self.done = 0
-        self._write()
+        self.reached(0)
 
-    def _write(self) -> None:
-        """Save the progress if the last save was long ago."""
+    def reached(self, done: int) -> None:
+        """Record the number of finished parts, and save if the last save was long ago."""
+        self.done = done
         if self._path is None or time.monotonic() - self._written <= _SECONDS:
             return
         with replacing(self._path) as temporary, temporary.open("wb") as file:

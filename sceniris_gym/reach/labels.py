@@ -127,7 +127,7 @@ class Labeller:
     """
 
     def __init__(self, arm: SerialArm, device: str, *, starts: int, seed: int) -> None:
-        self.device, self.base, self.wrist = device, base_turn(arm), wrist_turn(arm)
+        self.device, (self.base, self.wrist) = device, end_turns(arm)
         ends = [0, len(arm.joints) - 1]
         lower, upper = arm.lower.copy(), arm.upper.copy()
         draws = np.random.default_rng(seed)
@@ -176,16 +176,14 @@ class Labeller:
         return turns.numpy(), joints.numpy()
 
 
-def base_turn(arm: SerialArm) -> JointTurn:
-    """Return the first joint as a JointTurn, whose sign is positive if its axis points up."""
-    along = rotate(arm.axis[0], arm.link_quat[0])
-    return _turn(arm, 0, along[2])
+def end_turns(arm: SerialArm) -> tuple[JointTurn, JointTurn]:
+    """Return the first and the last joint as JointTurns.
 
-
-def wrist_turn(arm: SerialArm) -> JointTurn:
-    """Return the last joint as a JointTurn, whose sign is positive if its axis points along the approach."""
-    approach = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1])
-    return _turn(arm, len(arm.joints) - 1, float(approach @ arm.axis[-1]))
+    The sign of the first one is positive if its axis points up, that of the last one if it points along the approach.
+    """
+    up = rotate(arm.axis[0], arm.link_quat[0])[2]
+    along = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1]) @ arm.axis[-1]
+    return _turn(arm, 0, up), _turn(arm, -1, along)
 
 
 def _turn(arm: SerialArm, joint: int, sign: float) -> JointTurn:

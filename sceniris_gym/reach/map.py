@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.reach.labels import base_turn, wrist_turn
+from sceniris_gym.reach.labels import end_turns
 from sceniris_gym.reach.lookup import MapView, look_up, vec8h
 from sceniris_gym.reach.solve import as_vec8, vec8
 
@@ -43,9 +43,7 @@ MOST_FALSE_ACCEPTS = 0.005
 _FORMAT = 1
 _MOST = 100.0  # largest absolute value of a step or first coordinate in a file [m, rad]
 _MOST_CORNERS = 1 << 16  # along an axis
-_ARRAYS = ("rows", "codes", "poles", "wit_cells", "wit_joints")
-_NUMBERS = ("step", "tilt_step", "z_low", "u_low", "nz", "ntilt", "nu", "pole_step", "pole_z_low", "turn_error", "seed")
-_MEASURED = "false_accepts"  # present only if it was measured
+_MEASURED = "false_accepts"  # in files only if it was measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +106,10 @@ class ReachMap:
 
     def save(self, path: Path) -> None:
         """Write the map, compressed. To replace a file, write to a temporary path and rename it."""
-        known = _NUMBERS if self.false_accepts is None else (*_NUMBERS, _MEASURED)
-        numbers = {name: np.array(getattr(self, name)) for name in known}
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        held: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        held |= {"format": _FORMAT, "arm": self.arm.hash}
         with path.open("wb") as file:
-            np.savez_compressed(file, format=np.array(_FORMAT), arm=np.array(self.arm.hash), **numbers, **arrays)
+            np.savez_compressed(file, **{name: part for name, part in held.items() if part is not None})
 
     @classmethod
     def load(cls, path: Path, arm: SerialArm, advice: str | None = None) -> ReachMap:
@@ -133,8 +130,8 @@ class ReachMap:
         try:
             held: dict[str, Any] = read_arrays(path)
             version, made_for = int(held.pop("format")), str(held.pop("arm"))
-            known = (*_NUMBERS, _MEASURED) if _MEASURED in held else _NUMBERS
-            fields = {name: held[name] for name in _ARRAYS} | {name: held[name].item() for name in known}
+            known = [f for f in fields(cls) if f.name != "arm" and (f.name != _MEASURED or f.name in held)]
+            told = {f.name: held[f.name] if f.type == "np.ndarray" else held[f.name].item() for f in known}
         except UNREADABLE as error:
             raise MapError(f"{path}: this is not a reachability map, or a damaged one ({error}). {again}") from error
         if version != _FORMAT:
@@ -144,10 +141,10 @@ class ReachMap:
                 f"{path}: a reachability map of the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
                 f"or TCP differ. {again}"
             )
-        wrong = next(_faults(fields, len(arm.joints)), None)
+        wrong = next(_faults(told, len(arm.joints)), None)
         if wrong is not None:
             raise MapError(f"{path}: a damaged reachability map: {wrong}. {again}")
-        return cls(arm, **fields)
+        return cls(arm, **told)
 
     def view(self, device: str | wp.Device | None = None) -> MapView:
         """Copy the map to a device."""
@@ -162,7 +159,7 @@ class ReachMap:
         view.wit_per_meter = view.per_meter / WITNESS_CELLS[0]
         view.wit_per_radian = view.per_radian / WITNESS_CELLS[1]
         view.njoint = len(self.arm.joints)
-        view.base, view.wrist = base_turn(self.arm), wrist_turn(self.arm)
+        view.base, view.wrist = end_turns(self.arm)
         view.home = vec8(*map(float, as_vec8(self.arm.home[None])[0]))
         with wp.ScopedDevice(device):
             view.rows = wp.array(self.rows, dtype=wp.vec3i)
@@ -257,23 +254,23 @@ def build_command(asset: str, words: str = "", out: str | Path | None = None) ->
     return " ".join(filter(None, [f"sceniris-gym reach {asset}", words, f"--build -o {out or map_path(asset)}"]))
 
 
-def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
-    """Yield the impossible values in the fields of a file, since lookups on the device do not check them."""
+def _faults(told: dict[str, Any], njoint: int) -> Iterator[str]:
+    """Yield the impossible values in a file, since lookups on the device do not check them."""
     for name in ("nz", "ntilt", "nu", "seed"):
-        if type(fields[name]) is not int or (name != "seed" and not 2 <= fields[name] < _MOST_CORNERS):
-            yield f"{name} is {fields[name]!r}"
+        if type(told[name]) is not int or (name != "seed" and not 2 <= told[name] < _MOST_CORNERS):
+            yield f"{name} is {told[name]!r}"
     for name in ("step", "tilt_step", "pole_step", "z_low", "u_low", "pole_z_low", "turn_error"):
-        value = fields[name]
+        value = told[name]
         if type(value) is not float or not math.isfinite(value) or (name.endswith("step") and value <= 0.0):
             yield f"{name} is {value!r}"
         elif abs(value) > _MOST:
             yield f"{name} is {value!r}, and no arm needs that"
-    share = fields.get(_MEASURED, 0.0)
+    share = told.get(_MEASURED, 0.0)
     if type(share) is not float or not 0.0 <= share <= 1.0:
         yield f"{_MEASURED} is {share!r}"
-    if not fields["codes"].any() and not fields["poles"].any():
+    if not told["codes"].any() and not told["poles"].any():
         yield "its codes say that nothing is within reach"
-    nz, ntilt, nu = fields["nz"], fields["ntilt"], fields["nu"]
+    nz, ntilt, nu = told["nz"], told["ntilt"], told["nu"]
     shapes = {
         "rows": (np.int32, (nz * nu, 3)),
         "codes": (np.uint32, (None,)),
@@ -282,13 +279,13 @@ def _faults(fields: dict[str, Any], njoint: int) -> Iterator[str]:
         "wit_joints": (np.float16, (None, njoint)),
     }
     for name, (dtype, shape) in shapes.items():
-        array = fields[name]
+        array = told[name]
         fits = len(array.shape) == len(shape) and all(b in (None, a) for a, b in zip(array.shape, shape, strict=True))
         if array.dtype != dtype or not fits:
             yield f"{name} holds {array.dtype} of shape {array.shape}"
-    rows, poles, cells, joints = (fields[name] for name in ("rows", "poles", "wit_cells", "wit_joints"))
+    rows, poles, cells, joints = (told[name] for name in ("rows", "poles", "wit_cells", "wit_joints"))
     adr, low, length = rows.astype(np.int64).T
-    if (rows < 0).any() or (low + length > nu).any() or (adr + ntilt * length > 8 * len(fields["codes"])).any():
+    if (rows < 0).any() or (low + length > nu).any() or (adr + ntilt * length > 8 * len(told["codes"])).any():
         yield "rows lead out of the codes"
     if min(poles.shape) < 2 or (poles > 15).any():
         yield "poles hold what is no code"

@@ -1,4 +1,4 @@
-"""Sources of layouts for experiments: generated fresh, replayed from a bank, or placed without any check.
+"""Sources of layouts for training beside fresh ones: replayed from a bank, or placed without any check.
 
 A task still draws whatever else it draws, such as the object to lift, anew in every episode: even with a bank of a
 single layout every object is chosen in turn.
@@ -7,15 +7,16 @@ single layout every object is chosen in turn.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
-import numpy as np
+import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.layout.tables import make_table, read_table
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.training.unchecked import unchecked
 
 
 def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
@@ -30,22 +31,6 @@ def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
     return LayoutTable.concatenate(parts)[:count]
 
 
-def episodes(compiled: CompiledScene, seeds: list[int], number: int, split: str = "train") -> LayoutTable:
-    """Make the first `number` episodes of every seed; row `i * number + e` is episode e of seeds[i]."""
-    generator = LayoutGenerator(compiled, len(seeds), seed=seeds, split=split)
-    parts = []
-    for _ in range(number):
-        generator.generate()
-        parts.append(read_table(generator))
-    by_seed = np.arange(len(seeds) * number).reshape(number, len(seeds)).T.ravel()
-    return LayoutTable.concatenate(parts)[by_seed]
-
-
-def replayed(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
-    """Return a `layout_source` for SceneVectorEnv: a world with seed s gets row s + episode, modulo the row count."""
-    return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs)
-
-
 def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
     """Return a `layout_source` for SceneVectorEnv that serves all rows of a table, even if there are fewer worlds.
 
@@ -58,3 +43,16 @@ def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
 def uniform(split: str = "train") -> Callable[[CompiledScene, int], LayoutGenerator]:
     """Return a `layout_source` for SceneVectorEnv that places without checks."""
     return lambda compiled, num_envs: LayoutGenerator(unchecked(compiled), num_envs, split=split)
+
+
+def unchecked(compiled: CompiledScene) -> CompiledScene:
+    """Return a CompiledScene that draws the same candidates but tests none of them for collisions.
+
+    Reach is still checked, so give it a scene without `reachable` for placement without any check.
+    """
+    program = Program()
+    for name in Program.vars:
+        setattr(program, name, getattr(compiled.program, name))
+    program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)
+    program.obj_broadnum = wp.zeros_like(compiled.program.obj_broadnum)
+    return replace(compiled, program=program)

@@ -1,4 +1,4 @@
-"""The files that a run leaves in its folder, written as strict JSON; read without torch."""
+"""The files that a run leaves in its folder; read without torch."""
 
 from __future__ import annotations
 
@@ -8,24 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.errors import ArgumentError
+from sceniris_gym.files import as_json as as_json  # the program takes it from here
 from sceniris_gym.training.settings import Settings
 
 CONFIG, LOG, MODEL, JUDGED = "config.json", "log.jsonl", "model.pt", "judged.json"
-
-
-def as_json(value: Any, indent: int | None = None) -> str:
-    """Return strict JSON, in which numbers that are not finite are null and paths are text."""
-    return json.dumps(_plain(value), allow_nan=False, indent=indent)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
 
 
 def read_config(folder: Path) -> tuple[str, Settings]:

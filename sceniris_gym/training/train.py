@@ -27,11 +27,11 @@ import warp as wp
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.files import replacing
+from sceniris_gym.files import as_json, replacing
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, as_json, evaluations, without_layouts
+from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, evaluations, without_layouts
 from sceniris_gym.training.runner import runner_of
 from sceniris_gym.training.settings import Options, settings_of
 from sceniris_gym.training.sources import source_hash
@@ -49,6 +49,10 @@ class Run:
         options: The options of the run.
         show: Called with every line of the log.
 
+    Attributes:
+        checkpoint: The file that a run resumes from.
+        log: The log of training and evaluations.
+
     Raises:
         ArgumentError: The options or the changed settings are wrong, or the checkpoint to resume from is of a run with
             other options.
@@ -58,6 +62,7 @@ class Run:
     def __init__(self, options: Options, show: Callable[[str], object] = lambda line: None) -> None:
         options.check()
         self.options = options = replace(options, task=options.task.removeprefix(NAMESPACE))
+        self.checkpoint, self.log = options.out / MODEL, options.out / LOG
         self.settings, self.show = settings_of(options.task, options.changes), show
         if self.resumes:
             self._check_same()
@@ -76,16 +81,6 @@ class Run:
         self.runner = runner_of(self.env, self.settings, options.seed)
         self.seconds = self.judged_at = self.saved_at = 0.0
         self.iterations = 0
-
-    @property
-    def checkpoint(self) -> Path:
-        """The file that a run resumes from."""
-        return self.options.out / MODEL
-
-    @property
-    def log(self) -> Path:
-        """The log of training and evaluations."""
-        return self.options.out / LOG
 
     @property
     def resumes(self) -> bool:

@@ -1,25 +1,16 @@
-"""The chain in torch, judged by MuJoCo's forward kinematics."""
+"""The chain, judged by MuJoCo's forward kinematics."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 import pytest
-import torch
 
 from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
 from sceniris_gym.reach.arm import SerialArm
 from tests.reach.arms import MODELS, tcp_poses
-from tests.reach.shapes import gantry
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread():
-    """Batches of small matrices are slowed down by threads that wait for each other."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+STEPS = 30  # of the search from each start
 
 
 @pytest.fixture(scope="module", params=MODELS)
@@ -29,20 +20,17 @@ def model_and_arm(request: pytest.FixtureRequest) -> tuple[mujoco.MjModel, Seria
     return mjm, SerialArm.from_model(mjm, base)
 
 
-def chain_of(mjm: mujoco.MjModel, arm: SerialArm, device: str = "cpu", dtype: torch.dtype = torch.float64) -> Chain:
+def chain_of(mjm: mujoco.MjModel, arm: SerialArm) -> Chain:
     """Return the chain from an arm's base body to its TCP."""
-    return Chain(mjm, arm.base_body, arm.tcp_site, device, dtype)
+    return Chain(mjm, arm.base_body, arm.tcp_site)
 
 
-@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-6)])
-def test_forward_kinematics_are_those_of_mujoco(
-    model_and_arm: tuple[mujoco.MjModel, SerialArm], dtype: torch.dtype, tolerance: float
-):
-    """Positions [m] and rotation matrices agree at random joints; a float32 chain is good to a micrometre too."""
+def test_forward_kinematics_are_those_of_mujoco(model_and_arm: tuple[mujoco.MjModel, SerialArm]):
+    """Positions [m] and rotation matrices agree at random joints."""
     mjm, arm = model_and_arm
-    chain = chain_of(mjm, arm, dtype=dtype)
+    chain = chain_of(mjm, arm)
     joints = chain.random_joints(100, seed=1)
-    assert np.abs(chain.fk(joints).numpy() - tcp_poses(mjm, arm, joints.double().numpy())).max() < tolerance
+    assert np.abs(chain.fk(joints) - tcp_poses(mjm, arm, joints)).max() < 1e-12
 
 
 def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, SerialArm]):
@@ -50,13 +38,13 @@ def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, SerialArm
     mjm, arm = model_and_arm
     chain = chain_of(mjm, arm)
     wanted = chain.fk(chain.random_joints(150, seed=2))
-    joints, ok = chain.ik(wanted, seed=3)
+    joints, ok = chain.ik(wanted, chain.random_joints(32, seed=3), STEPS)
     assert ok.all()
     assert (joints >= chain.lower).all() and (joints <= chain.upper).all()
-    reached = torch.as_tensor(tcp_poses(mjm, arm, joints.numpy()))
-    assert (reached - wanted)[:, :3, 3].norm(dim=1).max() < POSITION
-    turn = reached[:, :3, :3] @ wanted[:, :3, :3].mT
-    assert (turn.diagonal(dim1=1, dim2=2).sum(1) > 1.0 + 2.0 * np.cos(ROTATION)).all()
+    reached = tcp_poses(mjm, arm, joints)
+    assert np.linalg.norm((reached - wanted)[:, :3, 3], axis=1).max() < POSITION
+    turn = reached[:, :3, :3] @ wanted[:, :3, :3].transpose(0, 2, 1)
+    assert (turn.trace(axis1=1, axis2=2) > 1.0 + 2.0 * np.cos(ROTATION)).all()
 
 
 def test_poses_out_of_reach_are_refused(model_and_arm: tuple[mujoco.MjModel, SerialArm]):
@@ -64,7 +52,7 @@ def test_poses_out_of_reach_are_refused(model_and_arm: tuple[mujoco.MjModel, Ser
     chain = chain_of(*model_and_arm)
     wanted = chain.fk(chain.random_joints(5, seed=4))
     wanted[:, 0, 3] += 10.0
-    joints, ok = chain.ik(wanted, restarts=2)
+    joints, ok = chain.ik(wanted, chain.random_joints(2), STEPS)
     assert not ok.any()
     assert (joints >= chain.lower).all() and (joints <= chain.upper).all()
 
@@ -73,46 +61,18 @@ def test_hinges_without_limits_come_back_within_half_a_turn():
     """A hinge that may turn for ever does not."""
     mjm, base = MODELS["endless"]()
     chain = chain_of(mjm, SerialArm.from_model(mjm, base))
-    assert not torch.isfinite(chain.lower).all()
+    assert not np.isfinite(chain.lower).all()
     wanted = chain.fk(chain.random_joints(50, seed=5))
-    joints, _ = chain.ik(wanted, seeds=torch.full((1, len(chain.lower)), 20.0, dtype=torch.float64))
-    assert joints[:, ~torch.isfinite(chain.lower)].abs().max() <= torch.pi
+    joints, _ = chain.ik(wanted, np.full((1, len(chain.lower)), 20.0), STEPS)
+    assert np.abs(joints[:, ~np.isfinite(chain.lower)]).max() <= np.pi
 
 
-def test_given_seeds_are_started_from():
-    """The solution next to a seed is found."""
+def test_the_search_begins_at_the_starts():
+    """The solution next to a start is found."""
     mjm, base = MODELS["panda"]()
     chain = chain_of(mjm, SerialArm.from_model(mjm, base))
     joints = chain.random_joints(20, seed=6)
     for q in joints:
-        found, ok = chain.ik(chain.fk(q[None]), seeds=q[None] + 0.01)
+        found, ok = chain.ik(chain.fk(q[None]), q[None] + 0.01, STEPS)
         assert ok.all()
-        assert (found - q).abs().max() < 0.1
-
-
-@pytest.mark.cuda
-def test_a_gpu_gives_what_the_cpu_gives():
-    """Forward kinematics to 1e-12 m; the same poses are reached."""
-    mjm, base = MODELS["panda"]()
-    arm = SerialArm.from_model(mjm, base)
-    near, far = chain_of(mjm, arm), chain_of(mjm, arm, "cuda:0")
-    joints = near.random_joints(200, seed=7)
-    assert (far.fk(joints).cpu() - near.fk(joints)).abs().max() < 1e-12
-    found, ok = far.ik(near.fk(joints))
-    assert ok.all()
-    assert (far.fk(found).cpu() - near.fk(joints))[:, :3, 3].norm(dim=1).max() < POSITION
-
-
-def test_arrays_of_other_shapes_are_refused():
-    """Forward and inverse kinematics say which shape is right."""
-    chain = chain_of(*gantry())
-    for q in (np.zeros(6), np.zeros((2, 5))):
-        with pytest.raises(ValueError, match=r"q has shape .*, but should have \(N, 6\)"):
-            chain.fk(q)
-    for made in (np.eye(4), np.zeros((2, 3, 4)), np.zeros((2, 7))):
-        with pytest.raises(ValueError, match=r"poses have shape .*, but should have \(N, 4, 4\)"):
-            chain.ik(made)
-    with pytest.raises(ValueError, match=r"seeds has shape \(6,\), but should have \(N, 6\)"):
-        chain.ik(np.eye(4)[None], seeds=np.zeros(6))
-    with pytest.raises(ValueError, match="no joints to start from"):
-        chain.ik(np.eye(4)[None], restarts=0)
+        assert np.abs(found - q).max() < 0.1

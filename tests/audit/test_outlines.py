@@ -14,7 +14,7 @@ from sceniris_gym.audit.geometry import poses_of
 from sceniris_gym.audit.outlines import Outline
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
-from tests.audit.judging import MJM, auditor
+from tests.audit.judging import MJM, auditor, judge_language
 from tests.commands.scenes import layout
 
 
@@ -30,7 +30,7 @@ def test_a_body_that_its_model_has_turned_has_its_sides_turned(joint: str):
         mark = {"kind": "marker", "on": "floor", "relations": [{f"{side}_of": "desk", "angle": 1}]}
         desk = {"asset": "desk", "kind": "free" if joint else "static"}
         config = SceneConfig.load({"floor": {"size": [2, 2]}, "objects": {"desk": desk, "mark": mark}})
-        found = Auditor(mjm, config, {"desk": 1, "mark": 2}).judge_language(rows)
+        found = judge_language(Auditor(mjm, config, {"desk": 1, "mark": 2}), rows)
         assert {k.word: np.degrees(k.worst) for k in found}[f"0 {side}_of"] == pytest.approx(off, abs=1e-3)
 
 
@@ -46,7 +46,7 @@ def test_a_robot_is_seen_where_its_base_is():
         relation = {"front_of": "robot", "angle": 1, "distance": {"max": 0.3}, "measure": measure}
         mark = {"kind": "marker", "on": "floor", "relations": [relation]}
         scene = {"floor": {"size": [2, 2]}, "robot": {"asset": "panda"}, "objects": {"mark": mark}}
-        found = Auditor(mjm, SceneConfig.load(scene), {"robot": 1, "mark": 2}).judge_language(rows)
+        found = judge_language(Auditor(mjm, SceneConfig.load(scene), {"robot": 1, "mark": 2}), rows)
         worst = {(k.word, k.unit): k.worst for k in found}
         assert worst["0 front_of", "m"] == pytest.approx(distance - 0.3, abs=1e-9)
         assert worst["0 front_of", "rad"] < 0

@@ -145,6 +145,5 @@ def test_bodies_belong_to_the_object_above_them():
     mjm = small_model()
     tree = Tree(mjm, {name: mjm.body(name).id for name in ("shelf", "gem")})
     assert tree.owner == ["world", "shelf", "shelf", "gem", "can", "crate"]
-    assert tree.bodies_of("shelf") == [1, 2]
     assert tree.movable.tolist() == [False] + [True] * 5
     assert tree.fixture.tolist() == [False, True, True] + [False] * 3

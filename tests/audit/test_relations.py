@@ -13,7 +13,7 @@ from sceniris_gym.config.relations import KINDS, Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import build_model
-from tests.audit.judging import at, missed
+from tests.audit.judging import at, judge_language, missed
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_sites_that_should_meet_are_found_where_they_are(tmp_path: Path):
     table = LayoutTable.from_states(np.zeros((3, 0)), places, quats, np.ones((3, 2), bool))
     auditor = Auditor(scene.mjm, scene.config, scene.bodies)
     for row, (metres, radians) in enumerate([(0.0, 0.0), (0.003, 0.0), (0.0, np.radians(2.0))]):
-        found = {k.unit: k for k in auditor.judge_language(table[slice(row, row + 1)]) if k.word.startswith("0")}
+        found = {k.unit: k for k in judge_language(auditor, table[slice(row, row + 1)]) if k.word.startswith("0")}
         assert found["m"].worst == pytest.approx(metres, abs=1e-6)
         assert found["rad"].worst == pytest.approx(radians, abs=1e-6)
         assert (found["m"].broken, found["rad"].broken) == (metres > 0.0, radians > 0.0)

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.audit.geometry import Form, Solid
 from sceniris_gym.audit.supports import (
-    footprint_points,
     hit_above,
     inside,
     level_surfaces,
@@ -153,11 +152,3 @@ def test_rays_hit_what_mujocos_rays_hit():
     assert 20 < sum(expected) < 380
     found = hit_above(surface, (origin - data.geom_xpos[0]) @ mat, up @ mat)
     np.testing.assert_array_equal(found, expected)
-
-
-def test_a_footprint_has_the_corners_of_all_parts():
-    """Of a cube and a post through its top: all of the cube's, and the upper ones of the post."""
-    boxes = [((0, 0, 0), (1, 1, 1)), ((0.25, 0.25, 0.5), (0.5, 0.5, 2))]
-    found = footprint_points([box(low, high).reshape(-1, 3) for low, high in boxes])
-    cube = {(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)}
-    assert {tuple(p) for p in found} == cube | {(x, y, 2) for x in (0.25, 0.5) for y in (0.25, 0.5)}

@@ -17,7 +17,7 @@ from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.training.unchecked import unchecked
+from sceniris_gym.training.layout_sources import unchecked
 from tests.versions import since_4
 
 

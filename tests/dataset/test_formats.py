@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.dataset import manifest, usd_stage, writer
-from sceniris_gym.dataset.formats import parse_formats
+from sceniris_gym.dataset import manifest, writer
+from sceniris_gym.dataset.formats import check_formats, parse_formats
 from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.reader import LayoutDataset, verify
 from sceniris_gym.dataset.share import Share
@@ -123,7 +123,7 @@ def test_formats_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
             parse_formats(nothing)
     monkeypatch.setitem(__import__("sys").modules, "pxr", None)
     with pytest.raises(MissingExtraError, match=r"usd-core is not installed.*sceniris-gym\[import\]"):
-        usd_stage.need_usd()
+        check_formats(["usd"])
     compiled = compile_on_cpu("mid")
     with pytest.raises(MissingExtraError):
         DatasetWriter(compiled, DatasetPlan.of(compiled, 4, 0, "train", ("usd",)), tmp_path / "none", Share())

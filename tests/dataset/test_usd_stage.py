@@ -11,13 +11,14 @@ import pytest
 from sceniris_gym import compile_scene
 from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.share import Share
-from sceniris_gym.dataset.usd_stage import body_paths
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
 
 pxr = pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
 from pxr import Usd, UsdGeom  # noqa: E402
+
+from sceniris_gym.dataset.usd_stage import body_paths  # noqa: E402
 
 SHAPES = """
 <mujoco>

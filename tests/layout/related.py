@@ -11,6 +11,7 @@ from sceniris_gym.audit.language import Kept
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
+from tests.audit.judging import judge_language
 from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 
 FLOOR = {"size": [2.0, 2.0]}
@@ -125,7 +126,7 @@ def table_of(compiled: CompiledScene, n: int, seed: int = 0) -> LayoutTable:
 
 def judged(compiled: CompiledScene, table: LayoutTable) -> list[Kept]:
     """Return the audit's verdicts on the relations, orientations and groups of the layouts."""
-    return Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge_language(table)
+    return judge_language(Auditor(compiled.mjm, compiled.config, compiled.scene.bodies), table)
 
 
 def _make_airy(path: str) -> None:

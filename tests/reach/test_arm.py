@@ -53,7 +53,6 @@ def test_arms_of_the_assets_fit_a_map(name: str):
     n = 7 if name == "panda" else 6
     assert arm.joints == tuple(f"joint{i}" for i in range(1, n + 1))
     assert arm.vertical
-    assert arm.tcp_on_axis
     assert arm.no_map is None
     np.testing.assert_array_equal(arm.axis_xy, [0.0, 0.0])
     np.testing.assert_array_equal(arm.home, mjm.key("home").qpos[:n])
@@ -124,7 +123,6 @@ def test_arms_without_symmetry_say_why_no_map_fits(chain: str, why: str):
     arm = SerialArm.from_model(model(chain=chain), "base")
     assert arm.no_map is not None
     assert why in arm.no_map
-    assert not (arm.vertical and arm.tcp_on_axis)
 
 
 COUPLED = "<equality><joint name='geared' joint1='a' joint2='b'/></equality>"

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.reach.labels import ALL_TURNS, TURNS, Labeller, base_turn, wrist_turn
+from sceniris_gym.reach.labels import ALL_TURNS, TURNS, Labeller, end_turns
 from tests.reach.arms import MODELS, hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_depths
 
@@ -110,7 +110,7 @@ def test_a_turn_of_the_first_joint_turns_the_pose_about_the_vertical(name: str):
     else:
         mjm, base = MODELS[name]()
     arm = SerialArm.from_model(mjm, base)
-    signs = base_turn(arm).sign, wrist_turn(arm).sign
+    signs = tuple(turn.sign for turn in end_turns(arm))
     assert signs == (-1.0, -1.0) or name != "hanging"
     joints = np.tile(0.5 * (np.maximum(arm.lower, -2.0) + np.minimum(arm.upper, 2.0)), (3, 1))
     joints[1, 0] += 0.3 * signs[0]
@@ -127,7 +127,7 @@ def test_a_turn_of_the_first_joint_turns_the_pose_about_the_vertical(name: str):
 def test_limits_of_turns_are_those_of_the_joints():
     """As they are where there are some; where a joint goes all around, any angle is within them."""
     for (base, wrist), limits in zip(LIMITS, [gantry(_range(b), _range(w))[1] for b, w in LIMITS], strict=True):
-        for turn, given in ((base_turn(limits), base), (wrist_turn(limits), wrist)):
+        for turn, given in zip(end_turns(limits), (base, wrist), strict=True):
             if given is not None:
                 assert np.degrees([turn.lower, turn.upper]) == pytest.approx(given, abs=1e-4)
             else:

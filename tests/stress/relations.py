@@ -26,6 +26,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.layout_table import LayoutTable
+from tests.audit.judging import judge_language
 from tests.layout.related import ONE_ANCHOR, Shapes, near_middle, related
 
 _FLOOR = {"size": [2.0, 2.0]}
@@ -101,7 +102,7 @@ def _scene(objects: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _judge(mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int], rows: LayoutTable) -> list[Kept]:
-    return Auditor(mjm, config, bodies).judge_language(rows)
+    return judge_language(Auditor(mjm, config, bodies), rows)
 
 
 def _line(word: str, layouts: int, fresh: int, kept: Sequence[Kept]) -> dict[str, Any]:

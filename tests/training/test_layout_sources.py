@@ -1,4 +1,4 @@
-"""Sources of layouts: banks, replayed episodes, and placement without checks."""
+"""Sources of layouts: banks, and placement without checks."""
 
 from __future__ import annotations
 
@@ -7,20 +7,8 @@ import numpy as np
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.training import layout_sources
+from tests.layout.scenes import compile_on_cpu
 from tests.training.scenes import reach_scene
-
-
-def test_a_bank_holds_valid_layouts_and_is_replayed_in_turn(compiled: CompiledScene):
-    """World with seed s gets row s + episode; two rows of one bank are two layouts."""
-    rows = layout_sources.valid_rows(compiled, 3, seed=100)
-    assert rows.qpos.shape == (3, compiled.mjm.nq)
-    assert len(np.unique(rows.qpos, axis=0)) == 3
-    generator = layout_sources.replayed(rows)(compiled, 2)
-    generator.reseed([1, 2])
-    for episode in range(4):
-        generator.generate()
-        expected = rows.qpos[[(1 + episode) % 3, (2 + episode) % 3]]
-        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
 
 
 def test_a_bank_for_training_goes_on_by_the_number_of_worlds(compiled: CompiledScene):
@@ -47,15 +35,6 @@ def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
     assert len(seen) == 9
 
 
-def test_replayed_episodes_are_those_that_would_be_made(compiled: CompiledScene):
-    """Row i * number + e is episode e of seed i, to the bit."""
-    rows = layout_sources.episodes(compiled, [5, 90], 3)
-    generator = LayoutGenerator(compiled, 2, seed=[5, 90])
-    for episode in range(3):
-        generator.generate()
-        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), rows.qpos[[episode, 3 + episode]])
-
-
 def test_placement_without_checks_takes_the_first_candidate():
     """No candidate collides any more, and objects lie where the first ones were drawn; the scene stays as it was."""
     plain = reach_scene(reachable=False)
@@ -79,3 +58,14 @@ def test_placement_without_checks_rejects_nothing():
     generator = layout_sources.uniform()(plain, 64)
     generator.generate()
     assert not any(any(causes.values()) for causes in generator.rejection_counts().values())
+
+
+def test_nothing_is_rejected_for_a_collision():
+    """With either geometry; the scene itself stays as it was."""
+    for geometry in ("physics", "visual"):
+        compiled = compile_on_cpu("mid", {"geometry": geometry})
+        for scene, some in ((layout_sources.unchecked(compiled), False), (compiled, True)):
+            generator = LayoutGenerator(scene, 64)
+            generator.generate()
+            rejected = sum(causes["collision"] for causes in generator.rejection_counts().values())
+            assert (rejected > 0) == some

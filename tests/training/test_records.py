@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.training.records import as_json, read_config, success_interval
+from sceniris_gym.files import as_json
+from sceniris_gym.training.records import read_config, success_interval
 from sceniris_gym.training.settings import Settings
-
-
-def test_what_is_written_is_strict_json():
-    """Numbers that JSON does not have are null."""
-    text = as_json({"a": [float("nan"), 1.5], "b": {"c": float("inf"), "d": (1, Path("x/y"))}, "e": None})
-    assert json.loads(text, parse_constant=pytest.fail) == {
-        "a": [None, 1.5],
-        "b": {"c": None, "d": [1, "x/y"]},
-        "e": None,
-    }
 
 
 def test_intervals_are_those_of_wilson():

@@ -15,8 +15,8 @@ pytest.importorskip("rsl_rl")
 
 from benchmarks import curves
 from sceniris_gym.errors import ArgumentError
+from sceniris_gym.files import as_json
 from sceniris_gym.training import sources, task_scenes, train
-from sceniris_gym.training.records import as_json
 from sceniris_gym.training.settings import SETTINGS, Options
 
 

@@ -18,13 +18,7 @@ from sceniris_gym.errors import ArmError, NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, extract_pieces
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.models.arms import FoundArm, find_arms
-from sceniris_gym.importers.models.standing import (
-    FoundSupport,
-    geom_beneath,
-    named_support,
-    support_of,
-    supports_of,
-)
+from sceniris_gym.importers.models.standing import FoundSupport, geom_beneath, named_support, support_of, supports_of
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.adopt import HOME
 from sceniris_gym.scene.assemble import compile_spec
@@ -148,7 +142,8 @@ def first_scene(path: Path) -> FirstScene:
     arms = find_arms(mjm)
     roots = {arm.base for arm in arms}
     tops = [b for b in range(1, mjm.nbody) if mjm.body_parentid[b] == 0 and b not in roots]
-    free = {name: b for name, b in _names(mjm, tops).items() if _is_free(mjm, b)}
+    joints = {b: mjm.jnt_type[mjm.jnt_bodyid == b].tolist() for b in tops}
+    free = {name: b for name, b in _names(mjm, tops).items() if joints[b] == [mujoco.mjtJoint.mjJNT_FREE]}
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
@@ -272,10 +267,6 @@ def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
         name = name if re.match(r"[A-Za-z_]", name) and name not in (FLOOR, ROBOT, "world") else f"thing_{name}"
         found[name if name not in found else f"{name}_{body}"] = body
     return found
-
-
-def _is_free(mjm: mujoco.MjModel, body: int) -> bool:
-    return mjm.jnt_type[mjm.jnt_bodyid == body].tolist() == [mujoco.mjtJoint.mjJNT_FREE]
 
 
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.paper.judge import colliding
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.training.unchecked import unchecked
+from sceniris_gym.training.layout_sources import unchecked
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 FLOOR = 1.0  # m, edge of the floor

@@ -40,8 +40,8 @@ class Drawn:
         assert table.valid.all()
         outlines = Auditor(self.compiled.mjm, self.compiled.config, self.compiled.scene.bodies).outlines
         self.poses = poses_of(self.compiled.mjm, table)
-        self.seen = {name: outlines.outline(name, self.poses) for name in objects}
-        self.under = outlines.support_heading(self.poses)
+        seen = outlines.see(self.poses, {})
+        self.seen, self.under = seen.outlines, seen.support_heading
 
     def surface(self, body: str, corners: list[tuple[float, float]]) -> np.ndarray:
         """A polygon [m] of a body's own frame in each layout, seen from above, shape (N,)."""
