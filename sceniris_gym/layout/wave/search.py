@@ -7,6 +7,7 @@ is one trial of one row's object. Counts that control loops are arrays of one el
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,11 +18,13 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import CountError
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.placement.orientations import DrawnVariant
 from sceniris_gym.placement.polygons import HalfPlane
 from sceniris_gym.placement.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program
+from sceniris_gym.program.device_reach import Reach
 
 NO_GRASP = 1 << 30
 """Sentinel: the arm's map accepts no grasp."""
@@ -211,6 +214,48 @@ CPU_SIZE = SearchSize(
 def default_size(device: str) -> SearchSize:
     """Return the default capacities of a device: on a CPU one lane does everything, and nothing is queued."""
     return GPU_SIZE if wp.get_device(device).is_cuda else CPU_SIZE
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The arrays and capacities that all launches of a generator share.
+
+    Attributes:
+        program: The placement program.
+        reaches: The arms; a single empty one if there are no reach targets.
+        split: Number of the split.
+        size: Capacities.
+        layouts: The layouts of all rows.
+        search: The state of the search for them.
+        device: Warp's name of the device of all arrays.
+    """
+
+    program: Program
+    reaches: Sequence[Reach]
+    split: int
+    size: SearchSize
+    layouts: LayoutsView
+    search: Search
+    device: str
+
+    @property
+    def reach(self) -> Reach:
+        """The first arm, for the fields that all arms share."""
+        return self.reaches[0]
+
+    @property
+    def nworld(self) -> int:
+        """Number of worlds."""
+        return self.layouts.seed.shape[0]
+
+    def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
+        """Launch a kernel whose lanes work independently."""
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+    def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
+        """Launch a kernel in which the lanes of a block share a candidate."""
+        words = {"block_dim": self.size.block_dim, "device": self.device}
+        wp.launch_tiled(kernel, dim=[self.size.blocks], inputs=inputs, outputs=outputs, **words)
 
 
 def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:
