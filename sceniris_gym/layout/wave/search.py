@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
@@ -23,7 +22,7 @@ from sceniris_gym.placement.orientations import DrawnVariant
 from sceniris_gym.placement.polygons import HalfPlane
 from sceniris_gym.placement.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program
+from sceniris_gym.program.device import Program, allocate, repeat
 from sceniris_gym.program.device_reach import Reach
 
 NO_GRASP = 1 << 30
@@ -258,15 +257,9 @@ class Workspace:
         wp.launch_tiled(kernel, dim=[self.size.blocks], inputs=inputs, outputs=outputs, **words)
 
 
-def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:
-    """Set the named fields of a struct instance to arrays of zeros of a shape, with the types that it declares."""
-    for name in names.split():
-        setattr(instance, name, wp.zeros(shape, dtype=declared.vars[name].type.dtype))
-
-
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
     """Allocate the arrays of a search for `nworld` worlds."""
-    nrow, ncand, mjm = nworld + size.rows, size.candidates, compiled.mjm
+    nrow, ncand = nworld + size.rows, size.candidates
     if compiled.related:
         words = 5 * compiled.sides + 2 * compiled.pieces
         ncand = min(ncand, max(_MOST_WORDS // words, 1))
@@ -282,9 +275,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros(1, "candidates cuts narrow_pairs enclosed any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
-        s.qpos = wp.array(np.tile(compiled.home_qpos, (ncand, 1)), dtype=float, shape=(ncand, mjm.nq))
-        s.body_pos = wp.array(np.tile(compiled.home_xpos, (ncand, 1, 1)), dtype=wp.vec3, shape=(ncand, mjm.nbody))
-        s.body_quat = wp.array(np.tile(compiled.home_xquat, (ncand, 1, 1)), dtype=wp.vec4, shape=(ncand, mjm.nbody))
+        repeat(Search, s, ncand, compiled.home_state, compiled.device)
         zeros((related, MAX_RELATIONS), "relations side_num")
         zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")
