@@ -217,15 +217,12 @@ def _as_config(scene: Any, env: Any) -> SceneConfig:
     """Return the scene on the environment's model, in which objects named like entities are these entities."""
     mjm = env.sim.mj_model
     config = SceneConfig.load(scene, {"model": mjm})
-    words = {} if config.home is not None or not _has_key(mjm) else {"home": KEYFRAME}
+    has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
+    words = {"home": KEYFRAME} if has_key and config.home is None else {}
     for name, part in config.objects.items():
         if part.asset is None and part.body is None and name in env.scene.entities:
             words[f"objects.{name}.body"] = mjm.body(env.scene.entities[name].indexing.root_body_id).name
     return SceneConfig.load(config, {**words, "model": mjm})
-
-
-def _has_key(mjm: mujoco.MjModel) -> bool:
-    return mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:

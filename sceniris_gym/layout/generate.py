@@ -98,24 +98,17 @@ class LayoutGenerator(Fixed, LayoutSource):
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
-            compiled.program, reaches, SPLITS[split], size, self.layouts.view, search, compiled.device
+            compiled.program, compiled.related, reaches, SPLITS[split], size, self.layouts.view, search, compiled.device
         )
         self._stage = None
         if reaching is not None and reaching.staged:
             self._stage = ReachStage(compiled, reaching, self._work)
-        self._related = compiled.related
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
-        load_kernels(
-            compiled.device,
-            block_dim=size.block_dim,
-            related=self._related,
-            visual=compiled.program.visual,
-            staged=self._stage is not None,
-        )
+        load_kernels(self._work, staged=self._stage is not None)
         self.reseed(seed)
 
     @property
@@ -179,7 +172,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         work = self._work
         launch_open_candidates(work)
         launch_draw(work)
-        if self._related:
+        if work.related:
             launch_build_sides(work)
             launch_find_pieces(work)
             launch_measure_pieces(work)

@@ -67,12 +67,10 @@ class SceneFile:
             self._files = list(dict.fromkeys([*self._files, *_files_of(config)]))
             self._stamps = self._read_stamps()
             model = build_model(config)
-        except ScenirisError as error:
-            return LoadedScene(None, error)
-        try:
-            return LoadedScene(compile_scene(model, "cpu"))
-        except InfeasibleSceneError as error:
-            return LoadedScene(upload_scene(model, "cpu"), error)
+            try:
+                return LoadedScene(compile_scene(model, "cpu"))
+            except InfeasibleSceneError as error:
+                return LoadedScene(upload_scene(model, "cpu"), error)
         except ScenirisError as error:
             return LoadedScene(None, error)
 

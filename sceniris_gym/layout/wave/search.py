@@ -221,6 +221,7 @@ class Workspace:
 
     Attributes:
         program: The placement program.
+        related: Whether there are regions that differ between worlds.
         reaches: The arms; a single empty one if there are no reach targets.
         split: Number of the split.
         size: Capacities.
@@ -230,6 +231,7 @@ class Workspace:
     """
 
     program: Program
+    related: bool
     reaches: Sequence[Reach]
     split: int
     size: SearchSize
