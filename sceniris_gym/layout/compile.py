@@ -143,8 +143,11 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
     program.bank_ntrain = len(train.found)
-    program.restart_rate = _restart_rate(train, evaluation)
-    program.obj_effort = wp.array(_effort(train, evaluation), dtype=float, device=compiled.device)
+    # these two set how much is tried at once, and change no layout
+    made, first = train.made + evaluation.made, train.first + evaluation.first
+    program.restart_rate = (made - first + 0.5) / (made + 1.0)
+    rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
+    program.obj_effort = wp.array(1.0 + rejected / made, dtype=float, device=compiled.device)
     if compiled.reaching is None:
         return replace(compiled, program=program)
     arms = tuple(
@@ -199,18 +202,6 @@ class _Probe:
             tell(self.generator.split.replace("_", " "), min(len(self.found), self.size), self.size)
         self.found = self.found[: self.size]
         return bool(self.found)
-
-
-def _restart_rate(*probes: _Probe) -> float:
-    """Return the share of restarts that fail, by which rounds try several at once; it changes no layout."""
-    made, first = sum(probe.made for probe in probes), sum(probe.first for probe in probes)
-    return (made - first + 0.5) / (made + 1.0)
-
-
-def _effort(*probes: _Probe) -> np.ndarray:
-    """Return about how many candidates each object takes, which waves draw at once; it changes no layout."""
-    rejected = np.sum([probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in probes], axis=0)
-    return 1.0 + rejected / sum(probe.made for probe in probes)
 
 
 def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:

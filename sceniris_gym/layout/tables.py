@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,15 +102,7 @@ def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) 
     return poses
 
 
-def make_table(
-    compiled: CompiledScene,
-    n: int,
-    seed: int,
-    *,
-    split: str = "train",
-    chunk: int = CHUNK,
-    progress: Callable[[int], object] = lambda _: None,
-) -> LayoutTable:
+def make_table(compiled: CompiledScene, n: int, seed: int, *, split: str = "train", chunk: int = CHUNK) -> LayoutTable:
     """Make n layouts: row i is episode 0 of seed + i, whatever n and `chunk` are.
 
     Args:
@@ -119,16 +111,12 @@ def make_table(
         seed: Seed of the first row.
         split: "train" or "eval".
         chunk: How many layouts are made at once.
-        progress: Called with the number of layouts made since the last call.
 
     Raises:
         SeedError: The seed is not a 64-bit integer.
     """
-    tables = []
-    for table in make_tables(LayoutGenerator(compiled, min(chunk, n), split=split), as_seeds(seed, n)):
-        tables.append(table)
-        progress(len(table))
-    return LayoutTable.concatenate(tables)
+    generator = LayoutGenerator(compiled, min(chunk, n), split=split)
+    return LayoutTable.concatenate(list(make_tables(generator, as_seeds(seed, n))))
 
 
 def make_tables(generator: LayoutGenerator, seeds: np.ndarray) -> Iterator[LayoutTable]:
