@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copyreg
 import json
 from collections.abc import Mapping, Sequence
@@ -116,18 +117,13 @@ def _compiled(model: SceneModel, device: str) -> CompiledScene:
 def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | None:
     """Return a compiled scene as it was stored, and repeat its warnings; None if it is not there."""
     arrays = load_arrays(key)
-    if arrays is None:
-        return None
-    try:
-        if str(arrays[_KEY]) != key:
-            return None
-        compiled = from_arrays(model, device, arrays)
-        warned = [from_words(words) for words in json.loads(str(arrays[_WARNINGS]))]
-    except UNREADABLE:
-        return None
-    for warning in warned:
-        warn(warning)
-    return compiled
+    with contextlib.suppress(*UNREADABLE):
+        if arrays is not None and str(arrays[_KEY]) == key:
+            compiled = from_arrays(model, device, arrays)
+            for warning in [from_words(words) for words in json.loads(str(arrays[_WARNINGS]))]:
+                warn(warning)
+            return compiled
+    return None
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:

@@ -18,6 +18,7 @@ from sceniris_gym.errors import ArgumentError, check_type
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
+from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
@@ -119,11 +120,7 @@ class LayoutGenerator(Fixed, LayoutSource):
     @launching
     def generate(self, mask: Any = None) -> None:
         """See `LayoutSource`; captured into a graph at the first call, or part of a capture of the caller's."""
-        given = self._checked(mask)
-        if given is None:
-            self._mask.fill_(True)
-        else:
-            wp.copy(self._mask, given)
+        fill_mask(self._checked(mask), self._mask)
         self._generate()
 
     def launch_generate(self, mask: wp.array | None) -> None:

@@ -90,6 +90,14 @@ def as_ids(ids: Any, nworld: int, device: Any) -> wp.array:
     return _upload_numbers(ids, "env_ids", 0, nworld, "", device)
 
 
+def fill_mask(mask: wp.array | None, mask_out: wp.array) -> None:
+    """Copy a mask of worlds, shape (nworld,), bool, to `mask_out`; None is all worlds."""
+    if mask is None:
+        mask_out.fill_(True)
+    elif mask is not mask_out:
+        wp.copy(mask_out, mask)
+
+
 @wp.kernel
 def _mask_of_rows(rows: wp.array[int], nrow: int, mask_out: wp.array[wp.bool]):
     worldid = wp.tid()
