@@ -12,7 +12,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, MissingExtraError, SceneKeyError
+from sceniris_gym.errors import ArgumentError, SceneKeyError, import_extra
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
@@ -22,11 +22,8 @@ from sceniris_gym.sim.origins import warn_of_origins
 from sceniris_gym.vector.arguments import fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
-try:
-    from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
-    from mjlab.managers.manager_base import ManagerTermBase  # pyright: ignore[reportMissingImports]
-except ImportError as error:
-    raise MissingExtraError("mjlab", "mjlab") from error
+EventTermCfg: Any = import_extra("mjlab.managers.event_manager", "mjlab", "mjlab").EventTermCfg
+ManagerTermBase: Any = import_extra("mjlab.managers.manager_base", "mjlab", "mjlab").ManagerTermBase
 
 KEYFRAME = "init_state"
 """Name of the keyframe in which mjlab keeps the initial states of all entities."""

@@ -101,9 +101,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._work = Workspace(
             compiled.program, compiled.related, reaches, SPLITS[split], size, self.layouts.view, search, compiled.device
         )
-        self._stage = None
-        if reaching is not None and reaching.staged:
-            self._stage = ReachStage(compiled, reaching, self._work)
+        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and reaching.staged else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)

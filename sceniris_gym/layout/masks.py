@@ -169,9 +169,6 @@ def _kind(array: Any) -> str | None:
 
 
 def _to_device(array: Any, dtype: type, device: Any) -> wp.array:
-    match _kind(array):
-        case "numpy":
-            return wp.array(array, dtype=dtype, device=device)
-        case "torch":
-            array = wp.from_torch(array.detach(), dtype=dtype)
-    return array.to(device)
+    if _kind(array) == "numpy":
+        return wp.array(array, dtype=dtype, device=device)
+    return (wp.from_torch(array.detach(), dtype=dtype) if _kind(array) == "torch" else array).to(device)

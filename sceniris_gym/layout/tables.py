@@ -25,7 +25,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     def read(array: wp.array) -> np.ndarray:
         return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
 
-    status, grasp = read(layouts.status), read(layouts.grasp)
+    columns = {name: read(getattr(layouts, name)) for name in ("attempts", "status", "seed", "episode", "grasp")}
     njoint = 0 if layouts.reaching is None else layouts.reaching.njoint
     states = LayoutTable.from_states(
         read(layouts.qpos),
@@ -35,16 +35,12 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     )
     return replace(
         states,
-        valid=status == Status.VALID,
+        valid=columns["status"] == Status.VALID,
         first_pass_valid=read(layouts.first_pass_valid) != 0,
-        attempts=read(layouts.attempts),
-        status=status,
-        seed=read(layouts.seed),
-        episode=read(layouts.episode),
-        grasp=grasp,
-        grasp_pose=grasp_poses(generator.compiled, states, grasp),
+        grasp_pose=grasp_poses(generator.compiled, states, columns["grasp"]),
         grasp_qpos=read(layouts.grasp_qpos)[:, :, :njoint],
         pregrasp_qpos=read(layouts.pregrasp_qpos)[:, :, :njoint],
+        **columns,
     )
 
 

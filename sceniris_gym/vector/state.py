@@ -373,8 +373,8 @@ class State:
         carries = np.array([body in subtree(mjm, int(mjm.jnt_bodyid[j])) for j in joints])
         slide = mjm.jnt_type[joints] == SLIDE
         kinds = np.stack([carries & ~slide, carries & slide])[:, :, None]
-        plain = bool(kinds[0].all())
-        return self._index(joints), None if plain else torch.tensor(kinds, dtype=torch.float32, device=self.device)
+        flags = None if kinds[0].all() else torch.tensor(kinds, dtype=torch.float32, device=self.device)
+        return self._index(joints), flags
 
 
 def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import warnings
 from collections.abc import Mapping
@@ -81,11 +82,9 @@ class SceneFile:
     def _read_stamps(self) -> Stamps:
         stamps = {}
         for path in self._files:
-            try:
+            with contextlib.suppress(OSError):  # while an editor replaces it
                 found = path.stat()
-            except OSError:  # while an editor replaces it
-                continue
-            stamps[path] = found.st_mtime_ns, found.st_size
+                stamps[path] = found.st_mtime_ns, found.st_size
         return stamps
 
 

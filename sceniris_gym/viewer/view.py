@@ -328,11 +328,8 @@ class SceneView:
     def _first_candidate(self) -> int:
         """Return the candidate to begin with: where no layout can be made, the first one of the object to blame."""
         error = self.loaded.error if self._ready else None
-        if isinstance(error, InfeasibleSceneError):
-            for i, candidate in enumerate(self._candidates or ()):
-                if (candidate.name, candidate.cause) == (error.name, error.cause):
-                    return i
-        return 0
+        blamed = (error.name, error.cause) if isinstance(error, InfeasibleSceneError) else None
+        return next((i for i, c in enumerate(self._candidates or ()) if (c.name, c.cause) == blamed), 0)
 
     def _layout_id(self) -> str:
         return self.deck.compiled.layout_id(self.where.seed, self.where.episode, self.where.split)

@@ -118,11 +118,9 @@ class Worlds:
         eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
         middle = points.mean(axis=0)
         look_at = eye - axes[:, 2] * float((eye - middle) @ axes[:, 2])
-        camera = self._server.initial_camera
-        camera.fov, camera.position, camera.look_at = math.radians(FOVY), eye, look_at
-        for client in self._server.get_clients().values() if open_pages else ():
-            client.camera.fov = math.radians(FOVY)
-            client.camera.position, client.camera.look_at = eye, look_at
+        clients = self._server.get_clients().values() if open_pages else ()
+        for camera in (self._server.initial_camera, *(client.camera for client in clients)):
+            camera.fov, camera.position, camera.look_at = math.radians(FOVY), eye, look_at
 
 
 def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
