@@ -12,7 +12,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, MissingExtraError, SceneKeyError
+from sceniris_gym.errors import ArgumentError, SceneKeyError, import_extra
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
@@ -22,11 +22,8 @@ from sceniris_gym.sim.origins import warn_of_origins
 from sceniris_gym.vector.arguments import fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
-try:
-    from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
-    from mjlab.managers.manager_base import ManagerTermBase  # pyright: ignore[reportMissingImports]
-except ImportError as error:
-    raise MissingExtraError("mjlab", "mjlab") from error
+EventTermCfg: Any = import_extra("mjlab.managers.event_manager", "mjlab", "mjlab").EventTermCfg
+ManagerTermBase: Any = import_extra("mjlab.managers.manager_base", "mjlab", "mjlab").ManagerTermBase
 
 KEYFRAME = "init_state"
 """Name of the keyframe in which mjlab keeps the initial states of all entities."""
@@ -217,15 +214,12 @@ def _as_config(scene: Any, env: Any) -> SceneConfig:
     """Return the scene on the environment's model, in which objects named like entities are these entities."""
     mjm = env.sim.mj_model
     config = SceneConfig.load(scene, {"model": mjm})
-    words = {} if config.home is not None or not _has_key(mjm) else {"home": KEYFRAME}
+    has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
+    words = {"home": KEYFRAME} if has_key and config.home is None else {}
     for name, part in config.objects.items():
         if part.asset is None and part.body is None and name in env.scene.entities:
             words[f"objects.{name}.body"] = mjm.body(env.scene.entities[name].indexing.root_body_id).name
     return SceneConfig.load(config, {**words, "model": mjm})
-
-
-def _has_key(mjm: mujoco.MjModel) -> bool:
-    return mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:

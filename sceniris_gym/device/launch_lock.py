@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import Concatenate, ParamSpec, Protocol, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from sceniris_gym.errors import BusyError
 
@@ -49,19 +48,12 @@ class ObjectLock:
             raise BusyError(self.what)
         _LAUNCH_LOCK.acquire()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         _LAUNCH_LOCK.release()
         self._lock.release()
 
 
-class _HasLock(Protocol):
-    lock: ObjectLock
-
-
-_H = TypeVar("_H", bound=_HasLock)
-
-
-def exclusive(method: Callable[Concatenate[_H, _P], _T]) -> Callable[Concatenate[_H, _P], _T]:
+def exclusive(method: Callable[Concatenate[Any, _P], _T]) -> Callable[Concatenate[Any, _P], _T]:
     """Hold the object's `lock` while the method runs.
 
     Raises:
@@ -69,7 +61,7 @@ def exclusive(method: Callable[Concatenate[_H, _P], _T]) -> Callable[Concatenate
     """
 
     @functools.wraps(method)
-    def locked(self: _H, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+    def locked(self: Any, *args: _P.args, **kwargs: _P.kwargs) -> _T:
         with self.lock:
             return method(self, *args, **kwargs)
 

@@ -14,6 +14,7 @@ import warp as wp
 from sceniris_gym.collide.leaves import SKIN
 from sceniris_gym.geometry.colliders import collect_colliders
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import allocate_record
 from sceniris_gym.layout.tables import read_rejected
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
@@ -97,12 +98,8 @@ def recording(generator: LayoutGenerator) -> LayoutGenerator:
     For the exact record of its argument `rejected`, restarts are tried one by one. Here they are tried at once as ever,
     so some of the recorded candidates belong to restarts that were not needed.
     """
-    view, num = generator.layouts.view, _RECORDED * generator.nworld
     with wp.ScopedDevice(generator.compiled.device):
-        view.rejected_cause, view.rejected_object = (wp.zeros(num, dtype=int) for _ in range(2))
-        view.rejected_qpos = wp.zeros((num, view.qpos.shape[1]), dtype=float)
-        view.rejected_mocap_pos = wp.zeros((num, view.mocap_pos.shape[1]), dtype=wp.vec3)
-        view.rejected_mocap_quat = wp.zeros((num, view.mocap_pos.shape[1]), dtype=wp.quat)
+        allocate_record(generator.layouts.view, _RECORDED * generator.nworld)
     return generator
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copyreg
 import json
 from collections.abc import Mapping, Sequence
@@ -116,18 +117,13 @@ def _compiled(model: SceneModel, device: str) -> CompiledScene:
 def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | None:
     """Return a compiled scene as it was stored, and repeat its warnings; None if it is not there."""
     arrays = load_arrays(key)
-    if arrays is None:
-        return None
-    try:
-        if str(arrays[_KEY]) != key:
-            return None
-        compiled = from_arrays(model, device, arrays)
-        warned = [from_words(words) for words in json.loads(str(arrays[_WARNINGS]))]
-    except UNREADABLE:
-        return None
-    for warning in warned:
-        warn(warning)
-    return compiled
+    with contextlib.suppress(*UNREADABLE):
+        if arrays is not None and str(arrays[_KEY]) == key:
+            compiled = from_arrays(model, device, arrays)
+            for warning in [from_words(words) for words in json.loads(str(arrays[_WARNINGS]))]:
+                warn(warning)
+            return compiled
+    return None
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
@@ -143,8 +139,11 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
     program.bank_ntrain = len(train.found)
-    program.restart_rate = _restart_rate(train, evaluation)
-    program.obj_effort = wp.array(_effort(train, evaluation), dtype=float, device=compiled.device)
+    # these two set how much is tried at once, and change no layout
+    made, first = train.made + evaluation.made, train.first + evaluation.first
+    program.restart_rate = (made - first + 0.5) / (made + 1.0)
+    rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
+    program.obj_effort = wp.array(1.0 + rejected / made, dtype=float, device=compiled.device)
     if compiled.reaching is None:
         return replace(compiled, program=program)
     arms = tuple(
@@ -199,18 +198,6 @@ class _Probe:
             tell(self.generator.split.replace("_", " "), min(len(self.found), self.size), self.size)
         self.found = self.found[: self.size]
         return bool(self.found)
-
-
-def _restart_rate(*probes: _Probe) -> float:
-    """Return the share of restarts that fail, by which rounds try several at once; it changes no layout."""
-    made, first = sum(probe.made for probe in probes), sum(probe.first for probe in probes)
-    return (made - first + 0.5) / (made + 1.0)
-
-
-def _effort(*probes: _Probe) -> np.ndarray:
-    """Return about how many candidates each object takes, which waves draw at once; it changes no layout."""
-    rejected = np.sum([probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in probes], axis=0)
-    return 1.0 + rejected / sum(probe.made for probe in probes)
 
 
 def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:

@@ -18,6 +18,7 @@ from sceniris_gym.errors import ArgumentError, check_type
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
+from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
@@ -35,7 +36,7 @@ from sceniris_gym.layout.wave.rounds import (
     launch_settle,
     launch_start,
 )
-from sceniris_gym.layout.wave.search import SearchSize, create_search, default_size
+from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
@@ -95,27 +96,18 @@ class LayoutGenerator(Fixed, LayoutSource):
         _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
         self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
-        self._search = create_search(compiled, nworld, size)
-        reaching = compiled.reaching
-        self._reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
-        self._reach = self._reaches[0]  # for the fields that all of them share
-        self._stage = None
-        if reaching is not None and reaching.staged:
-            self._stage = ReachStage(compiled, reaching, nworld, SPLITS[split], size)
-        self._related = compiled.related
-        self._visual = compiled.config.geometry == "visual"
+        search, reaching = create_search(compiled, nworld, size), compiled.reaching
+        reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
+        self._work = Workspace(
+            compiled.program, compiled.related, reaches, SPLITS[split], size, self.layouts.view, search, compiled.device
+        )
+        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and reaching.staged else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
-        most_trials, capacity = len(compiled.placed) * compiled.attempts, self._search.cause.shape[0]
+        most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
-        load_kernels(
-            compiled.device,
-            block_dim=size.block_dim,
-            related=self._related,
-            visual=self._visual,
-            staged=self._stage is not None,
-        )
+        load_kernels(self._work, staged=self._stage is not None)
         self.reseed(seed)
 
     @property
@@ -126,17 +118,13 @@ class LayoutGenerator(Fixed, LayoutSource):
     @launching
     def generate(self, mask: Any = None) -> None:
         """See `LayoutSource`; captured into a graph at the first call, or part of a capture of the caller's."""
-        given = self._checked(mask)
-        if given is None:
-            self._mask.fill_(True)
-        else:
-            wp.copy(self._mask, given)
+        fill_mask(self._checked(mask), self._mask)
         self._generate()
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
         self.launch_make(mask)
-        launch_finish(mask, self.layouts.view, self._device)
+        launch_finish(self._work, mask)
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Make the next layouts of the masked worlds, without advancing episodes and counts of rejections yet."""
@@ -144,16 +132,16 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._stage is None:
             self._place()
         else:
-            repeat_launches(self._search.worlds_left, self._place_and_reach, self.compiled.config.restarts + 1)
+            repeat_launches(self._work.search.worlds_left, self._place_and_reach, self.compiled.config.restarts + 1)
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds and place their objects, without solving for reach."""
         self._start(mask)
         self._place()
-        launch_finish(mask, self.layouts.view, self._device)
+        launch_finish(self._work, mask)
 
     def _start(self, mask: wp.array | None) -> None:
-        launch_start(self.compiled.program, mask, SPLITS[self.split], self.layouts.view, self._search, self._device)
+        launch_start(self._work, mask)
         if self._stage is not None:
             self._stage.launch_start()
 
@@ -161,40 +149,34 @@ class LayoutGenerator(Fixed, LayoutSource):
         """Place the objects of pending worlds, and reopen the worlds in which an arm reaches no grasp."""
         assert self._stage is not None
         self._place()
-        self._stage.launch(self.layouts.view, self._search)
-        launch_reopen(self._search, self._device)
+        self._stage.launch()
+        launch_reopen(self._work)
 
     def _place(self) -> None:
         """Try restart after restart until every pending world has placed everything or falls back."""
-        repeat_launches(self._search.worlds_left, self._round, self.compiled.config.restarts + 1)
+        repeat_launches(self._work.search.worlds_left, self._round, self.compiled.config.restarts + 1)
 
     def _round(self) -> None:
         """Try the next restart of every pending world, or several."""
-        program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
-        launch_open_rows(program, reach, view, search, self._device)
-        repeat_launches(search.rows_left, self._wave, self._most_waves)
-        launch_settle(program, reach, SPLITS[self.split], self._stage is not None, view, search, self._device)
+        launch_open_rows(self._work)
+        repeat_launches(self._work.search.rows_left, self._wave, self._most_waves)
+        launch_settle(self._work, self._stage is not None)
 
     def _wave(self) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
-        program, reach, view, search = self.compiled.program, self._reach, self.layouts.view, self._search
-        split, size, device = SPLITS[self.split], self.size, self._device
-        launch_open_candidates(program, size, search, device)
-        launch_draw(program, split, size.lanes, view, search, device)
-        if self._related:
-            launch_build_sides(program, size.lanes, view, search, device)
-            launch_find_pieces(program, size, view, search, device)
-            launch_measure_pieces(program, split, size, view, search, device)
-            launch_draw_points(program, split, size, view, search, device)
-        launch_prefilter(program, self._reaches, size, view, search, device)
-        launch_test_collisions(program, reach, size, self._visual, view, search, device)
-        if self._visual:
-            launch_test_containment(program, size, view, search, device)
-        launch_accept(program, reach, size, view, search, device)
-
-    @property
-    def _device(self) -> str:
-        return self.compiled.device
+        work = self._work
+        launch_open_candidates(work)
+        launch_draw(work)
+        if work.related:
+            launch_build_sides(work)
+            launch_find_pieces(work)
+            launch_measure_pieces(work)
+            launch_draw_points(work)
+        launch_prefilter(work)
+        launch_test_collisions(work)
+        if work.program.visual:
+            launch_test_containment(work)
+        launch_accept(work)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return `Layouts.rejections` by name: object (in placement order), then cause in lower case.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from sceniris_gym.errors import LayoutIdError
+from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS
 
 _FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
@@ -34,3 +34,16 @@ class LayoutId:
                 f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31."
             )
         return cls(found[1], found[2], int(found[3]), int(found[4]))
+
+    @classmethod
+    def of_scene(cls, text: str, scene: str, cure: str) -> LayoutId:
+        """Read the id of a layout of a scene, given by its hash.
+
+        Raises:
+            LayoutIdError: The text is not of the form of an id.
+            SceneMismatchError: It is of another scene; the message ends with the cure.
+        """
+        found = cls.parse(text)
+        if found.scene != scene:
+            raise SceneMismatchError(f"layout '{text}': is of scene {found.scene}, and this one is {scene}. {cure}")
+        return found

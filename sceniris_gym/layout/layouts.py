@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import warp as wp
 
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Cause
+from sceniris_gym.program.device import Cause, allocate, repeat
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.addresses import joint_address, pose_address
@@ -74,6 +75,15 @@ def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: in
         for j in range(source.grasp_qpos.shape[2]):
             layouts.grasp_qpos[worldid, i, j] = source.grasp_qpos[row, i, j]
             layouts.pregrasp_qpos[worldid, i, j] = source.pregrasp_qpos[row, i, j]
+
+
+def allocate_record(view: LayoutsView, length: int) -> None:
+    """Allocate a record of so many rejected candidates on Warp's current device."""
+    zeros, nmocap = partial(allocate, LayoutsView, view), view.mocap_pos.shape[1]
+    zeros(1, "rejected_count")
+    zeros(length, "rejected_cause rejected_object")
+    zeros((length, view.qpos.shape[1]), "rejected_qpos")
+    zeros((length, nmocap), "rejected_mocap_pos rejected_mocap_quat")
 
 
 def layout_width(view: LayoutsView) -> int:
@@ -187,47 +197,34 @@ class Layouts(StaysHere):
         With `every_cause` the record has candidates of every cause that were rejected at a pose. In `view`, `rows` more
         layouts follow those of the worlds: restarts that are tried at once.
         """
-        device = compiled.device
-        mjm = compiled.mjm
+        device, mjm = compiled.device, compiled.mjm
         nmocap = max(mjm.nmocap, 1)
         mocap_pos, mocap_quat = np.zeros((nmocap, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (nmocap, 1))
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
         mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # for bodies that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
-        nslot, nrow = len(compiled.slots), nworld + rows
-        view = LayoutsView()
+        nrow, nreach = nworld + rows, 0 if compiled.reaching is None else len(compiled.reaching.targets)
+        program, view = compiled.program, LayoutsView()
+        stands = {"place": program.home_place.numpy(), "bounds": program.home_bounds.numpy()}
+        repeat(LayoutsView, view, nrow, {**compiled.home_state, **stands}, device)
+        zeros = partial(allocate, LayoutsView, view)
         with wp.ScopedDevice(device):
-            view.seed = wp.zeros(nworld, dtype=wp.uint64)
-            view.episode = wp.full(nworld, -1, dtype=int)
-            view.qpos = wp.array(np.tile(compiled.home_qpos, (nrow, 1)), dtype=float, shape=(nrow, mjm.nq))
             padding = np.zeros((nmocap, 1))
             mocap_pose = wp.array(np.tile(np.hstack([padding, mocap_pos, mocap_quat]), (nrow, 1, 1)), dtype=float)
             view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
-            view.status = wp.zeros(nworld, dtype=int)
-            view.attempts = wp.zeros(nworld, dtype=int)
-            view.first_pass_valid = wp.zeros(nworld, dtype=int)
-            view.rejections = wp.zeros((max(len(compiled.placed), 1), len(Cause)), dtype=wp.int64)
-            view.pending_episode = wp.full(nworld, -1, dtype=int)
-            view.row_rejections = wp.zeros((nrow, *view.rejections.shape), dtype=int)
-            view.present = wp.ones((nrow, nslot), dtype=int)
-            place, bounds = compiled.program.home_place.numpy(), compiled.program.home_bounds.numpy()
-            view.place = wp.array(np.tile(place, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
-            view.bounds = wp.array(np.tile(bounds, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
-            nreach = 0 if compiled.reaching is None else len(compiled.reaching.targets)
-            view.variant = wp.zeros((nrow, nreach), dtype=int)
+            zeros(nworld, "seed status attempts first_pass_valid")
+            view.episode, view.pending_episode = (wp.full(nworld, -1, dtype=int) for _ in range(2))
+            counts = max(len(compiled.placed), 1), len(Cause)
+            zeros(counts, "rejections")
+            zeros((nrow, *counts), "row_rejections")
+            view.present = wp.ones((nrow, len(compiled.slots)), dtype=int)
+            zeros((nrow, nreach), "variant")
             view.grasp = wp.full((nrow if nreach else nworld, nreach), -1, dtype=int)
-            view.grasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
-            view.pregrasp_qpos = wp.full((nworld, nreach, MAX_JOINTS), wp.nan, dtype=float)
-            view.body_pos = wp.array(np.tile(compiled.home_xpos, (nrow, 1, 1)), dtype=wp.vec3)
-            view.body_quat = wp.array(np.tile(compiled.home_xquat, (nrow, 1, 1)), dtype=wp.vec4)
+            joints = nworld, nreach, MAX_JOINTS
+            view.grasp_qpos, view.pregrasp_qpos = (wp.full(joints, wp.nan, dtype=float) for _ in range(2))
             view.record_all = int(every_cause)
-            view.rejected_count = wp.zeros(1, dtype=int)
-            view.rejected_cause = wp.zeros(rejected, dtype=int)
-            view.rejected_object = wp.zeros(rejected, dtype=int)
-            view.rejected_qpos = wp.zeros((rejected, mjm.nq), dtype=float)
-            view.rejected_mocap_pos = wp.zeros((rejected, nmocap), dtype=wp.vec3)
-            view.rejected_mocap_quat = wp.zeros((rejected, nmocap), dtype=wp.quat)
+            allocate_record(view, rejected)
         return cls(compiled, view, mocap_pose)
 
     @property

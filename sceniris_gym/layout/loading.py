@@ -20,22 +20,20 @@ from sceniris_gym.layout.wave import (
     rounds,
     sides,
 )
+from sceniris_gym.layout.wave.search import Workspace
 
 
-def kernel_modules(
-    *, related: bool, visual: bool, staged: bool, block_dim: int
-) -> tuple[list[wp.Module], list[wp.Module]]:
+def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], list[wp.Module]]:
     """Return Warp's modules of the kernels that a generator launches by lanes, and of those that it launches by blocks.
 
     Args:
-        related: Whether there are regions that differ between worlds.
-        visual: Whether triangles are tested.
+        work: Its arrays and capacities.
         staged: Whether there is a stage after placing.
-        block_dim: Lanes of a block.
     """
-    by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if related else [])]
+    visual, block_dim = work.program.visual, work.size.block_dim
+    by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
     by_lane += [waves, poses, ik] if staged else []
-    by_block = [accept, *([points] if related else []), *([hits] if staged else [])]
+    by_block = [accept, *([points] if work.related else []), *([hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
     lanes += [
         k.module for k in collision.lane_kernels(visual, block_dim) + (containment.LANE_KERNELS if visual else ())
@@ -49,17 +47,17 @@ def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
     return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
 
 
-def load_kernels(device: str, *, block_dim: int, related: bool, visual: bool, staged: bool) -> None:
+def load_kernels(work: Workspace, *, staged: bool) -> None:
     """Compile and load the kernels of a generator on a GPU, unless they are loaded; announce it if it takes a while.
 
+    On a CPU, where Warp compiles one module at a time, the launches load their kernels.
+
     Args:
-        device: The device. On a CPU, where Warp compiles one module at a time, the launches load their kernels.
-        block_dim: Lanes of a block.
-        related: As in `kernel_modules`, as the next two.
-        visual: Whether triangles are tested.
+        work: As in `kernel_modules`, as the next one.
         staged: Whether there is a stage after placing.
     """
-    lanes, blocks = kernel_modules(related=related, visual=visual, staged=staged, block_dim=block_dim)
+    lanes, blocks = kernel_modules(work, staged=staged)
+    device, block_dim = work.device, work.size.block_dim
     on_gpu = wp.get_device(device).is_cuda
     missing = sum(not _is_kept(module, None if on_gpu else 1) for module in lanes)
     missing += sum(not _is_kept(module, block_dim) for module in blocks)

@@ -90,6 +90,14 @@ def as_ids(ids: Any, nworld: int, device: Any) -> wp.array:
     return _upload_numbers(ids, "env_ids", 0, nworld, "", device)
 
 
+def fill_mask(mask: wp.array | None, mask_out: wp.array) -> None:
+    """Copy a mask of worlds, shape (nworld,), bool, to `mask_out`; None is all worlds."""
+    if mask is None:
+        mask_out.fill_(True)
+    elif mask is not mask_out:
+        wp.copy(mask_out, mask)
+
+
 @wp.kernel
 def _mask_of_rows(rows: wp.array[int], nrow: int, mask_out: wp.array[wp.bool]):
     worldid = wp.tid()
@@ -161,9 +169,6 @@ def _kind(array: Any) -> str | None:
 
 
 def _to_device(array: Any, dtype: type, device: Any) -> wp.array:
-    match _kind(array):
-        case "numpy":
-            return wp.array(array, dtype=dtype, device=device)
-        case "torch":
-            array = wp.from_torch(array.detach(), dtype=dtype)
-    return array.to(device)
+    if _kind(array) == "numpy":
+        return wp.array(array, dtype=dtype, device=device)
+    return (wp.from_torch(array.detach(), dtype=dtype) if _kind(array) == "torch" else array).to(device)

@@ -86,12 +86,10 @@ def load_arrays(key: str) -> dict[str, np.ndarray] | None:
     if folder is None:
         return None
     path = folder / f"{key}{_SUFFIX}"
-    try:
-        arrays = stored_arrays.read_arrays(path)
+    with contextlib.suppress(*UNREADABLE):
         os.utime(path)  # for `_remove_oldest`
-    except UNREADABLE:
-        return None
-    return arrays
+        return stored_arrays.read_arrays(path)
+    return None
 
 
 def store_arrays(key: str, arrays: Mapping[str, np.ndarray]) -> None:

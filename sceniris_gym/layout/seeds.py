@@ -78,25 +78,12 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
         raise SeedError(
             f"seeds should be one integer, or a sequence of {nworld}, one per world; got {given}{type(seed).__name__}."
         )
-    if not isinstance(seed, np.ndarray) or seed.dtype.kind == "O":
-        seed = _as_array(seed)
-    if seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all()):
+    if isinstance(seed, np.ndarray) and (seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all())):
         return seed.astype(np.uint64)
-    first = next((i for i, value in enumerate(seed.tolist()) if not _is_seed(value)), 0)
-    raise SeedError(f"seeds[{first}]={short(seed[first])} should be an integer from 0 to 2^64 - 1.")
-
-
-def _as_array(seeds: Sequence | np.ndarray) -> np.ndarray:
-    """Return the seeds as unsigned integers if all of them are integers in range, else as objects."""
-    kinds = set(map(type, seeds))
-    if all(issubclass(kind, int | np.integer) and not issubclass(kind, bool) for kind in kinds):
-        try:
-            signed = np.fromiter(seeds, dtype=object, count=len(seeds))
-            if (signed >= 0).all():
-                return signed.astype(np.uint64)
-        except OverflowError:
-            pass
-    return np.fromiter(seeds, dtype=object, count=len(seeds))
+    for i, value in enumerate(seed.tolist() if isinstance(seed, np.ndarray) else seed):
+        if not _is_seed(value):
+            raise SeedError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
+    return np.fromiter(seed, np.uint64, len(seed))
 
 
 def _is_seed(value: object) -> bool:

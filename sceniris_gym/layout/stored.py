@@ -10,6 +10,7 @@ from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_layout, layout_width
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import fill_struct
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -132,17 +133,10 @@ def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
 
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:
     """Return the columns that are served, with joints of grasps as wide as Layouts have them."""
-
-    def wide(qpos: np.ndarray) -> wp.array:
-        padding = ((0, 0), (0, 0), (0, MAX_JOINTS - qpos.shape[2]))
-        return wp.array(np.pad(qpos, padding, constant_values=np.nan), dtype=float, ndim=3)
-
     view = LayoutsView()
-    with wp.ScopedDevice(device):
-        view.qpos = wp.array(table.qpos, dtype=float, ndim=2)
-        view.mocap_pos = wp.array(table.mocap_pos, dtype=wp.vec3, ndim=2)
-        view.mocap_quat = wp.array(table.mocap_quat, dtype=wp.quat, ndim=2)
-        view.present = wp.array(table.present, dtype=int, ndim=2)
-        view.grasp = wp.array(table.grasp, dtype=int, ndim=2)
-        view.grasp_qpos, view.pregrasp_qpos = wide(table.grasp_qpos), wide(table.pregrasp_qpos)
+    columns = {name: getattr(table, name) for name in ("qpos", "mocap_pos", "mocap_quat", "present", "grasp")}
+    padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
+    for name in ("grasp_qpos", "pregrasp_qpos"):
+        columns[name] = np.pad(getattr(table, name), padding, constant_values=np.nan)
+    fill_struct(LayoutsView, view, columns, device)
     return view

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     def read(array: wp.array) -> np.ndarray:
         return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
 
-    status, grasp = read(layouts.status), read(layouts.grasp)
+    columns = {name: read(getattr(layouts, name)) for name in ("attempts", "status", "seed", "episode", "grasp")}
     njoint = 0 if layouts.reaching is None else layouts.reaching.njoint
     states = LayoutTable.from_states(
         read(layouts.qpos),
@@ -35,16 +35,12 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     )
     return replace(
         states,
-        valid=status == Status.VALID,
+        valid=columns["status"] == Status.VALID,
         first_pass_valid=read(layouts.first_pass_valid) != 0,
-        attempts=read(layouts.attempts),
-        status=status,
-        seed=read(layouts.seed),
-        episode=read(layouts.episode),
-        grasp=grasp,
-        grasp_pose=grasp_poses(generator.compiled, states, grasp),
+        grasp_pose=grasp_poses(generator.compiled, states, columns["grasp"]),
         grasp_qpos=read(layouts.grasp_qpos)[:, :, :njoint],
         pregrasp_qpos=read(layouts.pregrasp_qpos)[:, :, :njoint],
+        **columns,
     )
 
 
@@ -102,15 +98,7 @@ def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) 
     return poses
 
 
-def make_table(
-    compiled: CompiledScene,
-    n: int,
-    seed: int,
-    *,
-    split: str = "train",
-    chunk: int = CHUNK,
-    progress: Callable[[int], object] = lambda _: None,
-) -> LayoutTable:
+def make_table(compiled: CompiledScene, n: int, seed: int, *, split: str = "train", chunk: int = CHUNK) -> LayoutTable:
     """Make n layouts: row i is episode 0 of seed + i, whatever n and `chunk` are.
 
     Args:
@@ -119,16 +107,12 @@ def make_table(
         seed: Seed of the first row.
         split: "train" or "eval".
         chunk: How many layouts are made at once.
-        progress: Called with the number of layouts made since the last call.
 
     Raises:
         SeedError: The seed is not a 64-bit integer.
     """
-    tables = []
-    for table in make_tables(LayoutGenerator(compiled, min(chunk, n), split=split), as_seeds(seed, n)):
-        tables.append(table)
-        progress(len(table))
-    return LayoutTable.concatenate(tables)
+    generator = LayoutGenerator(compiled, min(chunk, n), split=split)
+    return LayoutTable.concatenate(list(make_tables(generator, as_seeds(seed, n))))
 
 
 def make_tables(generator: LayoutGenerator, seeds: np.ndarray) -> Iterator[LayoutTable]:

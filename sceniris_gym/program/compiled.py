@@ -133,6 +133,11 @@ class CompiledScene:
         return f"{self.hash}:{split}:{number % 2**64}:{count}"
 
     @property
+    def home_state(self) -> dict[str, np.ndarray]:
+        """The start pose by the names that device structs give to joints and body poses."""
+        return {"qpos": self.home_qpos, "body_pos": self.home_xpos, "body_quat": self.home_xquat}
+
+    @property
     def object_names(self) -> tuple[str, ...]:
         """Names of all objects of the scene file, in its order."""
         return tuple(self.config.objects)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
 from sceniris_gym.scene.couplings import Coupling
@@ -17,6 +18,15 @@ class Follower:
     coupling: Coupling
     low: float
     high: float
+
+
+def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
+    """Return the two bodies that a weld or a connect joins; none for other equalities."""
+    if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+        return ()
+    ends = [int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])]
+    is_site = mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE
+    return tuple(mjm.site_bodyid[ends].tolist() if is_site else ends)
 
 
 def coupling_arrays(couplings: Sequence[Coupling]) -> dict[str, np.ndarray]:

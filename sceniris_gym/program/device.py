@@ -286,6 +286,18 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
         setattr(instance, name, wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device))
 
 
+def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:
+    """Set the named fields of a struct instance to arrays of zeros of a shape, with the types that it declares."""
+    for name in names.split():
+        setattr(instance, name, wp.zeros(shape, dtype=declared.vars[name].type.dtype))
+
+
+def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarray], device: str) -> None:
+    """Set array fields of a struct instance to so many copies of a row each."""
+    arrays = {name: np.tile(row, (count, *[1] * row.ndim)) for name, row in rows.items()}
+    fill_struct(declared, instance, arrays, device)
+
+
 def copied(declared: Any, instance: Any) -> Any:
     """Return a copy of a struct instance, which shares its arrays."""
     other = declared()

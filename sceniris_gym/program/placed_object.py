@@ -79,6 +79,11 @@ class PlacedObject:
         return None if self.support is None else self.support.body
 
     @property
+    def orientation(self) -> str:
+        """The kind of its orientation; "yaw" for a robot whose base is not drawn."""
+        return "yaw" if self.config is None else self.config.drawn_orientation.kind
+
+    @property
     def cover(self) -> Cover:
         """The cover that is required above the point that it is placed on.
 

@@ -136,13 +136,16 @@ class Batch(Fixed):
     Attributes:
         model: mujoco_warp Model.
         data: mujoco_warp Data.
+        step: Takes one control step in all worlds: `substeps` physics steps, then an update of what is needed. Without
+            the update, xpos would be one substep older than qpos.
+        update: Brings what is needed up to date in all worlds.
 
     Raises:
         UnknownNameError: MjOption has no such field.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("scene", "nworld", "device", "model", "data", "stages", "substeps")
+    FIXED = ("scene", "nworld", "device", "model", "data", "stages", "substeps", "step", "update")
     ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
 
     def __init__(
@@ -176,19 +179,8 @@ class Batch(Fixed):
             self.data = mjw.make_data(mjm, nworld, **room)
         self.stages = update_stages(needs)
         self.substeps = substeps
-        self._update = LaunchSequence(self._launch_update, self.device, graph=graph)
-        self._step = LaunchSequence(self._launch_step, self.device, graph=graph)
-
-    def step(self) -> None:
-        """Take one control step in all worlds: `substeps` physics steps, then an update of what is needed.
-
-        Without the update, xpos would be one substep older than qpos.
-        """
-        self._step()
-
-    def update(self) -> None:
-        """Bring what is needed up to date in all worlds."""
-        self._update()
+        self.update = LaunchSequence(self._launch_update, self.device, graph=graph)
+        self.step = LaunchSequence(self._launch_step, self.device, graph=graph)
 
     def check_budget(self) -> None:
         """Compare contacts and constraint rows with what was allocated; see the function `check_budget`."""

@@ -66,12 +66,10 @@ def _check_model(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, mjm: mujoco
         _same(f"model.{size}", getattr(m, size), getattr(ours, size))
     if mjm is not None:
         _check_names(ours, mjm)
-    for kind, fields in _NUMBERS.items():
-        for field in fields:
-            _check_field(m, ours, kind, field, 0.0)
-    for kind, fields in _MEASURES.items():
-        for field in fields:
-            _check_field(m, ours, kind, field, _TOLERANCE)
+    for tables, tolerance in ((_NUMBERS, 0.0), (_MEASURES, _TOLERANCE)):
+        for kind, fields in tables.items():
+            for field in fields:
+                _check_field(m, ours, kind, field, tolerance)
     arrays = {"nq": d.qpos, "nv": d.qvel, "nmocap": d.mocap_pos, "nbody": d.xpos, "ngeom": d.geom_xpos}
     for size, array in arrays.items():
         _same(f"data's {size}", array.shape[1], getattr(ours, size))

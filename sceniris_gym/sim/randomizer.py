@@ -24,7 +24,7 @@ from sceniris_gym.errors import (
 )
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, mask_of_ids, mask_of_rows
+from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
@@ -183,10 +183,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Args:
             mask: Which worlds, on the device, shape (nworld,), bool; all if None. It may be overwritten afterwards.
         """
-        if mask is None:
-            self._mask.fill_(True)
-        elif mask is not self._mask:
-            wp.copy(self._mask, mask)
+        fill_mask(mask, self._mask)
         self._reset()
         self.layout_source.after_reset()
 
@@ -280,20 +277,15 @@ def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -
     nrow = layouts.qpos.shape[0]
     # without a mocap body Layouts have one unused column
     nmocap = layouts.mocap_pos.shape[1] if m.nmocap == 0 else m.nmocap
-    columns = {
-        "qpos": ((m.nq,), wp.float32),
-        "mocap_pos": ((nmocap, 3), wp.vec3),
-        "mocap_quat": ((nmocap, 4), wp.quat),
-    }
+    columns = (("qpos", m.nq, wp.float32), ("mocap_pos", nmocap, wp.vec3), ("mocap_quat", nmocap, wp.quat))
     arrays = []
-    for name, (shape, dtype) in columns.items():
+    for name, width, dtype in columns:
         array = getattr(layouts, name)
-        on_device = isinstance(array, wp.array)
-        # a Warp array of vectors has no axis for their elements
-        found = (*array.shape, *shape[1:]) if on_device and array.dtype is dtype else tuple(array.shape)
-        if found != (nrow, *shape):
+        if array.shape[:2] != (nrow, width):
             raise SceneMismatchError(
-                f"layouts.{name} has shape {found} and should have shape {(nrow, *shape)}. Give layouts of this scene."
+                f"layouts.{name} has shape {tuple(array.shape)} and should have {nrow} rows of {width} columns. Give "
+                "layouts of this scene."
             )
+        on_device = isinstance(array, wp.array)
         arrays.append(array.to(device) if on_device else wp.array(array, dtype=dtype, ndim=2, device=device))
     return Poses(*arrays)

@@ -80,18 +80,13 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
             continue
         dyntype, inputs = int(mjm.actuator_dyntype[i]), []
         if dyntype in CTRL_HOLDS:
-            inputs.append(ctrladr[i])
+            inputs.append((ctrladr[i], ctrladr[i], mjm.actuator_ctrllimited, mjm.actuator_ctrlrange))
         if mjm.actuator_actnum[i] == 1 and dyntype in ACT_HOLDS:
-            inputs.append(nu + mjm.actuator_actadr[i])
-        for e in inputs:
+            inputs.append((nu + mjm.actuator_actadr[i], i, mjm.actuator_actlimited, mjm.actuator_actrange))
+        # control ranges are listed by control, activation ranges by actuator
+        for e, which, limited, limits in inputs:
             bias[e] = -bias0 / gain
             terms[e] = [(adr, -bias1 / gain * coef) for adr, coef in length]
-            limited, limits = (
-                (mjm.actuator_ctrllimited, mjm.actuator_ctrlrange)
-                if e < nu
-                else (mjm.actuator_actlimited, mjm.actuator_actrange)
-            )
-            which = e if e < nu else i  # control ranges are listed by control, activation ranges by actuator
             if limited[which]:
                 lower[e], upper[e] = limits[which]
     flat = [term for row in terms for term in row]

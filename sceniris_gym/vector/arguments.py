@@ -20,7 +20,7 @@ from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector.ranks import ALONE, Rank
+from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
 _MOST_PIXELS = 1 << 14  # along an edge
@@ -107,16 +107,14 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     return as_count(width, f"{name}[0]", most=_MOST_PIXELS), as_count(height, f"{name}[1]", most=_MOST_PIXELS)
 
 
-def as_reset_seeds(
-    seed: Any, num_envs: int, *, first: bool, rank: Rank = ALONE
-) -> tuple[np.ndarray, np.ndarray] | None:
+def as_reset_seeds(seed: Any, num_envs: int, rank: Rank, *, first: bool) -> tuple[np.ndarray, np.ndarray] | None:
     """Return a seed for each world and a mask of the worlds that get theirs; None if no world is reseeded.
 
     Args:
         seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None.
         num_envs: Number of worlds.
-        first: Draw a seed for each None in a sequence, as the first reset does.
         rank: The process; an integer seed is moved on to the seeds that this process has for itself.
+        first: Draw a seed for each None in a sequence, as the first reset does.
 
     Raises:
         SeedError: Any other seed.

@@ -36,7 +36,7 @@ class BaseFrame:
         mujoco.mju_quat2Mat(matrix, self._to_base)
         self._turn = matrix.reshape(3, 3)
         self._offset = self._tensor(np.concatenate([-self._turn @ position, np.zeros(4)]))
-        self._pair = self._tensor(_block(self._turn, self._turn))
+        self._pair = torch.block_diag(self._tensor(self._turn), self._tensor(self._turn))
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
@@ -45,7 +45,7 @@ class BaseFrame:
         for column, unit in zip(columns, np.eye(4), strict=True):
             mujoco.mju_mulQuat(column, self._to_base, unit)
             mujoco.mju_mulQuat(column, column.copy(), quat)
-        return self._tensor(_block(self._turn, columns.T))
+        return torch.block_diag(self._tensor(self._turn), self._tensor(columns.T))
 
     def pose(self, position: Tensor, quat: Tensor, seen: Tensor | None = None) -> Tensor:
         """Return poses in the base frame, shape (..., 7).
@@ -122,10 +122,3 @@ def base_frame(scene: SceneModel, device: torch.device, xpos: Tensor, xquat: Ten
     if robots[0] in scene.config.parts:
         return DrawnBaseFrame(xpos[:, body], xquat[:, body])
     return BaseFrame(scene.mjm, body, device)
-
-
-def _block(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    size = len(first) + len(second)
-    matrix = np.zeros((size, size))
-    matrix[: len(first), : len(first)], matrix[len(first) :, len(first) :] = first, second
-    return matrix

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.grasping.gripper import finger_joints
+from sceniris_gym.program.couplings import joined_bodies
 from sceniris_gym.scene.couplings import active_equalities, driven_by, follow
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
@@ -83,7 +84,7 @@ class Fingers:
         if not controls:
             return None
         joints = tuple(sorted(width))
-        linked = any(not _joined(mjm, eq).isdisjoint(hand) for eq in active_equalities(mjm))
+        linked = any(not set(joined_bodies(mjm, eq)).isdisjoint(hand) for eq in active_equalities(mjm))
         widths = None if linked else np.array([width[j] for j in joints])
         return cls(
             joints,
@@ -97,14 +98,6 @@ class Fingers:
 def _below(mjm: mujoco.MjModel, joint: int) -> list[int]:
     """Return the bodies that a joint moves."""
     return subtree(mjm, int(mjm.jnt_bodyid[joint]))
-
-
-def _joined(mjm: mujoco.MjModel, eq: int) -> set[int]:
-    """Return the bodies that an equality joins at a point or as a whole; none for one of joints or tendons."""
-    if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
-        return set()
-    ends = {int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])}
-    return {int(mjm.site_bodyid[i]) for i in ends} if mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE else ends
 
 
 def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

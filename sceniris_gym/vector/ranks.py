@@ -51,7 +51,3 @@ class Rank:
                 "integer seeds.",
                 file=sys.stderr,
             )
-
-
-ALONE = Rank()
-"""The rank of a process that trains alone."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.pictures.camera import FrameCamera
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.vector import window
 from sceniris_gym.vector.arguments import as_size
 
 RENDER_MODES = ["rgb_array", "human"]
@@ -54,7 +54,9 @@ class Rendering:
         if self.mode != "human":
             return
         if self._window is None:
-            self._window = window.open_window(batch.scene, self.worlds)
+            # by its name, as the viewer imports the environments
+            viewer: Any = importlib.import_module("sceniris_gym.viewer.window")
+            self._window = viewer.Window(batch.scene, self.worlds)
         self._window.show(batch, layouts, seconds)
 
     def close(self) -> None:

@@ -119,17 +119,12 @@ class Sensors:
                 raise UnknownNameError("observation", name, "sensing", seen)
         self.sensing = sensing
         late = tuple(seen) if sensing.late is None else sensing.late
-        deviations, lates, parts = [], [], []
-        for part, (name, values) in enumerate(seen.items()):
-            size = values[0].numel()
-            deviations += [sensing.noise.get(name, 0.0)] * size
-            lates += [name in late] * size
-            parts += [part] * size
-        width = len(parts)
-        self._deviation = torch.tensor(deviations, dtype=torch.float32, device=s.device)
-        self._late = torch.tensor(lates, device=s.device)
-        self._part = torch.tensor(parts, device=s.device)
-        self._parts = len(seen)
+        sizes = torch.tensor([values[0].numel() for values in seen.values()])
+        self._parts, width = len(seen), int(sizes.sum())
+        self._part = torch.arange(self._parts).repeat_interleave(sizes).to(s.device)
+        deviations = [float(sensing.noise.get(name, 0.0)) for name in seen]
+        self._deviation = torch.tensor(deviations, device=s.device)[self._part]
+        self._late = torch.tensor([name in late for name in seen], device=s.device)[self._part]
         self._rows = torch.arange(s.num_envs, device=s.device)
         self._past = torch.zeros(s.num_envs, sensing.delay[1] + 1, width, device=s.device)
         self._shown = torch.zeros(s.num_envs, 2, width, device=s.device)

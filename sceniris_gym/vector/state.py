@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -76,16 +77,10 @@ class State:
         self._site_xpos = wp.to_torch(d.site_xpos)
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
         self._base = base_frame(self.scene, self.device, self._xpos, self._xquat)
-        self._sites: dict[str, tuple[int, int, Tensor]] = {}
-        self._spans: dict[tuple[str, Joints], slice | Tensor] = {}
-        self._jacobians: dict[tuple[str, Joints], tuple[Tensor, Tensor | None]] = {}
-        self._joint_writers: dict[tuple[Joints, int], JointWriter] = {}
-        self._pose_writers: dict[str, PoseWriter] = {}
-        self._grasp_tables: dict[int, tuple[Tensor, Tensor, Tensor]] = {}
+        self._kept: dict[tuple[Hashable, ...], Any] = {}
         if layouts.reaching is not None:
             self._layout_grasp = wp.to_torch(layouts.grasp)
             self._layout_joints = {q: wp.to_torch(getattr(layouts, q)) for q in ("grasp_qpos", "pregrasp_qpos")}
-        self._columns: dict[tuple[str, ...], Tensor] = {}
 
     @property
     def finite(self) -> Tensor:
@@ -101,30 +96,29 @@ class State:
 
     def present(self, names: Sequence[str]) -> Tensor:
         """Return which objects are present rather than left out by their groups, shape (num_envs, len(names)), bool."""
-        key = ("present", *names)
-        if key not in self._columns:
+
+        def find() -> Tensor:
             objects = list(self.scene.config.objects)
             unknown = [name for name in names if name not in objects]
             if unknown:
                 raise self._unknown("object", unknown[0], "present", objects)
-            self._columns[key] = self._index([objects.index(name) for name in names])
-        return wp.to_torch(self._layouts.present)[:, self._columns[key]] > 0
+            return self._index([objects.index(name) for name in names])
+
+        return wp.to_torch(self._layouts.present)[:, self._once(find, "present", *names)] > 0
 
     def poses(self, names: Sequence[str]) -> Tensor:
         """Return the poses of several bodies at once, shape (num_envs, len(names), 7); see `pose`."""
-        key = ("poses", *names)
-        if key not in self._columns:
-            self._columns[key] = self._index([self._id("body", name, "poses") for name in names])
-        bodies = self._columns[key]
+        bodies = self._once(lambda: self._index([self._id("body", n, "poses") for n in names]), "poses", *names)
         return self._base.pose(self._xpos[:, bodies], self._xquat[:, bodies])
 
     def site(self, name: str) -> Tensor:
         """Return position [m] and orientation (wxyz) of a site, shape (num_envs, 7)."""
-        if name not in self._sites:
+
+        def find() -> tuple[int, int, Tensor]:
             number = self._id("site", name, "site")
-            seen = self._base.seen(self.mjm.site_quat[number])
-            self._sites[name] = number, int(self.mjm.site_bodyid[number]), seen
-        site, body, seen = self._sites[name]
+            return number, int(self.mjm.site_bodyid[number]), self._base.seen(self.mjm.site_quat[number])
+
+        site, body, seen = self._once(find, "site", name)
         return self._base.pose(self._site_xpos[:, site], self._xquat[:, body], seen)
 
     def velocity(self, name: str) -> Tensor:
@@ -133,14 +127,16 @@ class State:
 
     def velocities(self, names: Sequence[str]) -> Tensor:
         """Return the velocities of several free objects at once, shape (num_envs, len(names), 6); see `velocity`."""
-        key = ("velocities", *names)
-        if key not in self._columns:
+
+        def find() -> tuple[Tensor, Tensor]:
             bodies = [self._id("body", name, "velocity") for name in names]
             dofs = [[self._free_dof(body, "velocity") + i for i in range(6)] for body in bodies]
-            self._columns[key], self._columns["bodies of", *key] = self._index(dofs), self._index(bodies)
-        linear, angular = self._qvel[:, self._columns[key]].split(3, dim=-1)
+            return self._index(bodies), self._index(dofs)
+
+        bodies, dofs = self._once(find, "velocities", *names)
+        linear, angular = self._qvel[:, dofs].split(3, dim=-1)
         # MuJoCo keeps the angular velocity of a free joint in the body's own frame
-        angular = rotations.rotate(self._xquat[:, self._columns["bodies of", *key]], angular)
+        angular = rotations.rotate(self._xquat[:, bodies], angular)
         return self._base.vectors(linear, angular)
 
     def qpos(self, name: Joints) -> Tensor:
@@ -161,7 +157,7 @@ class State:
         where the object is absent.
         """
         column, target = self._target(name, "grasp")
-        body, pos, quat = self._grasps(target)
+        body, pos, quat = self._once(lambda: self._grasps(target), "grasps", target.number)
         chosen = self._layout_grasp[:, column]
         i = chosen.clamp(min=0).long()
         rows = torch.arange(self.num_envs, device=self.device)
@@ -195,9 +191,7 @@ class State:
             name: The joints, as in `qpos`.
         """
         number = self._id("site", site, "jacobian")
-        if (site, name) not in self._jacobians:
-            self._jacobians[site, name] = self._jacobian_columns(number, name)
-        joints, kinds = self._jacobians[site, name]
+        joints, kinds = self._once(lambda: self._jacobian_columns(number, name), "jacobian", site, name)
         axis, arm = self._xaxis[:, joints], self._site_xpos[:, None, number] - self._xanchor[:, joints]
         linear = torch.linalg.cross(axis, arm)
         if kinds is not None:
@@ -217,11 +211,13 @@ class State:
                 with a NaN stay as they are.
             mask: Which worlds, shape (num_envs,), bool.
         """
-        key = (name, qpos.shape[1])
-        if key not in self._joint_writers:
-            joints = self._joints(name, "put_joints")[: qpos.shape[1]]
-            self._joint_writers[key] = JointWriter(self.mjm, self._written, joints)
-        self._joint_writers[key].write(qpos, mask & qpos.isfinite().all(dim=1))
+        width = qpos.shape[1]
+
+        def make() -> JointWriter:
+            return JointWriter(self.mjm, self._written, self._joints(name, "put_joints")[:width])
+
+        writer = self._once(make, "joints", name, width)
+        writer.write(qpos, mask & qpos.isfinite().all(dim=1))
         self._batch.update()
 
     def put_pose(self, name: str, pose: Tensor, mask: Tensor) -> None:
@@ -241,10 +237,9 @@ class State:
             UnknownNameError: The scene has no such body.
             ArgumentError: The body is a robot, a fixture or static, or hangs on joints.
         """
-        if name not in self._pose_writers:
-            body = self._id("body", name, "put_pose")
-            self._pose_writers[name] = PoseWriter(self._batch, body, self.device)
-        writer = self._pose_writers[name]
+        writer = self._once(
+            lambda: PoseWriter(self._batch, self._id("body", name, "put_pose"), self.device), "pose", name
+        )
         pose = torch.cat([pose[:, :3], torch.nn.functional.normalize(pose[:, 3:], dim=1, eps=0.0)], dim=1)
         given = mask & pose.isfinite().all(dim=1)
         if writer.owner in self.scene.config.objects:
@@ -263,12 +258,12 @@ class State:
         """
         if not sleeps(self._batch.model):
             return
-        key = ("trees of", *names)
-        if key not in self._columns:
+
+        def find() -> Tensor:
             bodies = [self._id("body", name, "sleep") for name in names]
-            trees = [int(self.mjm.dof_treeid[self._free_dof(body, "sleep")]) for body in bodies]
-            self._columns[key] = self._index(trees)
-        trees = self._columns[key]
+            return self._index([int(self.mjm.dof_treeid[self._free_dof(body, "sleep")]) for body in bodies])
+
+        trees = self._once(find, "trees", *names)
         asleep, awake = wp.to_torch(self.data.tree_asleep), wp.to_torch(self.data.tree_awake)
         # a tree that sleeps by itself is named by its own number
         asleep[:, trees] = torch.where(mask[:, None], trees.int(), asleep[:, trees])
@@ -306,14 +301,18 @@ class State:
 
     def _grasps(self, target: ReachTarget) -> tuple[Tensor, Tensor, Tensor]:
         """Return body ids, positions and orientations (wxyz) of the grasps of a reachable object."""
-        if target.number not in self._grasp_tables:
-            grasps = target.grasp_set.grasps
-            self._grasp_tables[target.number] = (
-                torch.tensor([g.body for g in grasps], device=self.device),
-                torch.tensor(np.array([g.pos for g in grasps]), dtype=torch.float32, device=self.device),
-                torch.tensor(np.array([g.quat for g in grasps]), dtype=torch.float32, device=self.device),
-            )
-        return self._grasp_tables[target.number]
+        grasps = target.grasp_set.grasps
+        pos, quat = (
+            torch.tensor(np.array(values), dtype=torch.float32, device=self.device)
+            for values in zip(*((g.pos, g.quat) for g in grasps), strict=True)
+        )
+        return self._index([g.body for g in grasps]), pos, quat
+
+    def _once(self, make: Callable[[], Any], *key: Hashable) -> Any:
+        """Return what `make` returned when it was first called for this key."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
     def _index(self, numbers: list) -> Tensor:
         return torch.tensor(numbers, device=self.device)
@@ -342,10 +341,11 @@ class State:
         return UnknownNameError(kind, name, f"scene '{self.scene.config.name}': State.{method}", valid)
 
     def _span(self, array: str, name: Joints) -> slice | Tensor:
-        if (array, name) not in self._spans:
+        def find() -> slice | Tensor:
             adr = self.mjm.jnt_qposadr if array == "qpos" else self.mjm.jnt_dofadr
-            self._spans[array, name] = as_columns([int(adr[j]) for j in self._joints(name, array)], self.device)
-        return self._spans[array, name]
+            return as_columns([int(adr[j]) for j in self._joints(name, array)], self.device)
+
+        return self._once(find, array, name)
 
     def _joints(self, name: Joints, method: str) -> list[int]:
         """Return the ids of a joint, or of the hinges and slides inside an object, a robot or a body."""
@@ -373,8 +373,8 @@ class State:
         carries = np.array([body in subtree(mjm, int(mjm.jnt_bodyid[j])) for j in joints])
         slide = mjm.jnt_type[joints] == SLIDE
         kinds = np.stack([carries & ~slide, carries & slide])[:, :, None]
-        plain = bool(kinds[0].all())
-        return self._index(joints), None if plain else torch.tensor(kinds, dtype=torch.float32, device=self.device)
+        flags = None if kinds[0].all() else torch.tensor(kinds, dtype=torch.float32, device=self.device)
+        return self._index(joints), flags
 
 
 def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:

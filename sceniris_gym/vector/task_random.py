@@ -49,10 +49,6 @@ def draw_uniform(
         high: Upper bound, exclusive.
         values_out: Array to fill, shape (nworld, n), float32.
     """
-    wp.launch(
-        _draw_uniform,
-        dim=(values_out.shape[0], (values_out.shape[1] + 3) // 4),
-        inputs=[seed, episode, step, wp.uint32(stream), low, high],
-        outputs=[values_out],
-        device=values_out.device,
-    )
+    dim = values_out.shape[0], (values_out.shape[1] + 3) // 4
+    inputs = [seed, episode, step, wp.uint32(stream), low, high]
+    wp.launch(_draw_uniform, dim=dim, inputs=inputs, outputs=[values_out], device=values_out.device)

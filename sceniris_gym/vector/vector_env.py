@@ -238,7 +238,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if seed is None and not self._ready:
             # it is -1 after a generator was assigned to np_random
             seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
-        seeds = as_reset_seeds(seed, self.num_envs, first=not self._ready, rank=self.rank)
+        seeds = as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready)
         with self._on_torch_stream():
             if seeds is not None:
                 numbers, given = seeds

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.blame import Blame, Hit
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
@@ -133,12 +132,7 @@ class LayoutDeck:
             LayoutIdError: The text has not the form of an id.
             SceneMismatchError: The layout is of another scene.
         """
-        name = LayoutId.parse(text.strip())
-        if name.scene != self.compiled.hash:
-            raise SceneMismatchError(
-                f"layout '{text.strip()}': is of scene {name.scene}, and this one is {self.compiled.hash}. "
-                "Open its scene."
-            )
+        name = LayoutId.of_scene(text.strip(), self.compiled.hash, "Open its scene.")
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:

@@ -117,12 +117,8 @@ class EnvView:
         return 2.0 * torch.rand(self.envs.action_space.shape or (), device=self.envs.device) - 1.0
 
     def _own_id(self, text: str) -> LayoutId:
-        found = LayoutId.parse(text)
-        if found.scene != self.envs.compiled.hash:
-            raise SceneMismatchError(
-                f"layout '{text}': is of another scene than this one, {self.envs.compiled.hash}. Open its environment, "
-                "with the same changes of the scene."
-            )
+        cure = "Open its environment, with the same changes of the scene."
+        found = LayoutId.of_scene(text, self.envs.compiled.hash, cure)
         if found.split != self.envs.split:
             raise SceneMismatchError(
                 f"layout '{text}': is of the split '{found.split}', and '{self.envs.split}' is played here. "

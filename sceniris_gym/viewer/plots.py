@@ -18,6 +18,7 @@ _MOST = len(_COLOURS)  # curves of a plot of the observation, so that each has a
 _DASHES = (6, 4)  # of reward terms beyond those
 _SIDE = 64  # pixels left of a plot, for labels as long as '-0.001'
 _STEPS = (1, 2, 5, 10, 20, 50, 100)  # between two labels
+_Shapes = Sequence[tuple[str, tuple[int, ...]]]
 _NOTHING = np.full(2, np.nan)  # a curve before there are two steps to draw a line through
 
 
@@ -46,10 +47,7 @@ class Plots:
     """
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        shapes: Sequence[tuple[str, tuple[int, ...]]],
-        on_choice: Callable[[], None] = lambda: None,
+        self, server: viser.ViserServer, shapes: _Shapes, on_choice: Callable[[], None] = lambda: None
     ) -> None:
         self._gui = server.gui
         self._parts = {part.name: part for part in parts_of(shapes)}
@@ -111,7 +109,7 @@ class Plots:
         self._charts[chart] = names, handle
 
 
-def parts_of(shapes: Sequence[tuple[str, tuple[int, ...]]]) -> list[Part]:
+def parts_of(shapes: _Shapes) -> list[Part]:
     """Cut an observation into parts that fit into a plot: rows of arrays, and pieces of long rows."""
     parts, first = [], 0
     for name, shape in shapes:

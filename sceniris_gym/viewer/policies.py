@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, MissingExtraError
+from sceniris_gym.errors import ArgumentError, import_extra
 
 Policy = Callable[[dict[str, Tensor]], Any]
 """Takes the observation groups of all worlds, each (num_envs, size), and returns actions, (num_envs, action size)."""
@@ -62,10 +62,7 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
 
 
 def _of_rsl_rl(path: Path, device: str) -> Policy:
-    try:
-        from rsl_rl.modules import MLP, EmpiricalNormalization
-    except ImportError:
-        raise MissingExtraError("rsl_rl", "rsl-rl") from None
+    modules = import_extra("rsl_rl.modules", "rsl-rl", "rsl_rl")
     try:
         stored = torch.load(path, map_location=device, weights_only=True)["actor_state_dict"]
     except Exception as error:  # torch's own classes of errors differ between versions
@@ -75,12 +72,12 @@ def _of_rsl_rl(path: Path, device: str) -> Policy:
     if not weights:
         raise ArgumentError(f"--policy {path}: should be a checkpoint of rsl-rl's MLPModel, has {', '.join(stored)}.")
     sizes = [weights[0].shape[1], *(w.shape[0] for w in weights)]
-    network = MLP(sizes[0], sizes[-1], sizes[1:-1], "elu").to(device)
+    network = modules.MLP(sizes[0], sizes[-1], sizes[1:-1], "elu").to(device)
     network.load_state_dict({k.removeprefix("mlp."): v for k, v in stored.items() if k.startswith("mlp.")})
     normal = {k.removeprefix("obs_normalizer."): v for k, v in stored.items() if k.startswith("obs_normalizer.")}
     scale = torch.nn.Identity()
     if normal:
-        scale = EmpiricalNormalization(sizes[0]).to(device)
+        scale = modules.EmpiricalNormalization(sizes[0]).to(device)
         scale.load_state_dict(normal)
     scale.eval()
 
@@ -95,10 +92,7 @@ def _of_rsl_rl(path: Path, device: str) -> Policy:
 
 
 def _of_stable_baselines(path: Path, device: str) -> Policy:
-    try:
-        stable_baselines3 = importlib.import_module("stable_baselines3")
-    except ImportError:
-        raise MissingExtraError("stable_baselines3", "sb3") from None
+    stable_baselines3 = import_extra("stable_baselines3", "sb3")
     if not zipfile.is_zipfile(path):
         raise ArgumentError(f"--policy {path}: should be a model that Stable-Baselines3 saved.")
     why = ""

@@ -41,7 +41,7 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
     sketch = Sketch()
     found: dict[tuple[bytes, float], tuple[list[str], MultiPolygon]] = {}
     for name in [only] if only is not None else world.placed_names:
-        for outline, left, height in _on_supports(world, name):
+        for outline, left, height in regions_left(world, name):
             for part in shapely.get_parts(outline):
                 ring = np.asarray(part.exterior.coords)[:-1, :2]
                 sketch.outline(np.c_[ring, np.full(len(ring), height + _LIFT)], GREY)
@@ -81,17 +81,12 @@ def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[s
     return words
 
 
-def region_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, float]]:
-    """Return the areas [m] for the pivot of an object, in the world seen from above, and their heights [m].
+def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
+    """Return the outline of each surface that an object may stand on, the area left for its pivot, and the height [m].
 
-    The test for a cover looks at pivots on the surface itself. Distances between bounds hold for any heading of the
-    object, so their rings are a little too large.
+    Outlines and areas [m] are those of the world, seen from above. The test for a cover looks at pivots on the surface
+    itself. Distances between bounds hold for any heading of the object, so their rings are a little too large.
     """
-    return [(left, height) for _, left, height in _on_supports(world, name)]
-
-
-def _on_supports(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
-    """Return (outline, region left, height) in the world for each surface that an object may stand on."""
     placed = world.placed(name)
     relations = [relation_area(world, name, relation) for relation in relations_of(placed)]
     found = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import warnings
 from collections.abc import Mapping
@@ -67,12 +68,10 @@ class SceneFile:
             self._files = list(dict.fromkeys([*self._files, *_files_of(config)]))
             self._stamps = self._read_stamps()
             model = build_model(config)
-        except ScenirisError as error:
-            return LoadedScene(None, error)
-        try:
-            return LoadedScene(compile_scene(model, "cpu"))
-        except InfeasibleSceneError as error:
-            return LoadedScene(upload_scene(model, "cpu"), error)
+            try:
+                return LoadedScene(compile_scene(model, "cpu"))
+            except InfeasibleSceneError as error:
+                return LoadedScene(upload_scene(model, "cpu"), error)
         except ScenirisError as error:
             return LoadedScene(None, error)
 
@@ -83,11 +82,9 @@ class SceneFile:
     def _read_stamps(self) -> Stamps:
         stamps = {}
         for path in self._files:
-            try:
+            with contextlib.suppress(OSError):  # while an editor replaces it
                 found = path.stat()
-            except OSError:  # while an editor replaces it
-                continue
-            stamps[path] = found.st_mtime_ns, found.st_size
+                stamps[path] = found.st_mtime_ns, found.st_size
         return stamps
 
 

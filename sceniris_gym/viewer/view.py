@@ -100,7 +100,6 @@ class SceneView:
         self.deck = LayoutDeck(loaded.compiled, self.num)
         self._only = self._only if self._only in loaded.compiled.object_names else None
         self._counted = False
-        self._erase_slices()
         self._slices = ReachSlice.of(loaded.compiled.scene)
         ranges = Player(loaded.compiled.mjm, self.deck.make(self.where)[:1]).target_ranges()
         shown = self._candidates is not None
@@ -294,18 +293,14 @@ class SceneView:
         self.panel.set_candidates(len(self._candidates or ()), self._candidate, text)
 
     def _show_slices(self, world: ShownWorld) -> None:
-        self._erase_slices()
+        erase(self.server, _SLICE)
         if REACH not in self._layers:
             return
+        self.server.scene.add_frame(f"/{_SLICE}", show_axes=False, position=self._worlds.origins[0])
         for i, piece in enumerate(self._slices):
             (at, turn), size = piece.pose(world.data, self._height), 2.0 * piece.span
-            flat = {"cast_shadow": False, "receive_shadow": False, "format": "png"}
-            words = {"position": at + self._worlds.origins[0], "wxyz": turn, **flat}
-            self.server.scene.add_image(f"/{_SLICE}{i}", piece.picture(world.data, self._height), size, size, **words)
-
-    def _erase_slices(self) -> None:
-        for i in range(len(self._slices)):
-            erase(self.server, f"{_SLICE}{i}")
+            words = {"position": at, "wxyz": turn, "cast_shadow": False, "receive_shadow": False, "format": "png"}
+            self.server.scene.add_image(f"/{_SLICE}/{i}", piece.picture(world.data, self._height), size, size, **words)
 
     def _show_player(self) -> None:
         if self._player is None:
@@ -333,11 +328,8 @@ class SceneView:
     def _first_candidate(self) -> int:
         """Return the candidate to begin with: where no layout can be made, the first one of the object to blame."""
         error = self.loaded.error if self._ready else None
-        if isinstance(error, InfeasibleSceneError):
-            for i, candidate in enumerate(self._candidates or ()):
-                if (candidate.name, candidate.cause) == (error.name, error.cause):
-                    return i
-        return 0
+        blamed = (error.name, error.cause) if isinstance(error, InfeasibleSceneError) else None
+        return next((i for i, c in enumerate(self._candidates or ()) if (c.name, c.cause) == blamed), 0)
 
     def _layout_id(self) -> str:
         return self.deck.compiled.layout_id(self.where.seed, self.where.episode, self.where.split)

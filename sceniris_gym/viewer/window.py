@@ -37,7 +37,6 @@ class Window:
         self.server = open_server() if server is None else server
         if server is None:
             print(f"sceniris_gym: the environment is shown at {address(self.server)}", file=sys.stderr, flush=True)
-        self._scene = scene
         self._worlds = Worlds(self.server, scene, self.num)
         self._worlds.aim()
         self._bodies = [scene.subtree(name) for name in slot_names(scene.config)]

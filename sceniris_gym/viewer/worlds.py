@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Collection, Mapping
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -74,11 +73,7 @@ class Worlds:
         self._mocap_pos, self._mocap_quat = np.zeros((num, mjm.nmocap, 3)), np.zeros((num, mjm.nmocap, 4))
 
     def put(
-        self,
-        i: int,
-        data: Any,
-        hidden: Collection[int] = (),
-        moved: Mapping[int, np.ndarray] = MappingProxyType({}),
+        self, i: int, data: Any, hidden: Collection[int] = (), moved: Mapping[int, np.ndarray] | None = None
     ) -> None:
         """Set what world `i` shows, without sending it.
 
@@ -92,7 +87,7 @@ class Worlds:
         self._xmat[i] = np.reshape(data.xmat, (-1, 3, 3))
         for body in hidden:
             self._xpos[i, body] = _AWAY
-        for body, offset in moved.items():
+        for body, offset in (moved or {}).items():
             self._xpos[i, body] += offset
         mocap = np.flatnonzero(self.mjm.body_mocapid >= 0)
         self._mocap_pos[i, self.mjm.body_mocapid[mocap]] = self._xpos[i, mocap]
@@ -123,11 +118,9 @@ class Worlds:
         eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
         middle = points.mean(axis=0)
         look_at = eye - axes[:, 2] * float((eye - middle) @ axes[:, 2])
-        camera = self._server.initial_camera
-        camera.fov, camera.position, camera.look_at = math.radians(FOVY), eye, look_at
-        for client in self._server.get_clients().values() if open_pages else ():
-            client.camera.fov = math.radians(FOVY)
-            client.camera.position, client.camera.look_at = eye, look_at
+        clients = self._server.get_clients().values() if open_pages else ()
+        for camera in (self._server.initial_camera, *(client.camera for client in clients)):
+            camera.fov, camera.position, camera.look_at = math.radians(FOVY), eye, look_at
 
 
 def view_direction(mjm: mujoco.MjModel) -> np.ndarray:

@@ -27,6 +27,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.vector.arguments import as_action, as_autoreset_mode, as_reset_mask, as_reset_seeds, as_size
+from sceniris_gym.vector.ranks import Rank
 from tests.fuzz.scenes import base_scene, write_assets
 from tests.fuzz.values import value
 from tests.reach.shapes import gantry
@@ -87,7 +88,7 @@ def _calls(draws: np.random.Generator) -> list[Callable[[], object]]:
         lambda: as_mask(array(), 4, wp.get_device("cpu")),
         lambda: as_rows(array(), 4, 4, wp.get_device("cpu")),
         lambda: as_reset_mask({"reset_mask": array()}, 4),
-        lambda: as_reset_seeds(array(), 4, first=True),
+        lambda: as_reset_seeds(array(), 4, Rank(), first=True),
         lambda: as_action(array(), space, cpu),
         lambda: as_size(wrong(), "size"),
         lambda: as_autoreset_mode(wrong()),

@@ -14,7 +14,7 @@ def refused(generator: LayoutGenerator) -> tuple[Rows, np.ndarray]:
 
     They are free or fixtures. The wave drew one trial for each of its rows; all else is as it is in the row.
     """
-    search, view, mjm = generator._search, generator.layouts.view, generator.compiled.mjm
+    search, view, mjm = generator._work.search, generator.layouts.view, generator.compiled.mjm
     wave = search.queue.numpy()[search.source.numpy()[0], : search.rows.numpy()[0]]
     assert (search.row_trials.numpy()[wave] == 1).all()
     candidates = search.row_first.numpy()[wave]

@@ -96,7 +96,7 @@ def waiting(compiled: CompiledScene, nworld: int, **words: int) -> tuple[LayoutG
     generator.launch_placing(None)
     stage = generator._stage
     assert stage is not None
-    launch_open_worlds(stage._arms[0][0], generator.layouts.view, generator._search, stage.search, "cpu")
+    launch_open_worlds(generator._work, stage._arms[0][0], stage.search)
     return generator, stage
 
 

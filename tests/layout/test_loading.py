@@ -35,8 +35,7 @@ def test_all_that_is_launched_is_compiled_ahead(name: str, tmp_path: Path, monke
     monkeypatch.setattr(wp, "launch", record)
     monkeypatch.setattr(wp, "launch_tiled", record_tiled)
     generator.launch_generate(None)
-    visual, staged = compiled.config.geometry == "visual", name == "clear"
-    lanes, blocks = kernel_modules(related=compiled.related, visual=visual, staged=staged, block_dim=32)
+    lanes, blocks = kernel_modules(generator._work, staged=name == "clear")
     assert launched == {True: set(blocks), False: set(lanes)}
 
 
@@ -47,12 +46,11 @@ def test_it_is_said_before_kernels_are_compiled(
     generator = LayoutGenerator(compile_scene("mid", "cpu"), 1)
     generator.generate()
     monkeypatch.setattr(kernel_log, "_told", set())
-    words = {"block_dim": 1, "related": False, "visual": False, "staged": False}
     capsys.readouterr()
-    load_kernels("cpu", **words)
+    load_kernels(generator._work, staged=False)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
-    load_kernels("cpu", **words)
-    lanes, blocks = kernel_modules(related=False, visual=False, staged=False, block_dim=1)
+    load_kernels(generator._work, staged=False)
+    lanes, blocks = kernel_modules(generator._work, staged=False)
     assert f"({len(lanes + blocks)} modules of this package" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -199,7 +199,7 @@ def test_few_worlds_wait_until_more_are_reset():
 def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.MonkeyPatch):
     """Also where the garbage collector finds source and generator in one cycle, and frees its parts in any order."""
     generator = LayoutGenerator(compile_scene("mid", "cpu"), 4)
-    array, freed, order = generator._search.cause, wp.array.__del__, []
+    array, freed, order = generator._work.search.cause, wp.array.__del__, []
     address = array.ptr
 
     def free(self: wp.array) -> None:

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from sceniris_gym.errors import SeedError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.tables import grasp_poses, make_table, read_table
+from sceniris_gym.layout.seeds import as_seeds
+from sceniris_gym.layout.tables import grasp_poses, make_table, make_tables, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -43,10 +44,11 @@ def test_a_table_is_a_copy_of_the_batch(crane: CompiledScene):
 
 
 def test_rows_do_not_depend_on_how_many_are_made_at_once(crane: CompiledScene):
-    """Ten at once, in threes, or the last six alone; progress is told until all are there."""
-    whole, told = make_table(crane, 10, 40), []
-    assert_same(make_table(crane, 10, 40, chunk=3, progress=told.append), whole)
-    assert told == [3, 3, 3, 1]
+    """Ten at once, in threes, or the last six alone."""
+    whole = make_table(crane, 10, 40)
+    assert_same(make_table(crane, 10, 40, chunk=3), whole)
+    tables = make_tables(LayoutGenerator(crane, 3), as_seeds(40, 10))
+    assert [len(table) for table in tables] == [3, 3, 3, 1]
     assert_same(make_table(crane, 6, 44), whole[slice(4, 10)])
     assert whole.seed.tolist() == list(range(40, 50))
     assert not whole.episode.any()

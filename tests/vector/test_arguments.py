@@ -33,6 +33,7 @@ from sceniris_gym.vector.arguments import (
     fresh_seed,
     fresh_seeds,
 )
+from sceniris_gym.vector.ranks import Rank
 from tests.vector.conftest import SCENE, Reach
 
 CPU = torch.device("cpu")
@@ -105,7 +106,7 @@ def test_what_names_no_observation_group_is_refused(given: Any):
 
 def seeds(given: Any, *, first: bool = False) -> tuple[list[int], list[bool]]:
     """Return the seeds of three worlds, and which of them are given one."""
-    found = as_reset_seeds(given, 3, first=first)
+    found = as_reset_seeds(given, 3, Rank(), first=first)
     assert found is not None
     assert (found[0].dtype, found[1].dtype) == (np.uint64, bool)
     return found[0].tolist(), found[1].tolist()
@@ -116,7 +117,7 @@ def test_seeds_without_none_are_for_all_worlds(first: bool):
     """One integer counts up, many are taken as they are; without any there is nothing to give."""
     for given in (5, np.uint8(5), [5, 6, 7], (5, 6, 7), np.array([5, 6, 7], np.int16), range(5, 8)):
         assert seeds(given, first=first) == ([5, 6, 7], [True, True, True])
-    assert as_reset_seeds(None, 3, first=first) is None
+    assert as_reset_seeds(None, 3, Rank(), first=first) is None
 
 
 def test_none_among_seeds_goes_on():
@@ -153,7 +154,7 @@ def test_a_wrong_seed_is_named_by_its_place(given: Any, words: str):
     """Also beside those that are None."""
     for first in (True, False):
         with pytest.raises(SeedError, match=words):
-            as_reset_seeds(given, 3, first=first)
+            as_reset_seeds(given, 3, Rank(), first=first)
 
 
 @pytest.mark.parametrize(

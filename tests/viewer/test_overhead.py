@@ -10,7 +10,7 @@ from shapely.geometry import Point
 
 from sceniris_gym.program.device import Cover
 from sceniris_gym.viewer.overhead import cover_over, is_covered_rightly
-from sceniris_gym.viewer.regions import region_left
+from sceniris_gym.viewer.regions import regions_left
 from sceniris_gym.viewer.shown import ShownWorld
 from tests.viewer.worlds_on_show import world_of
 
@@ -62,7 +62,7 @@ def test_a_region_is_cut_as_the_word_asks():
     world = world_of("mid", 1)
     banana = world.placed("banana")
     assert banana.cover != Cover.EITHER
-    ((left, height),) = [found for found in region_left(world, "banana") if not found[0].is_empty]
+    ((_, left, height),) = [found for found in regions_left(world, "banana") if not found[1].is_empty]
     around = left.envelope.buffer(0.1)
     cover = cover_over(world, banana, height)
     kept = is_covered_rightly(world, banana, around, height)

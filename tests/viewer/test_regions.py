@@ -13,7 +13,7 @@ from sceniris_gym.config.relations import KINDS, Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.viewer.deck import LayoutDeck, Where
-from sceniris_gym.viewer.regions import area_of, region_left, relation_area, sketch_regions
+from sceniris_gym.viewer.regions import area_of, regions_left, relation_area, sketch_regions
 from sceniris_gym.viewer.shown import ShownWorld
 from tests.layout.related import ONE_ANCHOR, Shapes, near_middle, related
 from tests.viewer.worlds_on_show import world_of
@@ -30,7 +30,7 @@ def test_pivots_are_in_the_regions_that_are_drawn(scene: str):
             if world.compiled.config.objects[name].support is None:
                 continue
             x, y, z, _ = world.standing(name)[0]
-            near = [area for area, height in region_left(world, name) if abs(height - z) < 0.005]
+            near = [area for _, area, height in regions_left(world, name) if abs(height - z) < 0.005]
             assert shapely.union_all(near).buffer(1e-3).contains(Point(x, y)), f"{name}, seed {seed}"
 
 
@@ -39,7 +39,7 @@ def test_a_drawer_takes_its_region_along():
     for seed in range(5):
         world = world_of("mid", seed)
         drawer = world.data.body("cabinet/upper_drawer")
-        ((area, height),) = [found for found in region_left(world, "banana") if found[0].area > 0.01]
+        ((_, area, height),) = [found for found in regions_left(world, "banana") if found[1].area > 0.01]
         middle = np.array([area.centroid.x, area.centroid.y])
         assert np.linalg.norm(middle - drawer.xpos[:2]) < 0.3
         assert height > drawer.xpos[2]
@@ -55,7 +55,7 @@ def test_what_no_roof_covers_is_no_inside():
         assert shown
         for name in shown:
             top = world.box(owners[name])[1][2]
-            heights = [height for area, height in region_left(world, name) if not area.is_empty]
+            heights = [height for _, area, height in regions_left(world, name) if not area.is_empty]
             assert heights
             assert max(heights) < top - 0.01
 
@@ -85,7 +85,7 @@ def test_every_kind_of_relation_has_an_area():
 def test_relations_cut_the_region():
     """`front_of` leaves the half of the floor before the cabinet, beyond the least distance."""
     world = world_of("hard_plus", 1)
-    (area, _), *_ = region_left(world, "apple")
+    (_, area, _), *_ = regions_left(world, "apple")
     (x, y, _, heading), _ = world.standing("cabinet")
     points = np.array([p for part in area.geoms for p in part.exterior.coords])[:, :2] - [x, y]
     front = np.array([np.sin(heading), -np.cos(heading)])  # the front of an asset is its -y
@@ -135,7 +135,7 @@ def test_points_are_drawn_as_discs(near: dict):
     space = {"kind": "marker", "region": {"points": high}, **near}
     world = world_of({"floor": {"size": [1.0, 1.0]}, "objects": {"post": post, "goal": ground, "star": space}})
     for name in ("goal", "star"):
-        ((area, _),) = region_left(world, name)
+        ((_, area, _),) = regions_left(world, name)
         left = flat[:2] if near else flat
         assert len(area.geoms) == len(left)
         assert all(area.contains(Point(x, y)) for x, y in left)

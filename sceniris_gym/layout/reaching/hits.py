@@ -6,7 +6,7 @@ from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, col
 from sceniris_gym.collide.containment import encloses
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import ReachSearch, ReachStep, reach_candidate_num, takes_step
-from sceniris_gym.layout.wave.search import SearchSize
+from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -100,18 +100,9 @@ def _test_containment(
 
 
 def launch_test_arm(
-    program: Program,
-    reach: Reach,
-    first: ReachStep,
-    last: ReachStep,
-    size: SearchSize,
-    layouts: LayoutsView,
-    reach_search: ReachSearch,
-    device: str,
+    work: Workspace, reach: Reach, first: ReachStep, last: ReachStep, reach_search: ReachSearch
 ) -> None:
     """Test candidates at the steps from `first` to `last`, all of which have the pose that they are in now."""
-    inputs = [program, reach, int(first), int(last), size.blocks, layouts]
-    words = {"dim": [size.blocks], "outputs": [reach_search], "block_dim": size.block_dim, "device": device}
-    wp.launch_tiled(_test, inputs=inputs, **words)
-    if program.visual:
-        wp.launch_tiled(_test_containment, inputs=inputs, **words)
+    for test in (_test, _test_containment) if work.program.visual else (_test,):
+        inputs = [work.program, reach, int(first), int(last), work.size.blocks, work.layouts]
+        work.launch_blocks(test, inputs, reach_search)

@@ -14,7 +14,7 @@ from sceniris_gym.layout.reaching.search import (
     reach_candidate_num,
     takes_step,
 )
-from sceniris_gym.layout.wave.search import Search, numbered_stream
+from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.grasps import tcp_of
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -143,19 +143,9 @@ def _solve(
             reach_search.failed[c] = step
 
 
-def launch_ik(
-    reach: Reach,
-    split: int,
-    clear: bool,
-    lanes: int,
-    layouts: LayoutsView,
-    search: Search,
-    reach_search: ReachSearch,
-    device: str,
-) -> None:
+def launch_ik(work: Workspace, reach: Reach, clear: bool, reach_search: ReachSearch) -> None:
     """Solve for the joints of the candidates' grasps, and for the tier `clear` for those of their pre-grasps."""
-    inputs = [reach, split, lanes, layouts, search]
-    wp.launch(_choose_starts, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)
+    lanes = work.size.lanes
+    work.launch(_choose_starts, lanes, [reach, work.split, lanes, work.layouts, work.search], reach_search)
     for step in (ReachStep.IK_AT_GRASP, ReachStep.IK_AT_PREGRASP) if clear else (ReachStep.IK_AT_GRASP,):
-        inputs = [reach, int(step), lanes, layouts]
-        wp.launch(_solve, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)
+        work.launch(_solve, lanes, [reach, int(step), lanes, work.layouts], reach_search)

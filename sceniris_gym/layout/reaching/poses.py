@@ -11,6 +11,7 @@ from sceniris_gym.layout.reaching.search import (
     reach_candidate_num,
     takes_step,
 )
+from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.placement.grasps import tcp_of
 from sceniris_gym.placement.kinematics import follow_joint, pose_body
 from sceniris_gym.program.device import Program
@@ -74,19 +75,10 @@ def _pose_hand(
             pose_body(program, reach.hand_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
 
 
-def launch_pose_hand(
-    program: Program,
-    reach: Reach,
-    step: ReachStep,
-    lanes: int,
-    layouts: LayoutsView,
-    reach_search: ReachSearch,
-    device: str,
-) -> None:
+def launch_pose_hand(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
     """Pose the hand, which the arm's last joint carries, for a step: in the grasp, or back along the approach axis."""
-    back = 0.0 if step == ReachStep.HAND_AT_GRASP else PREGRASP_DISTANCE
-    inputs = [program, reach, int(step), back, lanes, layouts]
-    wp.launch(_pose_hand, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)
+    back, lanes = 0.0 if step == ReachStep.HAND_AT_GRASP else PREGRASP_DISTANCE, work.size.lanes
+    work.launch(_pose_hand, lanes, [work.program, reach, int(step), back, lanes, work.layouts], reach_search)
 
 
 @wp.kernel(grid_stride=False)
@@ -121,15 +113,7 @@ def _pose_arm(
             pose_body(program, reach.arm_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
 
 
-def launch_pose_arm(
-    program: Program,
-    reach: Reach,
-    step: ReachStep,
-    lanes: int,
-    layouts: LayoutsView,
-    reach_search: ReachSearch,
-    device: str,
-) -> None:
+def launch_pose_arm(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
     """Pose the robot as a step tests it: with the joints of the grasp or of the pre-grasp."""
-    inputs = [program, reach, int(step), lanes, layouts]
-    wp.launch(_pose_arm, dim=lanes, inputs=inputs, outputs=[reach_search], device=device)
+    lanes = work.size.lanes
+    work.launch(_pose_arm, lanes, [work.program, reach, int(step), lanes, work.layouts], reach_search)

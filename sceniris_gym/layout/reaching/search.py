@@ -12,8 +12,9 @@ from functools import partial
 import warp as wp
 
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.layout.wave.search import SearchSize, allocate
+from sceniris_gym.layout.wave.search import SearchSize
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import allocate
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.solve import vec8
 

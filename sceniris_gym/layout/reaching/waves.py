@@ -19,7 +19,7 @@ from sceniris_gym.layout.reaching.search import (
     takes_step,
 )
 from sceniris_gym.layout.wave.bank import fall_back
-from sceniris_gym.layout.wave.search import Search, SearchSize
+from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.placement.grasps import first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -91,12 +91,9 @@ def _open_worlds(
         _move_to(reach, layouts, search, reach_search, worldid, 0)
 
 
-def launch_open_worlds(
-    reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, device: str
-) -> None:
+def launch_open_worlds(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Queue the waiting worlds that are at this arm."""
-    dim = search.waiting.shape[0]
-    wp.launch(_open_worlds, dim=dim, inputs=[reach], outputs=[layouts, search, reach_search], device=device)
+    work.launch(_open_worlds, work.nworld, [reach], work.layouts, work.search, reach_search)
 
 
 @wp.func
@@ -180,14 +177,11 @@ def _look_up(
                 reach_search.failed[c] = ReachStep.MAP
 
 
-def launch_open_wave(
-    reach: Reach, size: SearchSize, layouts: LayoutsView, reach_search: ReachSearch, device: str
-) -> None:
+def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Open candidates, more per world if few worlds are left, and look up their grasps in the arm's map."""
-    wp.launch(_plan_wave, dim=1, inputs=[size.busy], outputs=[reach_search], device=device)
-    words = {"dim": size.lanes, "inputs": [reach, size.lanes, layouts], "outputs": [reach_search], "device": device}
-    wp.launch(_open_candidates, **words)
-    wp.launch(_look_up, **words)
+    work.launch(_plan_wave, 1, [work.size.busy], reach_search)
+    for kernel in (_open_candidates, _look_up):
+        work.launch(kernel, work.size.lanes, [reach, work.size.lanes, work.layouts], reach_search)
 
 
 @wp.func
@@ -268,19 +262,10 @@ def _accept(
                 search.waiting[worldid] = False
 
 
-def launch_accept_grasps(
-    program: Program,
-    reach: Reach,
-    split: int,
-    lanes: int,
-    layouts: LayoutsView,
-    search: Search,
-    reach_search: ReachSearch,
-    device: str,
-) -> None:
+def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Keep candidates that passed. A world without one continues with its next starts; out of starts, it keeps waiting.
 
     A waiting world continues with its next restart; if it has none left, it falls back here.
     """
-    inputs = [program, reach, split, lanes]
-    wp.launch(_accept, dim=lanes, inputs=inputs, outputs=[layouts, search, reach_search], device=device)
+    inputs = [work.program, reach, work.split, work.size.lanes]
+    work.launch(_accept, work.size.lanes, inputs, work.layouts, work.search, reach_search)

@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.groups import next_object
-from sceniris_gym.layout.wave.search import Search, SearchSize, queue_row
+from sceniris_gym.layout.wave.search import Search, Workspace, queue_row
 from sceniris_gym.placement.kinematics import write_root
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_reach import Reach
@@ -219,11 +219,6 @@ def _accept(
             _advance(program, reach, layouts, search, row, obj, trial)
 
 
-def launch_accept(
-    program: Program, reach: Reach, size: SearchSize, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_accept(work: Workspace) -> None:
     """Place the candidates of this wave that passed every test, and queue the rows that continue."""
-    inputs = [program, reach, size.blocks]
-    outputs = [layouts, search]
-    words = {"block_dim": size.block_dim, "device": device}
-    wp.launch_tiled(_accept, dim=[size.blocks], inputs=inputs, outputs=outputs, **words)
+    work.launch_blocks(_accept, [work.program, work.reach, work.size.blocks], work.layouts, work.search)

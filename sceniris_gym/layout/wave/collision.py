@@ -23,7 +23,7 @@ from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import candidate_poses
 from sceniris_gym.layout.wave.prefilter import reject_cause
-from sceniris_gym.layout.wave.search import Search, SearchSize, candidate_num, narrow_pair_num
+from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, narrow_pair_num
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -216,19 +216,16 @@ def _test_alone(
                 search.cause[c] = Cause.COLLISION
 
 
-def launch_test_collisions(
-    program: Program, reach: Reach, size: SearchSize, visual: bool, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_test_collisions(work: Workspace) -> None:
     """Test the candidates that pass the prefilter for collision."""
-    lanes = {"dim": size.lanes, "device": device}
-    blocks = {"dim": [size.blocks], "block_dim": size.block_dim, "device": device}
-    if size.block_dim > 1 and visual:
-        wp.launch_tiled(_test_by_block, inputs=[program, reach, size.blocks, layouts, search], **blocks)
+    program, reach, size, state = work.program, work.reach, work.size, [work.layouts, work.search]
+    if size.block_dim > 1 and program.visual:
+        work.launch_blocks(_test_by_block, [program, reach, size.blocks, *state])
     elif size.block_dim > 1:
-        wp.launch_tiled(_queue_narrow_pairs, inputs=[program, reach, size.blocks, layouts, search], **blocks)
-        wp.launch(_test_inner_boxes, inputs=[program, size.lanes, layouts, search], **lanes)
-        wp.launch_tiled(_test_narrow_pairs, inputs=[program, size.blocks, layouts, search], **blocks)
-    wp.launch(_test_alone, inputs=[program, reach, size.lanes, size.block_dim > 1, layouts, search], **lanes)
+        work.launch_blocks(_queue_narrow_pairs, [program, reach, size.blocks, *state])
+        work.launch(_test_inner_boxes, size.lanes, [program, size.lanes, *state])
+        work.launch_blocks(_test_narrow_pairs, [program, size.blocks, *state])
+    work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
 
 
 def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:

@@ -6,7 +6,7 @@ from sceniris_gym.collide.containment import in_bounds, in_solid
 from sceniris_gym.device.transforms import Pose, relative
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import candidate_poses
-from sceniris_gym.layout.wave.search import Search, SearchSize, candidate_num
+from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False})
@@ -72,10 +72,8 @@ LANE_KERNELS = (_queue_enclosed, _test_enclosed)
 """The kernels of the containment test."""
 
 
-def launch_test_containment(
-    program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_test_containment(work: Workspace) -> None:
     """Reject candidates that enclose a placed object or are enclosed by one."""
-    inputs = [program, size.lanes, size.parts, layouts, search]
-    wp.launch(_queue_enclosed, dim=size.lanes, inputs=inputs, device=device)
-    wp.launch(_test_enclosed, dim=size.lanes, inputs=[program, size.lanes, search], device=device)
+    program, lanes = work.program, work.size.lanes
+    work.launch(_queue_enclosed, lanes, [program, lanes, work.size.parts, work.layouts, work.search])
+    work.launch(_test_enclosed, lanes, [program, lanes, work.search])

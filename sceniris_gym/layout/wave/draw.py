@@ -14,6 +14,7 @@ from sceniris_gym.layout.wave.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.search import (
     Search,
+    Workspace,
     begin_wave,
     candidate_num,
     first_trial_of,
@@ -153,6 +154,7 @@ def _draw(
             pose_candidate(program, layouts, search, c, row, obj)
 
 
-def launch_draw(program: Program, split: int, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
+def launch_draw(work: Workspace) -> None:
     """Draw the candidates of this wave; for regions that differ between worlds, all but their points."""
-    wp.launch(_draw, dim=lanes, inputs=[program, split, lanes, layouts], outputs=[search], device=device)
+    lanes = work.size.lanes
+    work.launch(_draw, lanes, [work.program, work.split, lanes, work.layouts], work.search)

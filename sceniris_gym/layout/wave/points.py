@@ -14,7 +14,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, piece_of, point_counter, point_uniforms
 from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
-from sceniris_gym.layout.wave.search import Search, SearchSize
+from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.footprint import outline_distance
 from sceniris_gym.placement.orientations import facing
@@ -201,15 +201,6 @@ def _draw_points(
             search.cause[c] = Cause.REGION
 
 
-def launch_draw_points(
-    program: Program, split: int, size: SearchSize, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_draw_points(work: Workspace) -> None:
     """Draw the points of the listed candidates, one lane per candidate."""
-    wp.launch_tiled(
-        _draw_points,
-        dim=[size.blocks],
-        inputs=[program, split, size.blocks, layouts],
-        outputs=[search],
-        block_dim=size.block_dim,
-        device=device,
-    )
+    work.launch_blocks(_draw_points, [work.program, work.split, work.size.blocks, work.layouts], work.search)

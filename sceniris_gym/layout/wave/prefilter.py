@@ -1,12 +1,10 @@
 """Prefilter of posed candidates, cheap tests first: the arm's map, overhead obstacles, and the footprint."""
 
-from collections.abc import Sequence
-
 import warp as wp
 
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.search import NO_GRASP, Search, SearchSize, candidate_num
+from sceniris_gym.layout.wave.search import NO_GRASP, Search, Workspace, candidate_num
 from sceniris_gym.placement.cover import is_covered
 from sceniris_gym.placement.footprint import overhangs
 from sceniris_gym.placement.grasps import approaches, first_accepted, passes_map
@@ -151,11 +149,10 @@ def _prefilter_by_map(
             _test_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
 
 
-def launch_prefilter(
-    program: Program, reaches: Sequence[Reach], size: SearchSize, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_prefilter(work: Workspace) -> None:
     """Prefilter the candidates of this wave. `reject_cause` reads the result."""
-    sizes = [size.lanes, size.parts, layouts, search]
-    for reach in reaches[1:]:
-        wp.launch(_prefilter_by_map, dim=size.lanes, inputs=[reach, *sizes], device=device)
-    wp.launch(_prefilter, dim=size.lanes, inputs=[program, reaches[0], *sizes], device=device)
+    lanes = work.size.lanes
+    rest = [lanes, work.size.parts, work.layouts, work.search]
+    for reach in work.reaches[1:]:
+        work.launch(_prefilter_by_map, lanes, [reach, *rest])
+    work.launch(_prefilter, lanes, [work.program, work.reach, *rest])

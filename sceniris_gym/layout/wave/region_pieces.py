@@ -10,7 +10,7 @@ from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, point_counter
-from sceniris_gym.layout.wave.search import Search, SearchSize
+from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
 from sceniris_gym.program.device import Program
@@ -160,10 +160,10 @@ def _find_pieces(
                         break
 
 
-def launch_find_pieces(program: Program, size: SearchSize, layouts: LayoutsView, search: Search, device: str) -> None:
+def launch_find_pieces(work: Workspace) -> None:
     """List the pieces of the listed candidates that may have positive area."""
-    inputs = [program, size.lanes, size.parts, layouts]
-    wp.launch(_find_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
+    size = work.size
+    work.launch(_find_pieces, size.lanes, [work.program, size.lanes, size.parts, work.layouts], work.search)
 
 
 # A kernel of its own, so that the pieces found above are spread evenly over the lanes that clip them.
@@ -204,9 +204,8 @@ def _measure_pieces(
             wp.atomic_min(search.winner, c, best)
 
 
-def launch_measure_pieces(
-    program: Program, split: int, size: SearchSize, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_measure_pieces(work: Workspace) -> None:
     """Measure the area of the listed pieces, and run the first exponential race among them."""
-    inputs = [program, split, size.lanes, size.parts, layouts]
-    wp.launch(_measure_pieces, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
+    size = work.size
+    inputs = [work.program, work.split, size.lanes, size.parts, work.layouts]
+    work.launch(_measure_pieces, size.lanes, inputs, work.search)

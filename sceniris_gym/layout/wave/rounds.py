@@ -9,7 +9,7 @@ import warp as wp
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.wave.bank import fall_back
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
-from sceniris_gym.layout.wave.search import Search, SearchSize, queue_row
+from sceniris_gym.layout.wave.search import Search, Workspace, queue_row
 from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -59,13 +59,10 @@ def _start(
     draw_groups(program, layouts.seed[worldid], episode, split, layouts.present[worldid])
 
 
-def launch_start(
-    program: Program, mask: wp.array | None, split: int, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_start(work: Workspace, mask: wp.array | None) -> None:
     """Mark the masked worlds as pending, each for its next episode."""
-    dim = search.pending.shape[0]
-    search.worlds_left.zero_()
-    wp.launch(_start, dim=dim, inputs=[program, mask, split], outputs=[layouts, search], device=device)
+    work.search.worlds_left.zero_()
+    work.launch(_start, work.nworld, [work.program, mask, work.split], work.layouts, work.search)
 
 
 @wp.func
@@ -135,11 +132,10 @@ def _open_rows(
             _open_row(program, reach, layouts, search, _row_of_restart(search, worldid, i), worldid, restart)
 
 
-def launch_open_rows(program: Program, reach: Reach, layouts: LayoutsView, search: Search, device: str) -> None:
+def launch_open_rows(work: Workspace) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
-    wp.launch(_plan_round, dim=1, inputs=[program], outputs=[search], device=device)
-    dim = search.pending.shape[0]
-    wp.launch(_open_rows, dim=dim, inputs=[program, reach], outputs=[layouts, search], device=device)
+    work.launch(_plan_round, 1, [work.program], work.search)
+    work.launch(_open_rows, work.nworld, [work.program, work.reach], work.layouts, work.search)
 
 
 @wp.kernel(grid_stride=False)
@@ -168,10 +164,10 @@ def _open_candidates(
             search.trial[first + t] = search.row_trial[row] + t
 
 
-def launch_open_candidates(program: Program, size: SearchSize, search: Search, device: str) -> None:
+def launch_open_candidates(work: Workspace) -> None:
     """Open candidates for the queued rows: more per row if few rows are left or their objects usually need more."""
-    inputs = [program, size.busy, size.lanes]
-    wp.launch(_open_candidates, dim=size.lanes, inputs=inputs, outputs=[search], device=device)
+    size = work.size
+    work.launch(_open_candidates, size.lanes, [work.program, size.busy, size.lanes], work.search)
 
 
 @wp.func
@@ -249,13 +245,9 @@ def _settle(
         wp.atomic_add(search.worlds_left, 0, 1)
 
 
-def launch_settle(
-    program: Program, reach: Reach, split: int, staged: bool, layouts: LayoutsView, search: Search, device: str
-) -> None:
+def launch_settle(work: Workspace, staged: bool) -> None:
     """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
-    inputs = [program, reach, split, staged]
-    dim = search.pending.shape[0]
-    wp.launch(_settle, dim=dim, inputs=inputs, outputs=[layouts, search], device=device)
+    work.launch(_settle, work.nworld, [work.program, work.reach, work.split, staged], work.layouts, work.search)
 
 
 @wp.kernel
@@ -271,9 +263,9 @@ def _reopen(
         wp.atomic_add(search.worlds_left, 0, 1)
 
 
-def launch_reopen(search: Search, device: str) -> None:
+def launch_reopen(work: Workspace) -> None:
     """Mark worlds as pending again whose layouts the reach stage rejected; they continue with their next restart."""
-    wp.launch(_reopen, dim=search.pending.shape[0], inputs=[], outputs=[search], device=device)
+    work.launch(_reopen, work.nworld, [], work.search)
 
 
 @wp.func
@@ -301,7 +293,6 @@ def _finish(
     count_rejections(layouts, worldid, obj, layouts.rejections)
 
 
-def launch_finish(mask: wp.array | None, layouts: LayoutsView, device: str) -> None:
+def launch_finish(work: Workspace, mask: wp.array | None) -> None:
     """Advance the masked worlds to their pending episodes, all at once, and add up their rejections."""
-    dim = (layouts.seed.shape[0], layouts.rejections.shape[0])
-    wp.launch(_finish, dim=dim, inputs=[mask], outputs=[layouts], device=device)
+    work.launch(_finish, (work.nworld, work.layouts.rejections.shape[0]), [mask], work.layouts)

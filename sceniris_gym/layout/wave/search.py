@@ -7,21 +7,23 @@ is one trial of one row's object. Counts that control loops are arrays of one el
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import CountError
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.placement.orientations import DrawnVariant
 from sceniris_gym.placement.polygons import HalfPlane
 from sceniris_gym.placement.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program
+from sceniris_gym.program.device import Program, allocate, repeat
+from sceniris_gym.program.device_reach import Reach
 
 NO_GRASP = 1 << 30
 """Sentinel: the arm's map accepts no grasp."""
@@ -213,15 +215,53 @@ def default_size(device: str) -> SearchSize:
     return GPU_SIZE if wp.get_device(device).is_cuda else CPU_SIZE
 
 
-def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:
-    """Set the named fields of a struct instance to arrays of zeros of a shape, with the types that it declares."""
-    for name in names.split():
-        setattr(instance, name, wp.zeros(shape, dtype=declared.vars[name].type.dtype))
+@dataclass(frozen=True)
+class Workspace:
+    """The arrays and capacities that all launches of a generator share.
+
+    Attributes:
+        program: The placement program.
+        related: Whether there are regions that differ between worlds.
+        reaches: The arms; a single empty one if there are no reach targets.
+        split: Number of the split.
+        size: Capacities.
+        layouts: The layouts of all rows.
+        search: The state of the search for them.
+        device: Warp's name of the device of all arrays.
+    """
+
+    program: Program
+    related: bool
+    reaches: Sequence[Reach]
+    split: int
+    size: SearchSize
+    layouts: LayoutsView
+    search: Search
+    device: str
+
+    @property
+    def reach(self) -> Reach:
+        """The first arm, for the fields that all arms share."""
+        return self.reaches[0]
+
+    @property
+    def nworld(self) -> int:
+        """Number of worlds."""
+        return self.layouts.seed.shape[0]
+
+    def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
+        """Launch a kernel whose lanes work independently."""
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+
+    def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
+        """Launch a kernel in which the lanes of a block share a candidate."""
+        words = {"block_dim": self.size.block_dim, "device": self.device}
+        wp.launch_tiled(kernel, dim=[self.size.blocks], inputs=inputs, outputs=outputs, **words)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
     """Allocate the arrays of a search for `nworld` worlds."""
-    nrow, ncand, mjm = nworld + size.rows, size.candidates, compiled.mjm
+    nrow, ncand = nworld + size.rows, size.candidates
     if compiled.related:
         words = 5 * compiled.sides + 2 * compiled.pieces
         ncand = min(ncand, max(_MOST_WORDS // words, 1))
@@ -237,9 +277,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros(1, "candidates cuts narrow_pairs enclosed any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
-        s.qpos = wp.array(np.tile(compiled.home_qpos, (ncand, 1)), dtype=float, shape=(ncand, mjm.nq))
-        s.body_pos = wp.array(np.tile(compiled.home_xpos, (ncand, 1, 1)), dtype=wp.vec3, shape=(ncand, mjm.nbody))
-        s.body_quat = wp.array(np.tile(compiled.home_xquat, (ncand, 1, 1)), dtype=wp.vec4, shape=(ncand, mjm.nbody))
+        repeat(Search, s, ncand, compiled.home_state, compiled.device)
         zeros((related, MAX_RELATIONS), "relations side_num")
         zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")

@@ -10,7 +10,7 @@ from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.exponential_race import NO_PIECE
-from sceniris_gym.layout.wave.search import Search, candidate_num
+from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.placed import placed
 from sceniris_gym.placement.relations import resolve, side_num, write_sides
 from sceniris_gym.program.device import Cause, ObjectKind, Program
@@ -80,6 +80,6 @@ def _build_sides(
                 _resolve(program, layouts, search, c, i, row, obj, frame)
 
 
-def launch_build_sides(program: Program, lanes: int, layouts: LayoutsView, search: Search, device: str) -> None:
+def launch_build_sides(work: Workspace) -> None:
     """List the candidates of this wave whose region differs between worlds, and bound their regions by half-planes."""
-    wp.launch(_build_sides, dim=lanes, inputs=[program, lanes, layouts], outputs=[search], device=device)
+    work.launch(_build_sides, work.size.lanes, [work.program, work.size.lanes, work.layouts], work.search)

@@ -10,6 +10,7 @@ import numpy as np
 
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.program.checks.tendon_limits import has_active_limits, tendon_joints
+from sceniris_gym.program.couplings import joined_bodies
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.couplings import active_equalities, equality_label
@@ -17,7 +18,6 @@ from sceniris_gym.scene.couplings import active_equalities, equality_label
 KEPT = 1e-4
 """The most [m or rad] that the start pose may miss a constraint by: keyframes are written with few digits."""
 
-_LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 _FLEXES = (mujoco.mjtEq.mjEQ_FLEX, mujoco.mjtEq.mjEQ_FLEXVERT, mujoco.mjtEq.mjEQ_FLEXSTRAIN)
 
 
@@ -33,8 +33,8 @@ def check_constraints(plan: Plan) -> None:
     checked = []
     for eq in active_equalities(mjm):
         kind, label = mujoco.mjtEq(int(mjm.eq_type[eq])), f"{where}: {equality_label(mjm, eq)}"
-        if kind in _LOOPS:
-            _check_loop(label, drawn, *_ends(mjm, eq))
+        if bodies := joined_bodies(mjm, eq):
+            _check_loop(label, drawn, *bodies)
             checked.append(eq)
         elif kind == mujoco.mjtEq.mjEQ_TENDON:
             _check_tendons(label, drawn, [int(t) for t in (mjm.eq_obj1id[eq], mjm.eq_obj2id[eq]) if t >= 0])
@@ -159,14 +159,6 @@ def _check_start(mjm: mujoco.MjModel, home_qpos: np.ndarray, equalities: list[in
                 f"{where}: {equality_label(alone, eq)} is missed by {missed:.3g} m or rad in the start pose, and "
                 f"should be kept to {KEPT:g}. Correct the keyframe 'home', or take the equality out."
             )
-
-
-def _ends(mjm: mujoco.MjModel, eq: int) -> tuple[int, int]:
-    """Return the two bodies of a weld or a connect."""
-    ends = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
-    if mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE:
-        return int(mjm.site_bodyid[ends[0]]), int(mjm.site_bodyid[ends[1]])
-    return ends
 
 
 def _bodies_of(mjm: mujoco.MjModel, tendon: int) -> list[int]:

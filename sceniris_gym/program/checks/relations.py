@@ -26,8 +26,7 @@ def check_relations(plan: Plan) -> None:
                 f"{where}: together may cut a support into pieces of {corners} corners, and there is room for "
                 f"{MAX_CORNERS}. Use fewer relations, or fewer anchors of 'between'."
             )
-        faces = o.config is not None and o.config.drawn_orientation.kind == "face_to"
-        if faces and any(isinstance(r, Beside) for r in relations):
+        if o.orientation == "face_to" and any(isinstance(r, Beside) for r in relations):
             raise SceneKeyError(
                 f"{where}: 'beside' depends on how the object is turned, and 'face_to' on where it is. Use one of them."
             )

@@ -88,10 +88,10 @@ def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, flo
 
 def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the orientation (3, 3) of a placed object at heading 0, and its pivot in its root's frame [m]."""
-    kind = "yaw" if placed.config is None else placed.config.drawn_orientation.kind
-    if kind in ("any", "stable"):
+    if placed.orientation in ("any", "stable"):
         raise SceneKeyError(
-            f"{where}: '{placed.name}' has the orientation '{kind}', which moves its site. Give it a yaw, or 'fixed'."
+            f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give it a "
+            "yaw, or 'fixed'."
         )
     return matrix(placed.variants[0].quat), placed.variants[0].pivot
 

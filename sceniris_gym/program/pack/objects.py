@@ -150,7 +150,7 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
     """Return the part of an object that is measured for each candidate; bounds only where a relation looks at them."""
     if not any(p.body in o.bodies for p in plan.pieces):
         return Measure.NOTHING
-    if o.config is not None and o.config.drawn_orientation.kind == "any":
+    if o.orientation == "any":
         return Measure.WHOLE
     if not o.joint_ranges:
         return Measure.NOTHING

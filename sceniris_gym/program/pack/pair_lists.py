@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sceniris_gym.geometry.ragged import addressed, columns
-from sceniris_gym.program.pack.descent import first_nodes
 from sceniris_gym.program.pack.pairs import PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan
 
@@ -31,7 +30,7 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts]
         for part, first in zip(lists, of_lists["pairadr"], strict=True)
     )
-    starts, of_starts = addressed("broad", (first_nodes(colliders, part, lanes) for part in entries))
+    starts, of_starts = addressed("broad", (rules.trees.first_nodes(part, lanes) for part in entries))
     robots = [*names, *arm.robots * len(_ARM_LISTS)]
     owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in robots]
     body = [c.body for c in colliders]

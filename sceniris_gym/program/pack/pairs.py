@@ -20,7 +20,7 @@ from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.device import ObjectKind
-from sceniris_gym.program.pack.descent import leaf_nodes, nodes_without
+from sceniris_gym.program.pack.descent import Trees
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.progress import tell
@@ -84,7 +84,7 @@ class PairRules:
     """
 
     def __init__(self, scene: SceneModel, colliders: list[Collider]) -> None:
-        self.mjm, self.colliders = scene.mjm, colliders
+        self.mjm, self.colliders, self.trees = scene.mjm, colliders, Trees(colliders)
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
         self.is_physics = scene.config.geometry == "physics"
         self._simulated = self.contacts if self.is_physics else ContactRules(scene.mjm, "physics")
@@ -242,7 +242,7 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
     """Return a pair without those of its geoms that touch at home, and these geoms as pairs of their own."""
     touching = []
-    leaves = [leaf_nodes(rules.colliders, collider).items() for collider in (pair.a, pair.b)]
+    leaves = [rules.trees.leaves(collider).items() for collider in (pair.a, pair.b)]
     for (node, first), (other, second) in product(*leaves):
         a, b = plan.pieces[first], plan.pieces[second]
         touch = home.between(a, b, max(pair.margin, _NEAR))
@@ -250,7 +250,7 @@ def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> li
             directions = _directions(plan, a, touch.direction), _directions(plan, b, touch.direction)
             margin, geoms = touch.distance - _DEEPER, (a.geom, b.geom)
             touching.append(Pair(pair.a, pair.b, margin, ((node, other),), geoms, directions))
-    rest = nodes_without(rules.colliders, pair.a, pair.b, [part.starts[0] for part in touching])
+    rest = rules.trees.without(*pair.starts[0], [part.starts[0] for part in touching])
     return [*([replace(pair, starts=tuple(rest))] if rest else []), *touching]
 
 

@@ -103,11 +103,7 @@ def _sides(relation: Relation) -> int:
 
 def _insists(o: PlacedObject) -> bool:
     """Return whether another draw of an object's orientation or joints may turn an empty region into a usable one."""
-    varies = (
-        len(o.variants) > 1
-        or bool(o.joint_ranges)
-        or (o.config is not None and o.config.drawn_orientation.kind == "any")
-    )
+    varies = len(o.variants) > 1 or bool(o.joint_ranges) or o.orientation == "any"
     by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in relations_of(o))
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
 

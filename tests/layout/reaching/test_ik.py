@@ -32,8 +32,8 @@ def _starts(compiled: CompiledScene, split: int = 0) -> tuple[np.ndarray, np.nda
     """Return the starts of the first grasp of N worlds, (N, STARTS, 6), and the layouts' joints of the arm, (N, 6)."""
     generator, stage = waiting(compiled, N, busy=STARTS * N, grasps=STARTS * N)
     reach, search, view = stage._arms[0][0], stage.search, generator.layouts.view
-    launch_open_wave(reach, generator.size, view, search, "cpu")
-    inputs = [reach, wp.uint32(split), 1, view, generator._search]
+    launch_open_wave(generator._work, reach, search)
+    inputs = [reach, wp.uint32(split), 1, view, generator._work.search]
     wp.launch(ik._choose_starts, dim=1, inputs=inputs, outputs=[search], device="cpu")
     order = search.first.numpy()[:, None] + np.arange(STARTS)
     assert (search.start.numpy()[order] == np.arange(STARTS)).all()

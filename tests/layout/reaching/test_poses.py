@@ -28,7 +28,7 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 def _passed(generator: LayoutGenerator, stage: ReachStage) -> Iterator[tuple[int, mujoco.MjData, Grasp]]:
     """Run a wave, and yield each candidate that passed, the layout that it is in, and its grasp; one MjData, reused."""
-    stage._wave(*stage._arms[0], generator.layouts.view, generator._search)
+    stage._wave(*stage._arms[0])
     search, compiled, layouts = stage.search, generator.compiled, generator.layouts
     assert compiled.reaching is not None
     grasps = compiled.reaching.targets[0].grasp_set.grasps
@@ -71,7 +71,7 @@ def test_the_hand_alone_stands_where_solved_joints_bring_it(compiled: CompiledSc
     generator, stage = waiting(compiled, N, busy=24 * N, grasps=24 * N)
     candidates = [(c, data.qpos.copy()) for c, data, _ in _passed(generator, stage)]
     search, reach, mjm = stage.search, stage._arms[0][0], compiled.mjm
-    launch_pose_hand(compiled.program, reach, step, 1, generator.layouts.view, search, "cpu")
+    launch_pose_hand(generator._work, reach, step, search)
     starts, solved, checked = search.start.numpy(), search.grasp_qpos.numpy(), 0
     fingers = [mjm.body(f"picker/{side}").id for side in ("left", "right")]
     site, arm, data = mjm.site("picker/tcp").id, reach.arm_qposadr.numpy(), mujoco.MjData(mjm)

@@ -28,7 +28,7 @@ def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: Compil
     number = np.arange(N) % 5
     search.number.assign(number)
     search.tried.assign(4 * number)
-    reach_waves.launch_open_wave(reach, generator.size, layouts.view, search, "cpu")
+    reach_waves.launch_open_wave(generator._work, reach, search)
     at_once = min(max(1, min(busy, grasps) // N), MOST_AT_ONCE)
     first, trials = search.first.numpy(), search.trials.numpy()
     begin = reach.reach_graspadr.numpy()[0] + layouts.grasp.numpy()[:, 0]
@@ -51,7 +51,7 @@ def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
     generator, stage = waiting(compiled, N, busy=24 * N, grasps=24 * N)
     layouts = generator.layouts
     search = stage.search
-    stage._wave(*stage._arms[0], layouts.view, generator._search)
+    stage._wave(*stage._arms[0])
     assert (search.trials.numpy() == 24).all()
     order = (search.first.numpy()[:, None] + np.arange(24)).ravel()
     failed, start = (getattr(search, name).numpy()[order].reshape(N, 24) for name in ("failed", "start"))
@@ -79,10 +79,9 @@ def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
 
 def test_the_other_starts_of_a_refused_grasp_are_not_tried(compiled: CompiledScene):
     """Its first start goes through the map and the hand's tests for all: the next candidate is of the next grasp."""
-    generator, stage = waiting(compiled, N, busy=1, grasps=512)
-    layouts = generator.layouts
+    _generator, stage = waiting(compiled, N, busy=1, grasps=512)
     search = stage.search
-    stage._wave(*stage._arms[0], layouts.view, generator._search)
+    stage._wave(*stage._arms[0])
     failed = search.failed.numpy()[search.first.numpy()]
     number = search.number.numpy()[search.column.numpy() == 0]
     failed = failed[search.column.numpy() == 0]

@@ -29,7 +29,7 @@ def test_the_lowest_trial_that_passed_is_placed(tmp_path: Path):
     size = replace(default_size("cpu"), busy=1 << 20, candidates=N * ATTEMPTS)
     generator = LayoutGenerator(compiled, N, size=size)
     generator.generate()
-    search, layouts = generator._search, generator.layouts
+    search, layouts = generator._work.search, generator.layouts
     assert (search.row_trials.numpy() == ATTEMPTS).all()
     rows = search.row.numpy()[::ATTEMPTS]
     assert sorted(rows) == list(range(N))

@@ -90,8 +90,8 @@ def _generated(name: str, folder: Path) -> LayoutGenerator:
     compiled = scene({**others, "q": related(shapes.cube, *LEFT[name], **lies)}, attempts=1, restarts=0)
     generator = LayoutGenerator(compiled, 60, seed=5)
     generator.generate()
-    assert generator._search.rows.numpy()[0] == 60
-    generator._search.candidates.fill_(60)  # which the end of a wave sets to 0
+    assert generator._work.search.rows.numpy()[0] == 60
+    generator._work.search.candidates.fill_(60)  # which the end of a wave sets to 0
     return generator
 
 
@@ -100,7 +100,7 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
     """Each triangle within each piece of all relations has the area that shapely finds; what is skipped has none."""
     generator = _generated(name, tmp_path)
     compiled = generator.compiled
-    search, program, obj = generator._search, compiled.program, compiled.placed.index("q")
+    search, program, obj = generator._work.search, compiled.program, compiled.placed.index("q")
     num = 60
     triangles, cuts = int(program.variant_trinum.numpy().max()), int(program.obj_cutnum.numpy()[obj])
     corner = wp.zeros((num, triangles, 3), dtype=wp.vec2, device="cpu")
@@ -136,14 +136,14 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
 def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts: int, tmp_path: Path):
     """The same pieces with the same areas, and the same one of them wins the exponential race."""
     generator = _generated(name, tmp_path)
-    search, view, program = generator._search, generator.layouts.view, generator.compiled.program
+    search = generator._work.search
     found: list[Any] = []
     for size in (default_size("cpu"), replace(default_size("cpu"), lanes=lanes, parts=parts)):
         search.cause.zero_()
         search.cuts.zero_()
-        launch_build_sides(program, size.lanes, view, search, "cpu")
-        launch_find_pieces(program, size, view, search, "cpu")
-        launch_measure_pieces(program, 0, size, view, search, "cpu")
+        work = replace(generator._work, size=size)
+        for launch in (launch_build_sides, launch_find_pieces, launch_measure_pieces):
+            launch(work)
         listed = np.sort(search.cut.numpy()[: search.cuts.numpy()[0]])
         pieces = [sorted(zip(*_listed(search, c), strict=True)) for c in listed]
         found.append((listed.tolist(), pieces, search.winner.numpy()[listed].tolist()))

@@ -54,7 +54,8 @@ def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int)
 def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: int, lanes: int):
     """Those of a row are its next trials, one after the other, none beyond its last; rows without room have none."""
     size = replace(default_size("cpu"), candidates=candidates, busy=busy, lanes=lanes)
-    search = create_search(tray, 1000, size)
+    work = LayoutGenerator(tray, 1000, size=size)._work
+    search = work.search
     trial = np.arange(1000) % ATTEMPTS
     search.row_trial.assign(trial)
     for number in (1, 2, 3, 10, 63, 64, 65, 1000):
@@ -65,7 +66,7 @@ def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: 
         queue[1 - source, :number] = rows
         search.queue.assign(queue)
         search.rows_left.fill_(number)
-        rounds.launch_open_candidates(tray.program, size, search, "cpu")
+        rounds.launch_open_candidates(work)
         first, trials = search.row_first.numpy()[rows], search.row_trials.numpy()[rows]
         assert (trials <= ATTEMPTS - trial[rows]).all()
         assert trials.sum() == min(search.candidates.numpy()[0], candidates)
@@ -99,11 +100,12 @@ def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledSc
 
 def test_worlds_that_wait_go_on_with_their_next_restart(tray: CompiledScene):
     """They are pending again, and no others are."""
-    search = create_search(tray, 10, default_size("cpu"))
+    work = LayoutGenerator(tray, 10)._work
+    search = work.search
     waits = np.arange(10) % 3 == 0
     search.waiting.assign(waits)
     search.restart.assign(np.arange(10))
-    rounds.launch_reopen(search, "cpu")
+    rounds.launch_reopen(work)
     assert (search.pending.numpy() == waits).all()
     assert not search.waiting.numpy().any()
     assert search.worlds_left.numpy()[0] == waits.sum()

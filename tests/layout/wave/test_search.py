@@ -142,7 +142,7 @@ def test_the_counts_of_a_search_are_back_at_zero_after_it(compiled: CompiledScen
     """Nothing is pending or waiting, and no row is left in a queue."""
     generator = LayoutGenerator(compiled, N, size=SIZES["64-64-100-1"])
     generator.generate()
-    search = generator._search
+    search = generator._work.search
     assert not search.pending.numpy().any()
     assert not search.waiting.numpy().any()
     assert search.worlds_left.numpy()[0] == search.rows_left.numpy()[0] == 0
@@ -248,7 +248,7 @@ def test_a_lane_by_itself_finds_the_same_collisions(geometry: str, tmp_path: Pat
     compiled = _combs(tmp_path, "cpu", geometry)
     generator = LayoutGenerator(compiled, 100, size=replace(default_size("cpu"), candidates=400, busy=400))
     generator.generate()
-    search = generator._search
+    search = generator._work.search
     wave = search.queue.numpy()[search.source.numpy()[0], : search.rows.numpy()[0]]
     num = int(search.row_trials.numpy()[wave].sum())
     hit = wp.zeros(num, dtype=bool, device="cpu")

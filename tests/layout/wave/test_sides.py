@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.wave.exponential_race import NO_PIECE
-from sceniris_gym.layout.wave.search import Search, default_size
+from sceniris_gym.layout.wave.search import Search, Workspace, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.program.device import Cause
 from tests.layout.related import Shapes, near_middle, related, scene
@@ -28,12 +28,17 @@ def generator(tmp_path: Path) -> LayoutGenerator:
     compiled = scene({**objects, "q": related(shapes.cube, ring, on="slab")}, attempts=1, restarts=0)
     generator = LayoutGenerator(compiled, N, seed=5, size=replace(default_size("cpu"), candidates=N))
     generator.generate()
-    search = generator._search
+    search = generator._work.search
     assert (search.obj.numpy() == compiled.placed.index("q")).all()
     search.candidates.fill_(N)  # the end of a wave sets it to 0
     search.cause.zero_()
     search.cuts.zero_()
     return generator
+
+
+def _with_lanes(generator: LayoutGenerator, lanes: int) -> Workspace:
+    """Return the arrays of a generator, for launches of so many lanes."""
+    return replace(generator._work, size=replace(generator.size, lanes=lanes))
 
 
 def _listed(search: Search) -> list[int]:
@@ -43,7 +48,7 @@ def _listed(search: Search) -> list[int]:
 @pytest.mark.parametrize("lanes", [1, 7, 1000])
 def test_candidates_on_level_supports_are_listed(generator: LayoutGenerator, lanes: int):
     """A support that leans by more than 0.1 degree carries nothing; a candidate that has failed is left alone."""
-    search, view, compiled = generator._search, generator.layouts.view, generator.compiled
+    search, view, compiled = generator._work.search, generator.layouts.view, generator.compiled
     row = search.row.numpy()
     lean = np.radians(np.tile([0.0, 0.08, 0.12, 1.0], N // 4))
     quats = view.body_quat.numpy()
@@ -52,7 +57,7 @@ def test_candidates_on_level_supports_are_listed(generator: LayoutGenerator, lan
     failed = np.arange(N) % 5 == 0
     search.cause.assign(np.where(failed, Cause.COLLISION, Cause.NONE))
     search.winner.fill_(7)
-    launch_build_sides(compiled.program, lanes, view, search, "cpu")
+    launch_build_sides(_with_lanes(generator, lanes))
     level = lean < np.radians(0.1)
     assert _listed(search) == np.flatnonzero(level & ~failed).tolist()
     expected = np.where(failed, Cause.COLLISION, np.where(level, Cause.NONE, Cause.EMPTY))
@@ -63,8 +68,8 @@ def test_candidates_on_level_supports_are_listed(generator: LayoutGenerator, lan
 
 def test_half_planes_hold_the_region_of_each_world(generator: LayoutGenerator):
     """Points in the ring around a world's anchor are in at least one of the pieces, points far outside in none."""
-    search, view, compiled = generator._search, generator.layouts.view, generator.compiled
-    launch_build_sides(compiled.program, 3, view, search, "cpu")
+    search, view, compiled = generator._work.search, generator.layouts.view, generator.compiled
+    launch_build_sides(_with_lanes(generator, 3))
     assert _listed(search) == list(range(N))
     program, obj = compiled.program, compiled.placed.index("q")
     rel = int(program.obj_reladr.numpy()[obj])

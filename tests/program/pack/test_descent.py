@@ -9,7 +9,7 @@ import pytest
 
 from sceniris_gym.geometry.box_tree import build_tree
 from sceniris_gym.geometry.colliders import Collider
-from sceniris_gym.program.pack.descent import first_nodes, leaf_nodes, nodes_without
+from sceniris_gym.program.pack.descent import Trees
 
 
 def _leaves(child: np.ndarray, node: int) -> list[int]:
@@ -36,7 +36,7 @@ def test_lanes_begin_with_what_meets_every_pair_of_leaves_once(sizes: list[int],
     colliders = _random_colliders(sizes)
     pairs = [(a, b) for a in range(len(sizes)) for b in range(a + 1, len(sizes))]
     roots = [(5 + i, colliders[a].root, colliders[b].root) for i, (a, b) in enumerate(pairs)]
-    entries = first_nodes(colliders, roots, lanes)
+    entries = Trees(colliders).first_nodes(roots, lanes)
     child = np.concatenate([c.child for c in colliders])
     for i, (a, b) in enumerate(pairs):
         met = [
@@ -54,7 +54,7 @@ def test_lanes_begin_with_what_meets_every_pair_of_leaves_once(sizes: list[int],
 
 def test_without_pairs_no_lane_has_anything_to_begin_with():
     """An object that meets nothing is an object."""
-    assert first_nodes(_random_colliders([3]), [], 32) == []
+    assert Trees(_random_colliders([3])).first_nodes([], 32) == []
 
 
 @pytest.mark.parametrize("lanes", [1, 32])
@@ -66,8 +66,8 @@ def test_what_is_left_out_is_met_by_nothing(sizes: list[int], count: int, lanes:
     every = [(x, y) for x in _leaves(child, colliders[0].root) for y in _leaves(child, colliders[1].root)]
     chosen = np.random.default_rng(1).permutation(len(every))[:count]
     left_out = [every[i] for i in chosen]
-    nodes = nodes_without(colliders, 0, 1, left_out)
-    entries = first_nodes(colliders, [(0, *pair) for pair in nodes], lanes)
+    nodes = Trees(colliders).without(colliders[0].root, colliders[1].root, left_out)
+    entries = Trees(colliders).first_nodes([(0, *pair) for pair in nodes], lanes)
     met = [(x, y) for _, a, b in entries for x in _leaves(child, a) for y in _leaves(child, b)]
     assert sorted(met + left_out) == sorted(every)
 
@@ -75,7 +75,7 @@ def test_what_is_left_out_is_met_by_nothing(sizes: list[int], count: int, lanes:
 def test_leaves_are_found_by_their_nodes():
     """Each piece at one node without children; a plane at its root."""
     colliders = _random_colliders([5])
-    found = leaf_nodes(colliders, 0)
+    found = Trees(colliders).leaves(0)
     assert sorted(found.values()) == [0, 1, 2, 3, 4]
     assert sorted(found) == np.flatnonzero(colliders[0].child < 0).tolist()
-    assert leaf_nodes([replace(colliders[0], plane=7)], 0) == {0: 7}
+    assert Trees([replace(colliders[0], plane=7)]).leaves(0) == {0: 7}

@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import Collider, collect_colliders
-from sceniris_gym.program.pack.descent import leaf_nodes
+from sceniris_gym.program.pack.descent import Trees
 from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.model import SceneModel, build_model
@@ -222,7 +222,7 @@ def _geoms_met(scene: SceneModel, colliders: list[Collider], pair: Pair) -> list
         return [names[node]] if first < 0 else below(first, names) + below(first + 1, names)
 
     first, second = (
-        {node: scene.mjm.geom(pieces[piece].geom).name for node, piece in leaf_nodes(colliders, collider).items()}
+        {node: scene.mjm.geom(pieces[piece].geom).name for node, piece in Trees(colliders).leaves(collider).items()}
         for collider in (pair.a, pair.b)
     )
     return [(x, y) for a, b in pair.starts for x in below(a, first) for y in below(b, second)]
