@@ -137,7 +137,7 @@ class State:
         if key not in self._columns:
             bodies = [self._id("body", name, "velocity") for name in names]
             dofs = [[self._free_dof(body, "velocity") + i for i in range(6)] for body in bodies]
-            self._columns[key], self._columns["bodies of", *key] = self._index(dofs), self._index(bodies)
+            self._columns[key], self._columns["bodies of", *key] = self._index(dofs).reshape(-1, 6), self._index(bodies)
         linear, angular = self._qvel[:, self._columns[key]].split(3, dim=-1)
         # MuJoCo keeps the angular velocity of a free joint in the body's own frame
         angular = rotations.rotate(self._xquat[:, self._columns["bodies of", *key]], angular)
@@ -316,7 +316,7 @@ class State:
         return self._grasp_tables[target.number]
 
     def _index(self, numbers: list) -> Tensor:
-        return torch.tensor(numbers, device=self.device)
+        return torch.tensor(numbers, dtype=torch.int64, device=self.device)
 
     def _free_dof(self, body: int, method: str) -> int:
         """Return the address of the first of the six velocities of a free object."""
