@@ -35,7 +35,9 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
         if model.hash == scenehash:
             return model
         known[model.hash] = candidate.name
-    raise UnknownNameError("scene hash", scenehash, "replay", [f"{h} ({name})" for h, name in known.items()])
+    valid = [f"{h} ({name})" for h, name in known.items()]
+    more = ["or that of a scene that --scene names"] if config is None else []  # sorted after hexadecimal digits
+    raise UnknownNameError("scene hash", scenehash, "replay", valid + more)
 
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
