@@ -231,7 +231,7 @@ def replay(
 @_command
 def check(
     scene: Scene,
-    layouts: int = 1024,
+    layouts: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 1024,
     seed: int = 0,
     picture: Picture = None,
     device: Device = None,
