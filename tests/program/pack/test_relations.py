@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 from sceniris_gym.config.relations import Beside, Between, Direction, Near, Relation, Sector
-from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, RelationType
 from sceniris_gym.program.pack.relations import MOST_SLICES, pack_relations, region_pieces
 from tests.program.scenes import Packed, pack, scene_of
@@ -189,5 +189,5 @@ def test_a_relation_of_no_known_shape_is_refused(packed: Packed):
     box = packed.object("box")
     assert box.config is not None
     orbiting = replace(box, config=box.config.model_copy(update={"relations": (Orbit(orbits="post"),)}))
-    with pytest.raises(NotSupportedError, match=r"'Orbit' should be .*Sector, Between, Beside, Joined"):
+    with pytest.raises(ArgumentTypeError, match=r"'Orbit' should be .*Sector, Between, Beside, Joined"):
         pack_relations(replace(packed.plan, objects=[orbiting]), {})
