@@ -231,7 +231,7 @@ def replay(
 @_command
 def check(
     scene: Scene,
-    layouts: int = 1024,
+    layouts: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 1024,
     seed: int = 0,
     picture: Picture = None,
     device: Device = None,
@@ -329,7 +329,7 @@ def view(
         seed: world i has seed + i
         episode: how often the worlds were reset since they got the seed
         split: training or evaluation layouts
-        env: instead of a scene: an environment, e.g. sceniris_gym/TabletopLift-v0
+        env: instead of a scene: an environment, e.g. sceniris_gym/TabletopLift-v0, or your own as MODULE:ID
         policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function; by default random actions
         layouts: layout id to play, or a file with one a line; may be given several times
         host: address to listen on; 0.0.0.0 lets other machines in

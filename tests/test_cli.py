@@ -29,7 +29,8 @@ def answer(capfd: pytest.CaptureFixture, *arguments: str, device: str = "cpu") -
 
 def test_check_reports_rejections_per_object_and_cause(capfd: pytest.CaptureFixture):
     """In the Mid scene some bananas are rejected, all layouts are valid in the end."""
-    found = answer(capfd, "check", "mid", "--layouts", "256")
+    found = answer(capfd, "check", "mid", "-n", "256")
+    assert found["layouts"] == 256
     assert found["valid"] == 1.0
     assert 0.5 < found["first_pass_valid"] <= 1.0
     assert found["rejections"]["banana"]["collision"] > 0

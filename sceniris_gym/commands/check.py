@@ -15,7 +15,7 @@ from sceniris_gym.program.compiled import CompiledScene
 def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None) -> dict:
     """Make layouts, and return the share of valid ones and the rejections per object and cause.
 
-    For a scene with `reachable`, also measure how much that narrows where objects lie, and draw it into `picture`.
+    Draw where objects lie into `picture`. For a scene with `reachable`, also measure how much that narrows it.
     """
     generator = recording(LayoutGenerator(compiled, layouts, seed=seed))
     generator.generate()

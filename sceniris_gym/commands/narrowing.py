@@ -1,12 +1,14 @@
 """The effect of `reachable` on where objects lie: compares a scene with it and without, in numbers and a picture.
 
+A scene in which no object has it is drawn as it is.
+
 The share of candidates that is kept is that of the layouts made without `reachable` in which the arm's map accepts a
 grasp of the object. For the tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +17,6 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
 from sceniris_gym.grasping.grasps import comes_from_below
 from sceniris_gym.layout.compile import compile_scene
@@ -39,8 +40,9 @@ class Narrowing:
     """Positions of the objects that should be reachable, without `reachable` and with it.
 
     Attributes:
-        before: Object name -> its world positions [m] in the layouts with it, shape (n, 2), without `reachable`.
-        after: The same with `reachable`.
+        before: Object name -> its world positions [m] in the layouts with it, shape (n, 2), without `reachable`; empty
+            if no object of the scene has it.
+        after: The same with `reachable`, or of all objects that are placed if none has it.
         kept: Object name -> share of its candidates that `reachable` accepts.
         rejections: Rejections per object and cause, with `reachable`.
         bases: Position [m] and heading [rad] of the bases of robots that stand where they are, shape (n, 3).
@@ -63,14 +65,14 @@ class Narrowing:
                 "candidates": len(self.before[name]),
                 **{reason: self.rejections[name][reason] for reason in _REASONS},
             }
-            for name in self.after
+            for name in self.before
         }
 
 
 def narrow(
     compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None, made: LayoutGenerator | None = None
 ) -> dict:
-    """Return the entries that commands print: `narrowing`, and `picture` if one was drawn; none without `reachable`.
+    """Return the entries that commands print: `narrowing` with `reachable`, and `picture` if one was drawn.
 
     Args:
         compiled: The compiled scene.
@@ -78,22 +80,14 @@ def narrow(
         seed: Seed of the first layout.
         path: The file of the picture; None for no picture.
         made: A generator of the compiled scene that has made these layouts already.
-
-    Raises:
-        SceneKeyError: A picture is asked for, but no object of the scene has `reachable`.
     """
-    if compiled.reaching is None:
-        if path is not None:
-            raise SceneKeyError(
-                f"{compiled.config.where}: --picture shows what 'reachable' does, and no object has it. "
-                "Add it, e.g. with --set objects.apple.reachable=map, or leave out --picture."
-            )
+    reaches = compiled.reaching is not None
+    if path is None and not reaches:
         return {}
-    found = narrowing(compiled, layouts, seed, made)
-    if path is None:
-        return {"narrowing": found.figures()}
-    save(picture(found, compiled.config.name), path)
-    return {"narrowing": found.figures(), "picture": str(path)}
+    found = (narrowing if reaches else _placing)(compiled, layouts, seed, made)
+    if path is not None:
+        save(picture(found, compiled.config.name), path)
+    return ({"narrowing": found.figures()} if reaches else {}) | ({} if path is None else {"picture": str(path)})
 
 
 def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None = None) -> Narrowing:
@@ -106,12 +100,24 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
     counts = generator.rejection_counts()
     tables = [read_table(each) for each in (_made(plain, layouts, seed), generator)]
     before, after = ({name: _positions(compiled, table, name) for name in names} for table in tables)
-    still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
-    bases = compiled.plan.place[still][:, [0, 1, 3]]
-    lower, upper = _corners(compiled, [*before.values(), *after.values(), bases[:, :2]])
     passed = _staged(compiled, tables[1], counts)
     kept = {name: passed[name] * _on_map(compiled, plain, tables[0], name) for name in names}
-    return Narrowing(before, after, kept, counts, bases, lower, upper)
+    return Narrowing(before, after, kept, counts, *_frame(compiled, [*before.values(), *after.values()]))
+
+
+def _placing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None) -> Narrowing:
+    """Return where objects are placed in a scene that has no `reachable`."""
+    table = read_table(made or _made(compiled, layouts, seed))
+    after = {name: _positions(compiled, table, name) for name in compiled.object_names if name in compiled.placed}
+    return Narrowing({}, after, {}, {}, *_frame(compiled, list(after.values())))
+
+
+def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the bases of robots that stand where they are, and the corners of the picture around them and points."""
+    still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
+    bases = compiled.plan.place[still][:, [0, 1, 3]]
+    floor = compiled.config.floor
+    return bases, *_corners([*points, bases[:, :2]], None if floor is None else floor.size)
 
 
 def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
@@ -122,16 +128,27 @@ def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
-    """Draw the objects from above: without `reachable` on the left, with it on the right; x points right."""
+    """Draw the objects from above: without `reachable` on the left, with it on the right; x points right.
+
+    If no object has it, one panel shows all.
+    """
+    panels = {title: found.after}
+    if found.before:
+        panels = {f"{title}: without reachable": found.before, "with reachable": found.after}
     size = found.upper - found.lower
     scale = min(_SCALE, _PANEL / float(size.max()))
     width, height = (int(np.ceil(scale * edge)) for edge in size)
-    sheet = Image.new("RGB", (2 * width + 3 * _GAP, height + 2 * _STRIP + _GAP), _PAPER)
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
-    for i, (words, positions) in enumerate((("without reachable", found.before), ("with reachable", found.after))):
+    wide, font = len(panels) * (width + _GAP) + _GAP, ImageFont.load_default(size=14)
+    figures = found.figures()
+    texts = [f"{name}: {part['kept']:.0%} of {part['candidates']} are within reach" for name, part in figures.items()]
+    places = _wrapped(texts or list(found.after), wide, font)
+    lines = 1 + max((line for _, _, line in places), default=0)
+    sheet = Image.new("RGB", (wide, height + (1 + lines) * _STRIP + _GAP), _PAPER)
+    draw = ImageDraw.Draw(sheet)
+    for i, (words, positions) in enumerate(panels.items()):
         left, top = _GAP + i * (width + _GAP), _STRIP
         draw.rectangle((left, top, left + width, top + height), fill=(246, 247, 249), outline=_PALE)
-        draw.text((left + 2, 4), f"{title}: {words}" if i == 0 else words, _INK, font)
+        draw.text((left + 2, 4), words, _INK, font)
         origin = np.array([left - scale * found.lower[0], top + height + scale * found.lower[1]])
         for k, name in enumerate(positions):
             for x, y in positions[name]:
@@ -139,12 +156,21 @@ def picture(found: Narrowing, title: str) -> Image.Image:
                 draw.ellipse((px - 1.5, py - 1.5, px + 1.5, py + 1.5), fill=_COLOURS[k % len(_COLOURS)])
         for base in found.bases:
             _draw_base(draw, origin, scale, base)
-    x = float(_GAP)
-    for k, (name, part) in enumerate(found.figures().items()):
-        text = f"{name}: {part['kept']:.0%} of {part['candidates']} are within reach"
-        draw.text((x, height + _STRIP + 4), text, _COLOURS[k % len(_COLOURS)], font)
-        x += draw.textlength(text, font) + 2 * _GAP
+    for k, (text, x, line) in enumerate(places):
+        draw.text((x, height + (1 + line) * _STRIP + 4), text, _COLOURS[k % len(_COLOURS)], font)
     return sheet
+
+
+def _wrapped(texts: list[str], wide: int, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> list[tuple]:
+    """Return texts with their column and line, in lines that are no wider than the picture."""
+    places, x, line = [], float(_GAP), 0
+    for text in texts:
+        length = font.getlength(text)
+        if x > _GAP and x + length > wide:
+            x, line = float(_GAP), line + 1
+        places.append((text, x, line))
+        x += length + 2 * _GAP
+    return places
 
 
 def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base: np.ndarray) -> None:
@@ -213,10 +239,12 @@ def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
     return pose_matrix(data.xpos[body], data.xquat[body])
 
 
-def _corners(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _corners(points: list[np.ndarray], floor: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
     every = np.concatenate(points)
-    if compiled.config.floor is not None:
-        half = 0.5 * np.array(compiled.config.floor.size)
+    if floor is not None:
+        half = 0.5 * np.array(floor)
         every = np.concatenate([every, [-half, half]])
+    if len(every) == 0:  # no layout is valid, and nothing else is there
+        every = np.zeros((1, 2))
     return every.min(axis=0) - 0.05, every.max(axis=0) + 0.05

@@ -25,7 +25,7 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
 Json = Annotated[Flag, tyro.conf.arg(help="print one line of JSON and nothing else")]
 Picture = Annotated[
-    Path | None, tyro.conf.arg(help="PNG to write: the places of objects from above, without and with 'reachable'")
+    Path | None, tyro.conf.arg(help="PNG to write: the places of objects from above, also without 'reachable'")
 ]
 Changes = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]],

@@ -35,7 +35,9 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
         if model.hash == scenehash:
             return model
         known[model.hash] = candidate.name
-    raise UnknownNameError("scene hash", scenehash, "replay", [f"{h} ({name})" for h, name in known.items()])
+    valid = [f"{h} ({name})" for h, name in known.items()]
+    more = ["or that of a scene that --scene names"] if config is None else []  # sorted after hexadecimal digits
+    raise UnknownNameError("scene hash", scenehash, "replay", valid + more)
 
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
@@ -56,10 +58,14 @@ def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | 
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
-    """Return the first layout of a table by names: poses in the world frame, joints in m and rad."""
+    """Return the first layout of a table, bit for bit, by names: poses in the world frame, joints in m and rad."""
     mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
     table.put(data, 0)
     mujoco.mj_kinematics(mjm, data)
+    # MuJoCo normalizes the layout's quaternions, which changes their last bits
+    free, mocap = np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE), mjm.body_mocapid >= 0
+    data.xquat[mjm.jnt_bodyid[free]] = data.qpos[mjm.jnt_qposadr[free][:, None] + np.arange(3, 7)]
+    data.xquat[mocap] = data.mocap_quat[mjm.body_mocapid[mocap]]
     objects = {}
     for name, body in compiled.scene.bodies.items():
         joints = {joint: float(data.qpos[mjm.jnt_qposadr[i]]) for joint, i in compiled.scene.joints(name).items()}

@@ -57,7 +57,7 @@ def surfaces_of(
     if not found:
         raise NoSupportError(
             f"{where}: '{parent}' has no level surface of 2 cm or more in width"
-            f"{' that is open above' if word == 'on' else ''}. Valid: {_with_surfaces(scene, pieces, home, word)}."
+            f"{' that is open above' if word == 'on' else ''}. Valid: {_others(scene, name, pieces, home, word)}."
         )
     half = 0.5 * config.ratio_on_support
     return supports.crop(found, config.region, [half * edge for edge in edges], where)
@@ -88,14 +88,20 @@ def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) 
     return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)
 
 
-def _with_surfaces(scene: SceneModel, pieces: list[Piece], home: mujoco.MjData, word: str) -> str:
-    """Return the names of all supports with a level surface, for messages."""
+def _others(scene: SceneModel, own: str, pieces: list[Piece], home: mujoco.MjData, word: str) -> str:
+    """Return the names of all supports with a level surface, but for an object's own, each once, for messages."""
     known = {name: Support(scene.bodies[name], name) for name in scene.config.objects}
     for name in scene.config.objects:
         known |= {f"{name}/{part}": Support(body, name) for part, body in scene.parts(name).items()}
     if scene.config.model is not None:
-        known = {**static_supports(scene.mjm, scene.bodies), **known}
-    level = {name: s for name, s in known.items() if home.xmat[s.body][8] >= UPRIGHT}
-    found = sorted(name for name, s in level.items() if _level_surfaces(s, pieces, open_above=word == "on"))
+        known = {**known, **static_supports(scene.mjm, scene.bodies), **known}
+    if scene.config.floor is not None:
+        known.pop(FLOOR, None)  # a geom of the same name
+    found: dict[frozenset[int], str] = {}  # by their geoms, first the names of objects, then those of the model
+    for name, s in known.items():
+        level = s.owner != own and home.xmat[s.body][8] >= UPRIGHT
+        if level and _level_surfaces(s, pieces, open_above=word == "on"):
+            geoms = frozenset(p.geom for p in pieces if p.body == s.body and s.geom in (None, p.geom))
+            found.setdefault(geoms, name)
     floor = [] if scene.config.floor is None or word == "inside" else [FLOOR]
-    return ", ".join([*floor, *found]) or "none, as nothing in this scene has one"
+    return ", ".join([*floor, *sorted(found.values())]) or "none, as nothing else in this scene has one"

@@ -23,16 +23,11 @@ SEED_SPACING = 1 << 20
 """Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
 
 
-def spec_of(task: str) -> EnvSpec:
-    """Return how Gymnasium makes a task.
-
-    Args:
-        task: A registered id, that of a task of this package with or without its namespace; or MODULE:ID, which imports
-            MODULE first, also from the working directory.
+def registered_id(task: str) -> str:
+    """Return the id of a task; of MODULE:ID import MODULE first, also from the working directory.
 
     Raises:
         ArgumentError: The module cannot be imported.
-        UnknownNameError: No environment is registered under this id with a task.
     """
     module, _, name = task.rpartition(":")
     if module:
@@ -44,6 +39,21 @@ def spec_of(task: str) -> EnvSpec:
             raise ArgumentError(
                 f"task '{task}': '{module}' should be a module that Python can import: {error}."
             ) from None
+    return name
+
+
+def spec_of(task: str) -> EnvSpec:
+    """Return how Gymnasium makes a task.
+
+    Args:
+        task: A registered id, that of a task of this package with or without its namespace; or MODULE:ID, as
+            `registered_id` takes it.
+
+    Raises:
+        ArgumentError: The module cannot be imported.
+        UnknownNameError: No environment is registered under this id with a task.
+    """
+    name = registered_id(task)
     tasks = {key.removeprefix(NAMESPACE): spec for key, spec in gymnasium.registry.items() if "task" in spec.kwargs}
     if name.removeprefix(NAMESPACE) not in tasks:
         raise UnknownNameError("task", name, "environments registered with a task", tasks)

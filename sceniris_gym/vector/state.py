@@ -131,7 +131,7 @@ class State:
         def find() -> tuple[Tensor, Tensor]:
             bodies = [self._id("body", name, "velocity") for name in names]
             dofs = [[self._free_dof(body, "velocity") + i for i in range(6)] for body in bodies]
-            return self._index(bodies), self._index(dofs)
+            return self._index(bodies), self._index(dofs).reshape(-1, 6)
 
         bodies, dofs = self._once(find, "velocities", *names)
         linear, angular = self._qvel[:, dofs].split(3, dim=-1)
@@ -315,7 +315,7 @@ class State:
         return self._kept[key]
 
     def _index(self, numbers: list) -> Tensor:
-        return torch.tensor(numbers, device=self.device)
+        return torch.tensor(numbers, dtype=torch.int64, device=self.device)
 
     def _free_dof(self, body: int, method: str) -> int:
         """Return the address of the first of the six velocities of a free object."""

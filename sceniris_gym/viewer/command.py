@@ -58,12 +58,13 @@ def view_env(
     import sceniris_gym  # noqa: F401, registers the environments
     from sceniris_gym.device.kernel_log import start_warp
     from sceniris_gym.progress import listening
+    from sceniris_gym.training.task_scenes import registered_id
     from sceniris_gym.viewer.env_view import EnvView
     from sceniris_gym.viewer.policies import load_policy
 
     start_warp()
     try:
-        spec = gymnasium.spec(env)
+        spec = gymnasium.spec(registered_id(env))
     except gymnasium.error.Error as error:
         raise ArgumentError(f"--env {env}: {error}") from None
     said = server.gui.add_markdown(f"**{env}** is being made. {_KERNELS}")

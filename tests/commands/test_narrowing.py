@@ -7,10 +7,10 @@ from typing import cast
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy import ndimage
 
-from sceniris_gym.commands.narrowing import Narrowing, narrow, narrowing, picture
-from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.commands.narrowing import Narrowing, _corners, narrow, narrowing, picture
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.crane import RADIUS, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
@@ -37,13 +37,40 @@ def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):
     assert found.figures()["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 400))
 
 
-def test_a_picture_needs_something_to_reach(tmp_path: Path):
-    """Without `reachable` there is nothing to say, and a picture of it is refused."""
-    cube = box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
-    plain = compile_on_cpu({"floor": {"size": [1.0, 1.0]}, "objects": {"thing": {"asset": cube, "on": "floor"}}})
+def test_a_scene_without_reachable_has_a_picture_of_one_panel(tmp_path: Path):
+    """There is nothing to say about reach, and objects lie where they do: over all of the region, and there alone."""
+    cube = {"asset": box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04), "on": "floor"}
+    objects = {
+        "thing": {**cube, "region": {"box": [[0.3, -0.9], [0.9, 0.9]]}},
+        "post": {"asset": cube["asset"], "kind": "static"},
+    }
+    plain = compile_on_cpu({"floor": {"size": [2.0, 2.0]}, "objects": objects})
     assert narrow(plain, 8, 0) == {}
-    with pytest.raises(SceneKeyError, match="no object has it"):
-        narrow(plain, 8, 0, tmp_path / "x.png")
+    path = tmp_path / "x.png"
+    assert narrow(plain, 200, 0, path) == {"picture": str(path)}
+    drawn = np.asarray(Image.open(path).convert("RGB")).astype(int)[30:-40]
+    columns, rows = np.transpose(dots(drawn))
+    height, width = drawn.shape[:2]
+    assert abs(width - height) < 60  # one panel, of a square floor
+    assert 0.6 * width < columns.min() < 0.7 * width < 0.9 * width < columns.max() < 0.97 * width
+    assert rows.min() < 0.15 * height < 0.85 * height < rows.max()
+
+
+def test_a_picture_of_no_valid_layout_is_empty(tmp_path: Path):
+    """As one is of a scene that is too hard, even if nothing else gives the picture a size."""
+    nothing = Narrowing({}, {"thing": np.zeros((0, 2))}, {}, {}, np.zeros((0, 3)), *_corners([np.zeros((0, 2))], None))
+    assert picture(nothing, "none").size[0] > 10
+
+
+def test_a_long_legend_goes_on_in_the_next_line():
+    """So that each object can be found by its colour; the picture is higher by the lines."""
+    lines = {}
+    for number in (1, 3, 12):
+        after = {f"object number {i}": np.zeros((1, 2)) for i in range(number)}
+        found = Narrowing({}, after, {}, {}, np.zeros((0, 3)), np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
+        lines[number] = picture(found, "many").size
+    assert lines[1] == lines[3]
+    assert (lines[12][0], lines[12][1] - lines[1][1]) == (lines[1][0], 2 * 26)
 
 
 def test_the_picture_has_dots_where_objects_lie():

@@ -52,6 +52,15 @@ def test_the_velocity_of_a_free_object_is_that_of_mujoco(moving):
         np.testing.assert_allclose(ours, [*velocity[3:], *velocity[:3]], atol=1e-5)
 
 
+def test_of_no_names_there_are_no_columns(moving):
+    """An empty list is one of the lists that a program may make of names."""
+    s = moving.state
+    assert s.present([]).shape == (2, 0)
+    assert s.present([]).dtype == torch.bool
+    assert s.poses([]).shape == (2, 0, 7)
+    assert s.velocities([]).shape == (2, 0, 6)
+
+
 def test_joints_are_found_by_object_and_by_name(moving):
     """An object stands for its hinges and slides, a joint for itself, both as views of the state."""
     s, qpos = moving.state, moving.batch.data.qpos.numpy()

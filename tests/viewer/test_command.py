@@ -8,12 +8,16 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
 from sceniris_gym.cli import main
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.viewer.command import read_ids
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from sceniris_gym.viewer import env_view
+from sceniris_gym.viewer.command import read_ids, view_env
+from tests.training.scenes import write_task
 from tests.viewer.pages import free_port
 
 
@@ -80,3 +84,34 @@ def test_ids_come_from_options_and_files(tmp_path: Path):
     with pytest.raises(ArgumentError, match="neither an id"):
         read_ids(["nofile.txt"])
     assert read_ids(["c:eval:3:1", str(tmp_path / "failed.txt")]) == ["c:eval:3:1", "a:train:1:0", "b:train:2:0"]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
+def test_a_task_of_ones_own_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As `module:ID`, which is imported from where the program is started, as `train` does."""
+    task = write_task(tmp_path, "own_task_on_a_page")
+    monkeypatch.chdir(tmp_path)
+    shown: list[SceneVectorEnv] = []
+
+    def show(_server: object, envs: SceneVectorEnv, *_: object) -> None:
+        shown.append(envs)
+        raise InterruptedError
+
+    monkeypatch.setattr(env_view, "EnvView", show)
+    with pytest.raises(InterruptedError):
+        view_env(MagicMock(), task, None, [], num=2, split="train", device="cpu", changes={})
+    (envs,) = shown
+    assert (type(envs.task).__name__, envs.num_envs) == ("Lower", 2)
+
+
+@pytest.mark.parametrize(
+    ("env", "words"),
+    [
+        ("nowhere_at_all:Task-v0", "'nowhere_at_all' should be a module that Python can import"),
+        ("sceniris_gym/DrawerPik-v0", "--env sceniris_gym/DrawerPik-v0: .*DrawerPick"),
+    ],
+)
+def test_what_is_no_environment_is_refused(env: str, words: str):
+    """With what could not be imported, or with the nearest id."""
+    with pytest.raises(ArgumentError, match=words):
+        view_env(MagicMock(), env, None, [], num=1, split="train", device="cpu", changes={})

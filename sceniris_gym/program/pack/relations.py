@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
+from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.geometry.ragged import columns, ranges
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind, RelationType
 from sceniris_gym.program.pack.joining import JoinedSites, joined_sites
@@ -109,4 +110,9 @@ def _insists(o: PlacedObject) -> bool:
 
 
 def _type(relation: Relation) -> RelationType:
-    return next(found for kind, found in _TYPES.items() if isinstance(relation, kind))
+    """Return the type of a relation; kernels would take one that they do not know for `beside`."""
+    for kind, found in _TYPES.items():
+        if isinstance(relation, kind):
+            return found
+    known = ", ".join(kind.__name__ for kind in _TYPES)
+    raise ArgumentTypeError(f"relation '{type(relation).__name__}' should be of a kind that can be packed: {known}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 import shapely
 
-from sceniris_gym.config.relations import Beside, Between, Direction, Near, Sector
+from sceniris_gym.config.relations import Beside, Between, Direction, Near, Relation, Sector
+from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, RelationType
-from sceniris_gym.program.pack.relations import MOST_SLICES, region_pieces
+from sceniris_gym.program.pack.relations import MOST_SLICES, pack_relations, region_pieces
 from tests.program.scenes import Packed, pack, scene_of
 
 SIDES = ("front", "back", "left", "right")
@@ -175,3 +177,17 @@ def test_an_object_insists_where_its_own_draw_may_open_a_region(case: str, folde
     objects = {"post": {**box, "kind": "fixture"}, "tail": {**box, "kind": "fixture"}, "thing": {**box, **words}}
     packed = pack(scene_of(objects))
     assert bool(packed["obj_retry_if_empty"][packed.number("thing")]) is insists
+
+
+def test_a_relation_of_no_known_shape_is_refused(packed: Packed):
+    """By its kind, since a kernel would take it for `beside`."""
+
+    class Orbit(Relation):
+        one_of = ("orbits",)
+        orbits: str
+
+    box = packed.object("box")
+    assert box.config is not None
+    orbiting = replace(box, config=box.config.model_copy(update={"relations": (Orbit(orbits="post"),)}))
+    with pytest.raises(ArgumentTypeError, match=r"'Orbit' should be .*Sector, Between, Beside, Joined"):
+        pack_relations(replace(packed.plan, objects=[orbiting]), {})
