@@ -1,4 +1,4 @@
-"""Skipping of tests that need a GPU, and threads, garbage collection and compiled scenes of all processes of a run."""
+"""Skipping of tests that need a GPU, and signals, threads, garbage collection and compiled scenes of all processes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import atexit
 import gc
 import os
 import shutil
+import signal
 import tempfile
 from pathlib import Path
 
@@ -15,6 +16,9 @@ CACHE = "SCENIRIS_GYM_CACHE"
 HERE = Path(__file__).parent
 # Tests in these folders check the compiling itself, so they compile every scene anew.
 COMPILING = {"collide", "config", "device", "geometry", "grasping", "layout", "placement", "program", "reach", "scene"}
+
+# Processes that tests start hear Ctrl-C, also where a shell runs the tests in the background, with SIGINT ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 os.environ[CACHE] = "off"  # the cache in the home folder is never used, not even during collection
 if "PYTEST_XDIST_WORKER" not in os.environ:

@@ -26,9 +26,8 @@ def handles(process: subprocess.Popen, number: int) -> bool:
 def test_a_signal_at_start_up_ends_the_program(tmp_path: Path, number: int, seconds: float):
     """While libraries are imported and a scene is compiled: a line, the status of shells, no traceback, no files."""
     out = tmp_path / "data"
-    command = [sys.executable, "-c", "import signal, runpy\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"]
-    command[-1] += "runpy.run_module('sceniris_gym', run_name='__main__')"
-    command += ["generate", "mid", "-n", "30000000", "--device", "cpu", "-o", str(out)]
+    command = [sys.executable, "-m", "sceniris_gym", "generate", "mid", "-n", "30000000", "--device", "cpu"]
+    command += ["-o", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         while not handles(process, signal.SIGTERM):
             time.sleep(0.005)

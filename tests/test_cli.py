@@ -190,7 +190,6 @@ def test_a_stopped_command_says_so_and_leaves_no_temporary_file(tmp_path: Path, 
     program = f"""
 import os, signal, sys, time
 from sceniris_gym.__main__ import main
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs are started with it ignored
 os.fsync = lambda _: (os.kill(os.getpid(), {int(stop)}), time.sleep(60))
 sys.argv = ["sceniris-gym", "generate", "mid", "-n", "2", "--device", "cpu", "-o", sys.argv[1]]
 main()

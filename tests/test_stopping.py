@@ -17,7 +17,6 @@ import hashlib, os, signal, sys, time
 from pathlib import Path
 from sceniris_gym.files import replacing
 from sceniris_gym.stopping import end_at_signals
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs are started with it ignored
 """
 BUSY = {
     "a library that catches everything": """while True:

@@ -28,7 +28,7 @@ SHARED_STACK = 512
 """Capacity of the stack of entries that a block shares: one for each lane and each level of both trees."""
 OWN_STACK = 64
 """Capacity of the stack of a single lane: one entry for each level of both trees, which halve at each level."""
-WAITING = 64
+NARROW_STACK = 64
 """Capacity of the stack of narrow-phase pairs, which wait for one per lane: fewer than two a lane, up to 32 lanes."""
 UNPROVEN = -1
 """Sentinel in place of a cause: a stack was too small to complete the test."""

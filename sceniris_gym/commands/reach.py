@@ -52,8 +52,7 @@ def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoc
         SceneFileError: The file is missing, or cannot be read.
         ArmError: It is not a serial arm.
     """
-    if SHIPPED_NAME.fullmatch(name) and name not in shipped("assets", ".xml"):
-        assets = shipped("assets", ".xml")
+    if SHIPPED_NAME.fullmatch(name) and name not in (assets := shipped("assets", ".xml")):
         arms = [asset for asset, path in assets.items() if f'<site name="{TCP}"' in path.read_text()]
         raise UnknownNameError("arm", name, "reach", arms)
     scene = build_model(SceneConfig.load({"robot": {"asset": name}}, changes))

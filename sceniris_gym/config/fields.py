@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,59 +38,45 @@ def listed(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def within(kind: str) -> AfterValidator:
-    """Return the check of a number against the bound of its kind in `BOUNDS`."""
-    bound = BOUNDS[kind]
+def must(holds: Callable[[Any], bool], advice: str) -> AfterValidator:
+    """Return the check that a value passes a test; `advice` begins with "should"."""
 
-    def check(value: float) -> float:
-        if not bound.holds(value):
-            raise wrong(bound.advice)
+    def check(value: Any) -> Any:
+        if not holds(value):
+            raise wrong(advice)
         return value
 
     return AfterValidator(check)
 
 
-def _ascending(interval: tuple[float, float]) -> tuple[float, float]:
-    if interval[0] > interval[1]:
-        raise wrong("should be [low, high] with low <= high")
-    return interval
+def within(kind: str) -> AfterValidator:
+    """Return the check of a number against the bound of its kind in `BOUNDS`."""
+    return must(BOUNDS[kind].holds, BOUNDS[kind].advice)
 
 
-def _not_zero(direction: tuple[float, float]) -> tuple[float, float]:
-    if max(map(abs, direction)) < 1e-9:
-        raise wrong("should be a direction [x, y] that is not [0, 0]")
-    return direction
-
-
-def _over_the_skin(gap: float) -> float:
-    if gap < LEAST_GAP:
-        raise wrong("should be at least 0.00002 m: any closer, rounding makes the object touch its support")
-    return gap
-
-
-def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
-    if len(set(names)) < len(names):
-        raise wrong("should name each object once")
-    return names
-
-
-def _corners(box: tuple[tuple[float, ...], tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _are_corners(box: tuple[tuple[float, ...], tuple[float, ...]]) -> bool:
     low, high = box
-    if len(low) != len(high) or len(low) not in (2, 3) or any(a > b for a, b in zip(low, high, strict=False)):
-        raise wrong("should be [[x, y], [x, y]] or [[x, y, z], [x, y, z]], the low corner first")
-    return box
+    return len(low) == len(high) and len(low) in (2, 3) and all(a <= b for a, b in zip(low, high, strict=True))
 
 
-def _simple(polygon: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    if len(polygon) < 3 or not (shape := shapely.Polygon(polygon)).is_valid or shape.area <= 0.0:
-        raise wrong("should be at least three corners [x, y] of a polygon whose edges do not cross")
-    return polygon
+def _is_simple(polygon: tuple[tuple[float, float], ...]) -> bool:
+    return len(polygon) >= 3 and (shape := shapely.Polygon(polygon)).is_valid and shape.area > 0.0
 
 
-def _positions(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
-    if not 1 <= len(points) <= MAX_POINTS or {len(point) for point in points} not in ({2}, {3}):
-        raise wrong(f"should be 1 to {MAX_POINTS:,} points, all of them [x, y] or all of them [x, y, z]")
-    return points
+def _are_alike(points: tuple[tuple[float, ...], ...]) -> bool:
+    return 1 <= len(points) <= MAX_POINTS and {len(point) for point in points} in ({2}, {3})
+
+
+_ASCENDING = must(lambda ends: ends[0] <= ends[1], "should be [low, high] with low <= high")
+_NOT_ZERO = must(lambda xy: max(map(abs, xy)) >= 1e-9, "should be a direction [x, y] that is not [0, 0]")
+_OFF_THE_SUPPORT = must(
+    lambda gap: gap >= LEAST_GAP,
+    "should be at least 0.00002 m: any closer, rounding makes the object touch its support",
+)
+_EACH_ONCE = must(lambda names: len(set(names)) == len(names), "should name each object once")
+_CORNERS = must(_are_corners, "should be [[x, y], [x, y]] or [[x, y, z], [x, y, z]], the low corner first")
+_SIMPLE = must(_is_simple, "should be at least three corners [x, y] of a polygon whose edges do not cross")
+_ALIKE = must(_are_alike, f"should be 1 to {MAX_POINTS:,} points, all of them [x, y] or all of them [x, y, z]")
 
 
 def _tier(value: Any) -> Any:
@@ -130,24 +116,24 @@ Noise = Annotated[Number, Field(ge=0.0), within("noise")]
 Clearance = Annotated[Number, Field(ge=0.0), within("clearance")]
 Length = Annotated[Number, Field(ge=0.0), within("distance")]
 Width = Annotated[Number, Field(gt=0.0), within("distance")]
-Gap = Annotated[Number, AfterValidator(_over_the_skin), within("gap")]
-TurnInterval = Annotated[tuple[Turn, Turn], BeforeValidator(listed), AfterValidator(_ascending)]
-JointInterval = Annotated[tuple[JointPosition, JointPosition], BeforeValidator(listed), AfterValidator(_ascending)]
+Gap = Annotated[Number, _OFF_THE_SUPPORT, within("gap")]
+TurnInterval = Annotated[tuple[Turn, Turn], BeforeValidator(listed), _ASCENDING]
+JointInterval = Annotated[tuple[JointPosition, JointPosition], BeforeValidator(listed), _ASCENDING]
 Point2 = Annotated[tuple[Position, Position], BeforeValidator(listed)]
 _Component = Annotated[Number, within("direction")]
-Direction2 = Annotated[tuple[_Component, _Component], BeforeValidator(listed), AfterValidator(_not_zero)]
+Direction2 = Annotated[tuple[_Component, _Component], BeforeValidator(listed), _NOT_ZERO]
 FractionPoint2 = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed)]
 Point3 = Annotated[tuple[Position, Position, Position], BeforeValidator(listed)]
 Corner = Annotated[tuple[Position, ...], BeforeValidator(listed)]
-FractionInterval = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed), AfterValidator(_ascending)]
+FractionInterval = Annotated[tuple[Fraction, Fraction], BeforeValidator(listed), _ASCENDING]
 Choice = Annotated[tuple[JointPosition, ...], BeforeValidator(listed), Field(min_length=1)]
 _Extent = Annotated[Number, Field(gt=0.0), within("extent")]
 Extents2 = Annotated[tuple[_Extent, _Extent], BeforeValidator(listed)]
-Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), AfterValidator(_corners)]
-FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), AfterValidator(_corners)]
-Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), AfterValidator(_simple)]
-Points = Annotated[tuple[Corner, ...], BeforeValidator(listed), AfterValidator(_positions)]
+Box = Annotated[tuple[Corner, Corner], BeforeValidator(listed), _CORNERS]
+FractionBox = Annotated[tuple[FractionPoint2, FractionPoint2], BeforeValidator(listed), _CORNERS]
+Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), _SIMPLE]
+Points = Annotated[tuple[Corner, ...], BeforeValidator(listed), _ALIKE]
 Reachable = Annotated[bool | str, BeforeValidator(_tier)]
-Names = Annotated[tuple[str, ...], AfterValidator(_each_once)]
+Names = Annotated[tuple[str, ...], _EACH_ONCE]
 ObjectName = Annotated[str, AfterValidator(_object_name)]
 Model = Annotated[Any, BeforeValidator(_model)]

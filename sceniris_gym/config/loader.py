@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -54,35 +55,29 @@ def shipped(package: str, suffix: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob(f"*{suffix}"))}
 
 
-def read_scene(scene: str | Path | Mapping) -> RawScene:
+def read_scene(scene: str | Path | Mapping, files: list[Path] | None = None) -> RawScene:
     """Read a scene and merge it into its bases.
 
     Args:
         scene: The name of a shipped scene, the path of a YAML file, or a mapping of the same form. Relative paths in
             a file are relative to its folder, those in a mapping to the working directory.
+        files: A list that gets the files of the scene as they are read: its own and those of its bases.
     """
+    files = [] if files is None else files
     if isinstance(scene, Mapping):
-        return _with_base(dict(scene), where="scene", name="scene", folder=Path.cwd(), seen=())
+        return _with_base(dict(scene), where="scene", name="scene", folder=Path.cwd(), seen=files)
     if not isinstance(scene, str | Path):
         raise ArgumentTypeError(
             f"scene should be the name of a shipped scene, the path of a YAML file, or a mapping, got {type(scene)}."
         )
-    return _read_file(_find(scene, where="scene", folder=Path.cwd()), seen=())
+    return _read_file(_find(scene, where="scene", folder=Path.cwd()), files)
 
 
 def scene_files(scene: str | Path) -> list[Path]:
     """Return the files of a scene: its own and those of its bases, as far as they can be found."""
     found: list[Path] = []
-    try:
-        path = _find(scene, where="scene", folder=Path.cwd()).resolve()
-        while path not in found:
-            found.append(path)
-            base = _read_yaml(path).get("base")
-            if not isinstance(base, str):
-                break
-            path = _find(base, where=f"{path}: base", folder=path.parent).resolve()
-    except ScenirisError:
-        pass  # reading the scene says which file is wrong, and why
+    with suppress(ScenirisError):  # reading the scene says which file is wrong, and why
+        read_scene(scene, found)
     return found
 
 
@@ -160,16 +155,16 @@ def _find(scene: str | Path, where: str, folder: Path) -> Path:
     return path
 
 
-def _read_file(path: Path, seen: tuple[Path, ...]) -> RawScene:
+def _read_file(path: Path, seen: list[Path]) -> RawScene:
     path = path.resolve()
     if path in seen:
         cycle = [str(p) for p in seen[seen.index(path) :]]
         raise CycleError(str(seen[0]), cycle, "scenes are based on each other")
-    data = _read_yaml(path)
-    return _with_base(data, where=str(path), name=path.stem, folder=path.parent, seen=(*seen, path))
+    seen.append(path)
+    return _with_base(_read_yaml(path), where=str(path), name=path.stem, folder=path.parent, seen=seen)
 
 
-def _with_base(data: dict, where: str, name: str, folder: Path, seen: tuple[Path, ...]) -> RawScene:
+def _with_base(data: dict, where: str, name: str, folder: Path, seen: list[Path]) -> RawScene:
     data = _resolve_paths(data, folder, where)
     base = data.pop("base", None)
     if base is None:

@@ -9,10 +9,10 @@ import math
 from collections.abc import Container, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sceniris_gym.config.fields import Direction2, Length, Names, Number, Turn, Width, wrong
+from sceniris_gym.config.fields import Direction2, Length, Names, Number, Turn, Width, must, wrong
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.config.section import Section, check_one_of
 
@@ -29,12 +29,7 @@ _LEAST_TOLERANCE = 1.0e-4
 # Half of the thinnest wedge [rad] that directions may have in common: about a tenth of a degree.
 _LEAST_ANGLE = 1.0e-3
 _THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
-
-
-def _wide_enough(tolerance: float) -> float:
-    if tolerance < _LEAST_TOLERANCE:
-        raise wrong(f"should be at least {_LEAST_TOLERANCE:g} m; {_THIN_BAND}")
-    return tolerance
+_WIDE_ENOUGH = must(lambda half: half >= _LEAST_TOLERANCE, f"should be at least {_LEAST_TOLERANCE:g} m; {_THIN_BAND}")
 
 
 class Distance(Section):
@@ -43,7 +38,7 @@ class Distance(Section):
     min: Length | None = None
     max: Length | None = None
     equal: Length | None = None
-    tolerance: Annotated[Length, AfterValidator(_wide_enough)] | None = None
+    tolerance: Annotated[Length, _WIDE_ENOUGH] | None = None
 
     @property
     def low(self) -> float:

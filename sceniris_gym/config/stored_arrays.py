@@ -7,10 +7,11 @@ import zipfile
 import zlib
 from pathlib import Path
 from tokenize import TokenError
-from typing import BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy
+from pydantic import PlainSerializer, PlainValidator
 
 UNREADABLE = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, NotImplementedError, OverflowError),
@@ -21,6 +22,19 @@ UNREADABLE = (
 # Greatest ratio of compression by Deflate.
 _MOST_PACKED = 1040
 _HEADER = 1 << 16  # bytes
+
+
+def _as_list(array: np.ndarray) -> list:
+    return [array.dtype.str, array.shape, array.ravel().tolist()]
+
+
+def _from_list(value: Any) -> np.ndarray:
+    kind, shape, values = value
+    return np.array(values, np.dtype(kind)).reshape(shape)
+
+
+Array = Annotated[np.ndarray, PlainValidator(_from_list), PlainSerializer(_as_list)]
+"""An array that pydantic writes as JSON and reads again; its numbers keep their bits."""
 
 
 def read_array(path: Path) -> np.ndarray:

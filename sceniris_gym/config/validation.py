@@ -90,13 +90,12 @@ def _check_bodies(scene: SceneNames, where: str) -> None:
                 f"{where}: objects.{name}.body: there is no model that could have a body '{part.body}'. Give the scene "
                 "a 'model', or the object an 'asset'."
             )
-        if part.asset is None and (body := part.body or name) in owners:
+        body = part.body or name
+        if part.asset is None and (owner := owners.setdefault(body, name)) != name:
             raise SceneKeyError(
-                f"{where}: objects.{name}: the body '{body}' is the object '{owners[body]}' already. Each object "
-                "should be a body of its own."
+                f"{where}: objects.{name}: the body '{body}' is the object '{owner}' already. Each object should be a "
+                "body of its own."
             )
-        elif part.asset is None:
-            owners[part.body or name] = name
 
 
 def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:

@@ -14,13 +14,11 @@ class BoxTree:
     Attributes:
         center, half: Boxes [m], shape (n, 3).
         child: Index of the left child, or ~leaf, shape (n,).
-        depth: Levels below the root.
     """
 
     center: np.ndarray
     half: np.ndarray
     child: np.ndarray
-    depth: int
 
 
 def build_tree(lower: np.ndarray, upper: np.ndarray) -> BoxTree:
@@ -55,4 +53,4 @@ def build_tree(lower: np.ndarray, upper: np.ndarray) -> BoxTree:
             np.stack([half, stop[inner]], axis=1).ravel(),
         )
     low, high = np.concatenate(lows), np.concatenate(highs)
-    return BoxTree(0.5 * (low + high), 0.5 * (high - low), np.concatenate(children), len(lows) - 1)
+    return BoxTree(0.5 * (low + high), 0.5 * (high - low), np.concatenate(children))

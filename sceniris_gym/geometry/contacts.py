@@ -36,13 +36,10 @@ class ContactRules:
         for a, b, distance in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True):
             self._paired[frozenset((int(a), int(b)))] = float(distance)
         inside = {geom for pair in self._paired for geom in pair}
-        fields = (mjm.geom_contype, mjm.geom_conaffinity, mjm.geom_margin, mjm.geom_gap)
-        keys = [
-            (geom,) if geom in inside else key
-            for geom, key in enumerate(zip(*(field.tolist() for field in fields), strict=True))
-        ]
-        first = {key: geom for geom, key in reversed(list(enumerate(keys)))}
-        self.classes = np.array([first[key] for key in keys], int)
+        rules = np.stack([mjm.geom_contype, mjm.geom_conaffinity, mjm.geom_margin, mjm.geom_gap], axis=1).tolist()
+        keys = ((geom,) if geom in inside else tuple(rule) for geom, rule in enumerate(rules))
+        first: dict[tuple, int] = {}
+        self.classes = np.array([first.setdefault(key, geom) for geom, key in enumerate(keys)], int)
 
     def collides(self, geom: int) -> bool:
         """Return whether a geom collides with anything at all."""

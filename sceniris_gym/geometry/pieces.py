@@ -190,9 +190,9 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
     vertices = np.zeros((0, 3))
     mesh = None
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        data = int(mjm.geom_dataid[geom])
-        mesh = _surface(mjm, data, geom) if geometry == "visual" else None
-        vertices = hull_vertices(mjm, data, geom_name(mjm, geom))
+        data, name = int(mjm.geom_dataid[geom]), geom_name(mjm, geom)
+        mesh = _surface(mjm, data, name) if geometry == "visual" else None
+        vertices = hull_vertices(mjm, data, name)
         middle = vertices.mean(axis=0)
         pos = pos + matrix(quat) @ middle
         vertices = vertices - middle
@@ -226,14 +226,28 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
     return trimesh.convex.convex_hull(points)
 
 
+def mesh_vertices(mjm: mujoco.MjModel, mesh: int) -> np.ndarray:
+    """Return the vertices [m] of a mesh, in the frame of its geoms, shape (n, 3)."""
+    first = mjm.mesh_vertadr[mesh]
+    return mjm.mesh_vert[first : first + mjm.mesh_vertnum[mesh]].astype(float)
+
+
+def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
+    """Return the triangles of a mesh as the model has them, in the frame of its geoms."""
+    import trimesh
+
+    first = mjm.mesh_faceadr[mesh]
+    faces = mjm.mesh_face[first : first + mjm.mesh_facenum[mesh]]
+    return trimesh.Trimesh(mesh_vertices(mjm, mesh), faces, process=False)
+
+
 def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
     """Return the vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
 
     MuJoCo keeps the hull's vertex ids in `mesh_graph` (numvert, numface, numvert edge addresses, numvert ids, ...), for
     meshes that a collision geom uses.
     """
-    adr, num = mjm.mesh_vertadr[mesh], mjm.mesh_vertnum[mesh]
-    vertices = mjm.mesh_vert[adr : adr + num].astype(float)
+    vertices = mesh_vertices(mjm, mesh)
     graph = mjm.mesh_graphadr[mesh]
     if graph >= 0:
         count = mjm.mesh_graph[graph]
@@ -251,19 +265,11 @@ def flat_faces(triangles: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest
 
 
-def _surface(mjm: mujoco.MjModel, mesh: int, geom: int) -> trimesh.Trimesh:
+def _surface(mjm: mujoco.MjModel, mesh: int, name: str) -> trimesh.Trimesh:
     """Return the triangles of a mesh in the geom's frame, after a check that they form a closed surface."""
-    import trimesh
-
-    name = geom_name(mjm, geom)
     if mjm.mesh_facenum[mesh] == 0:
         raise MeshError(f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.")
-    vert, face = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
-    surface = trimesh.Trimesh(
-        mjm.mesh_vert[vert : vert + mjm.mesh_vertnum[mesh]].astype(float),
-        mjm.mesh_face[face : face + mjm.mesh_facenum[mesh]],
-        process=False,
-    )
+    surface = mesh_surface(mjm, mesh)
     surface.merge_vertices(merge_tex=True, merge_norm=True)
     if not surface.is_watertight:  # a face without area may close a surface; a superfluous one does not open it
         flat = flat_faces(surface.triangles)

@@ -1,8 +1,8 @@
-"""Many lists as one array, addressed as in MuJoCo by the start and length of each."""
+"""Lists as arrays: many lists in one, addressed as in MuJoCo by the start and length of each; and their attributes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -19,3 +19,9 @@ def addressed(name: str, lists: Iterable) -> tuple[list, dict[str, np.ndarray]]:
     """Return all entries in one list, and the fields `{name}adr` and `{name}num` that address them."""
     flat, adr, num = ranges(lists)
     return flat, {f"{name}adr": adr, f"{name}num": num}
+
+
+def columns(prefix: str, rows: Sequence, **widths: int) -> dict[str, np.ndarray]:
+    """Return the fields `{prefix}_{name}`: an attribute of all rows each, by its number of components."""
+    shapes = {name: (-1,) if width == 1 else (-1, width) for name, width in widths.items()}
+    return {f"{prefix}_{name}": np.reshape([getattr(r, name) for r in rows], shape) for name, shape in shapes.items()}

@@ -135,7 +135,7 @@ class HomeShape:
 
     def holds(self, quat: np.ndarray) -> bool:
         """Return whether gravity turns a pose back from all tilts from 1 to `STABLE_TILT` degrees, in 24 directions."""
-        return self._comes_back(matrix(quat), _SIDES[0], _LEANING, _COARSE)
+        return self._comes_back(matrix(quat), _SIDES[0], np.arange(_LEANING, STABLE_TILT + _COARSE, _COARSE))
 
     def stable(self, where: str) -> list[tuple[np.ndarray, float]]:
         """Return the stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
@@ -160,10 +160,11 @@ class HomeShape:
                 hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
             )
         kept: list[int] = []
+        tilts = np.arange(_ROCKING, STABLE_TILT + _STEP, _STEP)
         for i in np.argsort(-probability, kind="stable"):
             if len(kept) == _MOST_POSES or (kept and probability[i] <= _RARE * probability[kept[0]]):
                 break
-            if all(self._comes_back(transforms[i][:3, :3], sides) for sides in _SIDES):
+            if all(self._comes_back(transforms[i][:3, :3], sides, tilts) for sides in _SIDES):
                 kept.append(int(i))
         regions = self._rocking_regions(transforms[:, :3, :3], probability, kept)
         kept += regions
@@ -211,25 +212,19 @@ class HomeShape:
         Heights are compared up to one such angle beyond the tilt, so that a ripple there does not hold the pose.
         """
         tilts = np.arange(0.0, STABLE_TILT + _ROCKING + 0.5 * step, step)
-        span = round(_ROCKING / step)
-        height = self._tilted(turn, sides, tilts)
-        return bool((height[span:] - height[:-span] > _LEVEL).all())
+        return self._comes_back(turn, sides, tilts, round(_ROCKING / step))
 
-    def _comes_back(self, turn: np.ndarray, sides: int, least: float = _ROCKING, step: float = _STEP) -> bool:
-        """Return whether gravity turns the pose (3, 3) back from all tilts from the least one, in `sides` directions.
+    def _comes_back(self, turn: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
+        """Return whether gravity turns the pose (3, 3) back from all of these tilts, in `sides` directions.
 
-        It does if the height of the centre of mass above the lowest point keeps rising as the tilt grows.
+        It does if the height of the centre of mass above the lowest point rises over each `span` of tilts.
         """
-        height = self._tilted(turn, sides, np.arange(least, STABLE_TILT + step, step))
-        return bool((np.diff(height, axis=0) > _LEVEL).all())
-
-    def _tilted(self, turn: np.ndarray, sides: int, degrees: np.ndarray) -> np.ndarray:
-        """Return the heights of the pose (3, 3) tilted by some angles in `sides` directions, shape (ntilt, sides)."""
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ turn
         tilts = np.radians(degrees)[:, None, None]
         up = np.cos(tilts) * turn[2] + np.sin(tilts) * across
-        return self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
+        height = self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
+        return bool((height[span:] - height[:-span] > _LEVEL).all())
 
     def _height(self, up: np.ndarray) -> np.ndarray:
         """Return the height [m] of the centre of mass over the lowest point for directions `up` in the root's frame."""

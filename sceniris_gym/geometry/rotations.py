@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import mujoco
 import numpy as np
 
 
 def matrix(quat: np.ndarray) -> np.ndarray:
     """Return the rotation matrix (3, 3) of a wxyz quaternion."""
-    mat = np.empty(9)
-    mujoco.mju_quat2Mat(mat, np.asarray(quat, float))
-    return mat.reshape(3, 3)
+    return _computed(9, mujoco.mju_quat2Mat, np.asarray(quat, float)).reshape(3, 3)
 
 
 def pose_matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
@@ -22,20 +23,21 @@ def pose_matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 def product(first: np.ndarray, then: np.ndarray) -> np.ndarray:
     """Return the product of two wxyz quaternions."""
-    quat = np.empty(4)
-    mujoco.mju_mulQuat(quat, first, then)
-    return quat
+    return _computed(4, mujoco.mju_mulQuat, first, then)
 
 
 def of_angles(angles: np.ndarray) -> np.ndarray:
     """Return the wxyz quaternion of turns by angles [rad], shape (3,), about x, then y, then z of the fixed frame."""
-    quat = np.empty(4)
-    mujoco.mju_euler2Quat(quat, angles, "XYZ")
-    return quat
+    return _computed(4, mujoco.mju_euler2Quat, angles, "XYZ")
 
 
 def quaternion(mat: np.ndarray) -> np.ndarray:
     """Return the wxyz quaternion of a rotation matrix (3, 3)."""
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(mat, float).ravel())
-    return quat
+    return _computed(4, mujoco.mju_mat2Quat, np.ascontiguousarray(mat, float).ravel())
+
+
+def _computed(size: int, function: Callable[..., None], *inputs: Any) -> np.ndarray:
+    """Return the result, shape (size,), that a function of MuJoCo writes into its first argument."""
+    result = np.empty(size)
+    function(result, *inputs)
+    return result

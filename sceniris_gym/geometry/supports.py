@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import TYPE_CHECKING
@@ -89,18 +89,9 @@ def _plane_surface(body: int, plane: Piece) -> SupportSurface:
     return SupportSurface(body, float(plane.pos[2]), seen, seen, bool(min(plane.size[:2]) <= 0.0))
 
 
-def floor_surface(size: tuple[float, float]) -> SupportSurface:
-    """Return the ground workspace: a rectangle of `size` [m] around the world's origin."""
-    x, y = 0.5 * size[0], 0.5 * size[1]
-    ground = MultiPolygon([box(-x, -y, x, y)])
-    return SupportSurface(0, 0.0, ground, ground)
-
-
-def shadow_of_box(region: RegionConfig) -> SupportSurface:
-    """Return a box in space, seen from above, as a surface that relations can cut."""
-    assert region.box is not None
-    (x0, y0, *_), (x1, y1, *_) = region.box
-    seen = MultiPolygon([box(x0, y0, x1, y1)])
+def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray) -> SupportSurface:
+    """Return an upright rectangle of the world at height 0, given two of its corners [m]: the ground, or a shadow."""
+    seen = MultiPolygon([box(low[0], low[1], high[0], high[1])])
     return SupportSurface(0, 0.0, seen, seen)
 
 
@@ -150,7 +141,11 @@ def crop(
 
 def _kept(surfaces: list[SupportSurface], keep: Polygon | None, erosion: float) -> list[SupportSurface]:
     left = (_eroded(s, erosion) if keep is None else _eroded(s, erosion).intersection(keep) for s in surfaces)
-    regions = (_parts(area) for area in left)
+    return _with_regions(surfaces, (_parts(area) for area in left))
+
+
+def _with_regions(surfaces: list[SupportSurface], regions: Iterable[MultiPolygon | MultiPoint]) -> list[SupportSurface]:
+    """Return the surfaces with a region each, but those whose region is empty."""
     return [replace(s, region=region) for s, region in zip(surfaces, regions, strict=True) if not region.is_empty]
 
 
@@ -163,8 +158,7 @@ def _with_points(
 ) -> list[SupportSurface]:
     """Return the surfaces that points are on, each with these points."""
     on = [shapely.distance(_eroded(s, erosion), shapely.points(points)) <= _ON_EDGE for s in surfaces]
-    regions = (MultiPoint(np.array(points)[which]) for which in on)
-    return [replace(s, region=region) for s, region in zip(surfaces, regions, strict=True) if not region.is_empty]
+    return _with_regions(surfaces, (MultiPoint(np.array(points)[which]) for which in on))
 
 
 def _check_points(

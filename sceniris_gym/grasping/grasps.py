@@ -16,6 +16,7 @@ from fnmatch import fnmatchcase
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.stored_arrays import Array
 from sceniris_gym.errors import GraspError, UnknownNameError
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.resting_poses import Variant
@@ -57,8 +58,8 @@ class Grasp:
 
     name: str
     body: int
-    pos: np.ndarray
-    quat: np.ndarray
+    pos: Array
+    quat: Array
     opening: float
 
 

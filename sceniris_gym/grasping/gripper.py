@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.stored_arrays import Array
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.reach.arm import SerialArm
@@ -53,9 +54,9 @@ class Gripper:
     depth: float
     half_width: float
     thickness: float
-    qposadr: np.ndarray
-    open_qpos: np.ndarray
-    closed_qpos: np.ndarray
+    qposadr: Array
+    open_qpos: Array
+    closed_qpos: Array
     couplings: tuple[Coupling, ...] = ()
 
     @classmethod

@@ -139,7 +139,7 @@ def _geom_margins(rules: PairRules, ground: int | None, pairs: Sequence[Pair]) -
     """Return the least distance [m] of each pair of geoms that an object on a body is tested for."""
     found: dict[tuple[int, int], float] = {}
     for pair in pairs:
-        stands = ground is not None and rules.colliders.body[pair.b] == ground
+        stands = ground is not None and rules.colliders[pair.b].body == ground
         margin = rules.touch(pair.a, pair.b) if stands else pair.margin
         geoms = product(rules.geoms(pair.a), rules.geoms(pair.b)) if pair.geoms is None else [pair.geoms]
         found |= dict.fromkeys(geoms, margin)  # those that touch at home follow the others of their bodies

@@ -194,7 +194,7 @@ class Layouts(StaysHere):
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
         mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # for bodies that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
-        nslot, nrow = len(compiled.home_place), nworld + rows
+        nslot, nrow = len(compiled.slots), nworld + rows
         view = LayoutsView()
         with wp.ScopedDevice(device):
             view.seed = wp.zeros(nworld, dtype=wp.uint64)
@@ -211,8 +211,9 @@ class Layouts(StaysHere):
             view.pending_episode = wp.full(nworld, -1, dtype=int)
             view.row_rejections = wp.zeros((nrow, *view.rejections.shape), dtype=int)
             view.present = wp.ones((nrow, nslot), dtype=int)
-            view.place = wp.array(np.tile(compiled.home_place, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
-            view.bounds = wp.array(np.tile(compiled.home_bounds, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
+            place, bounds = compiled.program.home_place.numpy(), compiled.program.home_bounds.numpy()
+            view.place = wp.array(np.tile(place, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
+            view.bounds = wp.array(np.tile(bounds, (nrow, 1, 1)), dtype=wp.vec4, shape=(nrow, nslot))
             nreach = 0 if compiled.reaching is None else len(compiled.reaching.targets)
             view.variant = wp.zeros((nrow, nreach), dtype=int)
             view.grasp = wp.full((nrow if nreach else nworld, nreach), -1, dtype=int)

@@ -43,7 +43,7 @@ def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec
 
 
 @wp.func
-def first_through(
+def first_accepted(
     reach: Reach,
     column: int,
     variant: int,

@@ -55,7 +55,7 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 
 @wp.func
-def draw_turn(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVariant:
+def draw_variant(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVariant:
     """Draw an orientation from two draws of uniform numbers; of `u` only the first number is used."""
     t = DrawnVariant()
     variant = program.obj_variantadr[obj]

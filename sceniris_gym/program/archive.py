@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import types
-import typing
 from collections.abc import Mapping
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
 import warp as wp
+from pydantic import TypeAdapter
 
 from sceniris_gym.geometry.colliders import device_mesh
 from sceniris_gym.grasping.gripper import Gripper
@@ -22,8 +19,9 @@ from sceniris_gym.program.pack.reach import set_map_and_arm
 from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget, load_map, robot_arm
 from sceniris_gym.scene.model import SceneModel
 
-_HOME = ("home_qpos", "home_place", "home_bounds", "home_xpos", "home_xquat")
+_HOME = ("home_qpos", "home_xpos", "home_xquat")
 _COUNTS = ("sides", "pieces")
+_GRIPPERS, _TARGETS = TypeAdapter(dict[str, Gripper]), TypeAdapter(tuple[ReachTarget, ...])
 # The field with ids of device meshes, which are made anew from their triangles.
 _MESHES = "collider_mesh"
 
@@ -38,8 +36,9 @@ def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
     if compiled.reaching is not None:
         for one in compiled.reaching.arms:
             arrays |= {f"reach.{one.robot}.{name}": value for name, value in _fields(Reach, one.view).items()}
-        words["grippers"] = {one.robot: _plain(one.gripper) for one in compiled.reaching.arms}
-        words["targets"] = _plain(compiled.reaching.targets)
+        grippers = {one.robot: one.gripper for one in compiled.reaching.arms}
+        words["grippers"] = _GRIPPERS.dump_python(grippers, mode="json")
+        words["targets"] = _TARGETS.dump_python(compiled.reaching.targets, mode="json")
     return arrays | {"words": np.array(json.dumps(words))}
 
 
@@ -76,13 +75,13 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
 def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], words: dict) -> Reaching:
     """Return the arms and reach targets that `to_arrays` was given."""
     arms = []
-    for name, gripper in words["grippers"].items():
+    for name, gripper in _GRIPPERS.validate_python(words["grippers"]).items():
         arm = robot_arm(scene, name)
         reach_map = load_map(arm, scene.config.all_robots[name], scene.config.where)
-        arms.append(ReachingArm(name, arm, _typed(Gripper, gripper), reach_map))
+        arms.append(ReachingArm(name, arm, gripper, reach_map))
         set_map_and_arm(arms[-1], device)
         _fill(Reach, arms[-1].view, arrays, f"reach.{name}.", device)
-    return Reaching(tuple(arms), _typed(tuple[ReachTarget, ...], words["targets"]))
+    return Reaching(tuple(arms), _TARGETS.validate_python(words["targets"]))
 
 
 def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
@@ -106,33 +105,3 @@ def _fill(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], prefix
 def _is_struct(kind: Any) -> bool:
     """Return whether a field's declared type is a struct."""
     return not (wp.types.is_array(kind) or isinstance(kind, type))
-
-
-def _plain(value: Any) -> Any:
-    """Return a value of this package's dataclasses as JSON can hold it; numbers keep their bits."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return [value.dtype.str, value.shape, value.ravel().tolist()]
-    if isinstance(value, np.generic):
-        return value.item()
-    return int(value) if isinstance(value, IntEnum) else value
-
-
-def _typed(hint: Any, value: Any) -> Any:
-    """Return the value of an annotated type that `_plain` was given."""
-    origin, parts = typing.get_origin(hint), typing.get_args(hint)
-    if dataclasses.is_dataclass(hint):
-        hints = typing.get_type_hints(hint)
-        return hint(**{name: _typed(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
-    if origin is tuple:
-        kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
-        return tuple(_typed(kind, item) for kind, item in zip(kinds, value, strict=True))
-    if origin is types.UnionType:
-        return None if value is None else _typed(parts[0], value)
-    if hint is np.ndarray:
-        kind, shape, values = value
-        return np.array(values, np.dtype(kind)).reshape(shape)
-    return hint(value)

@@ -24,7 +24,6 @@ from sceniris_gym.program.checks.memory import check_pairs_fit
 from sceniris_gym.program.checks.oddities import warn_of_oddities
 from sceniris_gym.program.checks.parking import check_parking
 from sceniris_gym.program.checks.reach import check_reach
-from sceniris_gym.program.checks.regions import check_regions
 from sceniris_gym.program.checks.relations import check_relations
 from sceniris_gym.program.checks.supports import check_supports
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
@@ -47,7 +46,6 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     check_distances,
     check_pairs_fit,
     check_relations,
-    check_regions,
     check_parking,
     warn_of_oddities,
     check_reach,
@@ -73,7 +71,6 @@ class CompiledScene:
         program: The placement program on the device.
         reaching: The arms and their reach targets, None if there are none.
         home_qpos: Start pose, shape (nq,).
-        home_place, home_bounds: Place and bounds of each of `slots` at the start, as relations see them; see `Plan`.
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
         sides: The most half-planes that hold the pieces of one object's relations.
         pieces: The most pieces that relations cut the region of one object into.
@@ -85,8 +82,6 @@ class CompiledScene:
     program: Program
     reaching: Reaching | None
     home_qpos: np.ndarray
-    home_place: np.ndarray
-    home_bounds: np.ndarray
     home_xpos: np.ndarray
     home_xquat: np.ndarray
     sides: int
@@ -209,11 +204,9 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         program=program,
         reaching=plan.reaching,
         home_qpos=scene.home_qpos.astype(np.float32),
-        home_place=plan.place.astype(np.float32),
-        home_bounds=plan.bounds.astype(np.float32),
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),
         sides=most_sides(plan),
         pieces=max(map(cut_pieces, plan.objects), default=0),
-        meshes=tuple(colliders.keep),
+        meshes=tuple(c.mesh for c in colliders if c.mesh is not None),
     )

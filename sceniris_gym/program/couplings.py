@@ -19,16 +19,13 @@ class Follower:
     high: float
 
 
-def coupling_arrays(couplings: Sequence[Coupling]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return couplings as the device has them: addresses of drivers and of followers in qpos, shapes (n,), and numbers.
-
-    The numbers are origin, offset and a1 to a4, shape (n, 6).
-    """
-    return (
-        np.array([c.driver_adr for c in couplings], int),
-        np.array([c.adr for c in couplings], int),
-        np.reshape([(c.origin, c.offset, *c.coef) for c in couplings], (-1, 6)).astype(float),
-    )
+def coupling_arrays(couplings: Sequence[Coupling]) -> dict[str, np.ndarray]:
+    """Return the fields `follow_*` of a device struct."""
+    return {
+        "follow_driveradr": np.array([c.driver_adr for c in couplings], int),
+        "follow_qposadr": np.array([c.adr for c in couplings], int),
+        "follow_coef": np.reshape([(c.origin, c.offset, *c.coef) for c in couplings], (-1, 6)).astype(float),
+    }
 
 
 def followers_of(

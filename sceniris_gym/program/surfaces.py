@@ -44,12 +44,14 @@ def surfaces_of(
         assert config.region is not None
         if config.region.points is not None:
             return [supports.points_in_space(config.region)] * len(edges)
-        return [[supports.shadow_of_box(config.region)] if config.relations else []] * len(edges)
+        assert config.region.box is not None
+        return [[supports.rectangle(*config.region.box)] if config.relations else []] * len(edges)
     word, parent = config.support.word, config.support.parent
     where = f"{scene.config.where}: {scene.config.key(name)}.{word}"
     if support.is_floor:
         assert scene.config.floor is not None
-        found = [supports.floor_surface(scene.config.floor.size)]
+        half = 0.5 * np.array(scene.config.floor.size)
+        found = [supports.rectangle(-half, half)]
     else:
         found = _level_surfaces(support, pieces, open_above=word == "on")
     if not found:

@@ -7,7 +7,6 @@ and only `place_on` changes it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -29,25 +28,6 @@ _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoc
 PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
 
 
-@dataclass(frozen=True)
-class _Root:
-    """The properties of a body that decide which kinds of object it can be.
-
-    Attributes:
-        name: Its name.
-        parent: The name of its parent.
-        joints: The types of its own joints.
-        mocap: Whether it is a mocap body.
-        touches: Whether any geom of it, or of a body below it, collides.
-    """
-
-    name: str
-    parent: str
-    joints: tuple[int, ...]
-    mocap: bool
-    touches: bool
-
-
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
     """Use a body of a specification as an object; a fixture or a marker becomes a mocap body.
 
@@ -64,13 +44,10 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
     body = spec.body(config.body or name)
     if body is None or body.name == "world":
         raise _unknown(config.body or name, [b.name for b in spec.bodies], where)
-    geoms, pairs = body.find_all("geom"), {g for pair in spec.pairs for g in (pair.geomname1, pair.geomname2)}
-    touches = any(g.contype or g.conaffinity or g.name in pairs for g in geoms)
-    root = _Root(body.name, body.parent.name, tuple(int(j.type) for j in body.joints), bool(body.mocap), touches)
     where = f"{where}.kind"
-    _check_kind(root, config.kind, where)
-    if _needs_change(root, config.kind):
-        assemble.make_kind(spec, body, root.name, config.kind, where)
+    _check_kind(body.name, body.parent.name, [int(joint.type) for joint in body.joints], config.kind, where)
+    if config.kind in _MOCAP:
+        assemble.make_kind(spec, body, body.name, config.kind, where)
 
 
 def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
@@ -83,15 +60,19 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
     for name, part in config.parts.items():
         if part.asset is not None:
             continue
-        where = f"{config.where}: {config.key(name)}"
-        root = _root(mjm, part.body or name, where)
-        where = f"{where}.kind"
-        _check_kind(root, part.kind, where)
-        if part.is_placed and _needs_change(root, part.kind):
-            wanted = "a mocap body" if not root.mocap else "without collisions"
+        where, name = f"{config.where}: {config.key(name)}", part.body or name
+        body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+        if body <= 0:
+            raise _unknown(name, [mjm.body(i).name for i in range(mjm.nbody)], where)
+        where, parent = f"{where}.kind", mjm.body(int(mjm.body_parentid[body])).name
+        _check_kind(name, parent, mjm.jnt_type[mjm.jnt_bodyid == body].tolist(), part.kind, where)
+        is_mocap = mjm.body_mocapid[body] >= 0
+        fits = is_mocap and (part.kind != "marker" or not _touches(mjm, body))
+        if part.is_placed and part.kind in _MOCAP and not fits:
+            wanted = "without collisions" if is_mocap else "a mocap body"
             raise SceneKeyError(
-                f"{where}: body '{root.name}' should be {wanted} to be placed as a '{part.kind}', and a model in "
-                f"memory is taken as it is. {PLACE_ON}"
+                f"{where}: body '{name}' should be {wanted} to be placed as a '{part.kind}', and a model in memory is "
+                f"taken as it is. {PLACE_ON}"
             )
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         raise SceneKeyError(
@@ -164,39 +145,29 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
         add_parking_ground(spec, nslot)
 
 
-def _root(mjm: mujoco.MjModel, name: str, where: str) -> _Root:
-    body = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
-    if body <= 0:
-        raise _unknown(name, [mjm.body(i).name for i in range(mjm.nbody)], where)
-    first = int(mjm.body_jntadr[body])
-    joints = mjm.jnt_type[first : first + int(mjm.body_jntnum[body])].tolist() if first >= 0 else []
+def _touches(mjm: mujoco.MjModel, body: int) -> bool:
+    """Return whether any geom of a body, or of a body below it, collides."""
     paired = np.isin(np.arange(mjm.ngeom), [mjm.pair_geom1, mjm.pair_geom2])
     touching = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0) | paired
-    touches = bool(touching[np.isin(mjm.geom_bodyid, subtree(mjm, body))].any())
-    parent = mjm.body(int(mjm.body_parentid[body])).name
-    return _Root(name, parent, tuple(joints), bool(mjm.body_mocapid[body] >= 0), touches)
+    return bool(touching[np.isin(mjm.geom_bodyid, subtree(mjm, body))].any())
 
 
 def _unknown(name: str, bodies: list[str], where: str) -> UnknownNameError:
     return UnknownNameError("body of the model", name, where, [b for b in bodies if b and b != "world"])
 
 
-def _check_kind(root: _Root, kind: str, where: str) -> None:
+def _check_kind(name: str, parent: str, joints: list[int], kind: str, where: str) -> None:
     free = int(assemble.FREE)
-    if root.parent != "world":
-        raise SceneKeyError(f"{where}: body '{root.name}' should be a child of the world, not of '{root.parent}'.")
-    if kind == "free" and root.joints != (free,):
-        has = ", ".join(_JOINTS[joint] for joint in root.joints) or "no joint"
-        instead = f"in place of its {len(root.joints)} joints ({has})" if root.joints else "in it"
+    if parent != "world":
+        raise SceneKeyError(f"{where}: body '{name}' should be a child of the world, not of '{parent}'.")
+    if kind == "free" and joints != [free]:
+        has = ", ".join(_JOINTS[joint] for joint in joints) or "no joint"
+        instead = f"in place of its {len(joints)} joints ({has})" if joints else "in it"
         raise SceneKeyError(
-            f"{where}: body '{root.name}' should have a freejoint and no other joint to be 'free'; it has {has}. Write "
-            f"<freejoint name=\"{root.name}\"/> {instead}, or make it 'static' and draw its joints by 'joints'."
+            f"{where}: body '{name}' should have a freejoint and no other joint to be 'free'; it has {has}. Write "
+            f"<freejoint name=\"{name}\"/> {instead}, or make it 'static' and draw its joints by 'joints'."
         )
-    if kind == "static" and free in root.joints:
-        raise SceneKeyError(f"{where}: body '{root.name}' has a freejoint; its kind should be 'free'.")
-    if kind in _MOCAP and root.joints:
-        raise SceneKeyError(f"{where}: body '{root.name}' should have no joint of its own to be a '{kind}'.")
-
-
-def _needs_change(root: _Root, kind: str) -> bool:
-    return kind in _MOCAP and (not root.mocap or (kind == "marker" and root.touches))
+    if kind == "static" and free in joints:
+        raise SceneKeyError(f"{where}: body '{name}' has a freejoint; its kind should be 'free'.")
+    if kind in _MOCAP and joints:
+        raise SceneKeyError(f"{where}: body '{name}' should have no joint of its own to be a '{kind}'.")

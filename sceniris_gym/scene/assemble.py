@@ -86,14 +86,12 @@ def check_assets(config: SceneConfig) -> None:
     Raises:
         MeshError, SceneFileError: The first asset that cannot be compiled; the message names its key.
     """
-    for robot in config.all_robots.values():
-        if robot.file is not None:
-            alone = mujoco.MjSpec()
-            attach_robot(alone, robot, config.where)
-            compile_spec(alone, f"{config.where}: {robot.key}")
-    for name, part in config.objects.items():
-        if part.asset is not None:
-            alone = mujoco.MjSpec()
+    for name, part in {**config.all_robots, **config.objects}.items():
+        alone = mujoco.MjSpec()
+        if isinstance(part, RobotConfig) and part.file is not None:
+            attach_robot(alone, part, config.where)
+            compile_spec(alone, f"{config.where}: {part.key}")
+        elif isinstance(part, ObjectConfig) and part.asset is not None:
             attach_object(alone, name, part, config.where)
             compile_spec(alone, f"{config.where}: objects.{name}.asset")
 

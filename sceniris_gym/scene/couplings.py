@@ -6,6 +6,7 @@ its second one, and y0 and x0 those of `qpos0`. Without a second joint the first
 
 from __future__ import annotations
 
+import graphlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -57,10 +58,15 @@ class Coupling:
 
     def over(self, low: float, high: float) -> tuple[float, float]:
         """Return the least and greatest position of the follower [m or rad] while the driver is in [low, high]."""
-        turns = np.roots(np.polyder(np.poly1d((*reversed(self.coef), 0.0))).coeffs)
-        turns = self.origin + turns.real[np.abs(turns.imag) < _SAME]
-        values = self.at(np.array([low, high, *turns[(turns > low) & (turns < high)]]))
-        return float(values.min()), float(values.max())
+        return extremes(np.poly1d((*reversed(self.coef), self.offset)), low - self.origin, high - self.origin)
+
+
+def extremes(polynomial: np.poly1d, low: float, high: float) -> tuple[float, float]:
+    """Return the least and the greatest value of a polynomial in the interval [low, high]."""
+    turns = np.roots(np.polyder(polynomial).coeffs)
+    turns = turns.real[np.abs(turns.imag) < _SAME]
+    values = polynomial(np.array([low, high, *turns[(turns > low) & (turns < high)]]))
+    return float(values.min()), float(values.max())
 
 
 def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
@@ -238,15 +244,9 @@ def _limits(mjm: mujoco.MjModel, joint: int) -> tuple[float, float]:
 
 def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> list[Coupling]:
     """Return the couplings, each after the one that its driver follows."""
-    ordered: dict[int, Coupling] = {}
-    for first in found:
-        chain: list[int] = []
-        joint: int | None = first
-        while joint in found and joint not in ordered:
-            if joint in chain:
-                names = [mjm.joint(j).name for j in chain[chain.index(joint) :]]
-                raise CycleError(where, names, "joints follow each other by equalities")
-            chain.append(joint)
-            joint = found[joint].driver
-        ordered |= {j: found[j] for j in reversed(chain)}
-    return list(ordered.values())
+    drivers = {joint: [c.driver] if c.driver in found else [] for joint, c in found.items()}
+    try:
+        return [found[joint] for joint in graphlib.TopologicalSorter(drivers).static_order()]
+    except graphlib.CycleError as error:
+        names = [mjm.joint(joint).name for joint in error.args[1][:0:-1]]
+        raise CycleError(where, names, "joints follow each other by equalities") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -13,6 +13,7 @@ import numpy as np
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import HeapError, NotSupportedError
+from sceniris_gym.geometry.pieces import mesh_vertices
 from sceniris_gym.scene.model import SceneModel
 
 DEEPEST = 1e-3
@@ -42,14 +43,9 @@ class HeapRows:
 
     def write(self, path: Path) -> None:
         """Write them as a .npz file, the same bytes for the same rows."""
+        rows = replace(self, pos=self.pos.astype(np.float32), quat=self.quat.astype(np.float32))
         with path.open("wb") as file:
-            np.savez(
-                file,
-                names=np.array(self.names),
-                pos=self.pos.astype(np.float32),
-                quat=self.quat.astype(np.float32),
-                settled_with=np.array(self.settled_with),
-            )
+            np.savez(file, **vars(rows))
 
 
 def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
@@ -87,14 +83,8 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
 
 def rigid_part(mjm: mujoco.MjModel, body: int) -> list[int]:
     """Return the bodies below one child of the world that never move relative to a body, ascending."""
-    top = body
-    while mjm.body_parentid[top] and not mjm.body_jntnum[top]:
-        top = int(mjm.body_parentid[top])
-    found = [top]
-    for b in range(top + 1, mjm.nbody):
-        if mjm.body_parentid[b] in found and not mjm.body_jntnum[b]:
-            found.append(b)
-    return found
+    same = (mjm.body_weldid == mjm.body_weldid[body]) & (mjm.body_rootid == mjm.body_rootid[body])
+    return np.flatnonzero(same).tolist()
 
 
 def filled_body(scene: SceneModel, heap: HeapConfig, where: str) -> int:
@@ -146,7 +136,6 @@ def _add_body(update: Callable[[bytes], None], mjm: mujoco.MjModel, body: int, r
         arrays += [getattr(mjm, field)[geom].reshape(-1) for field in _GEOM]
         mesh = int(mjm.geom_dataid[geom])
         if mesh >= 0 and mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            first = int(mjm.mesh_vertadr[mesh])
-            arrays.append(mjm.mesh_vert[first : first + int(mjm.mesh_vertnum[mesh])].reshape(-1))
+            arrays.append(mesh_vertices(mjm, mesh))
     for array in arrays:
         update((np.round(np.asarray(array, np.float64), 6) + 0.0).tobytes())

@@ -67,7 +67,8 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         file = part.file if isinstance(part, RobotConfig) else part.asset
         if file is not None:
             digest.update(f"{name}:".encode())
-            _update_from_file(digest.update, _path_of(file))
+            is_shipped = SHIPPED_NAME.fullmatch(file)
+            _update_from_file(digest.update, shipped("assets", ".xml")[file] if is_shipped else Path(file))
     for heap in config.heaps.values():
         rows = Path(heap.rows) if heap.rows is not None else None
         digest.update(rows.read_bytes() if rows is not None and rows.is_file() else b"")
@@ -83,10 +84,6 @@ def map_of(robot: RobotConfig) -> Path | None:
     if robot.map is not None:
         return Path(robot.map)
     return map_file(robot.asset) if robot.asset is not None and SHIPPED_NAME.fullmatch(robot.asset) else None
-
-
-def _path_of(asset: str) -> Path:
-    return shipped("assets", ".xml")[asset] if SHIPPED_NAME.fullmatch(asset) else Path(asset)
 
 
 def _update_from_arrays(update: Callable[[bytes], None], mjm: mujoco.MjModel, home_qpos: np.ndarray) -> None:

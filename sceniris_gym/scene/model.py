@@ -32,7 +32,7 @@ from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_coup
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
-from sceniris_gym.scene.overview import FOVY, overview
+from sceniris_gym.scene.overview import FOVY, Overview
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.support import Support, static_supports, subtree
 from sceniris_gym.scene.tcp import tcp_site
@@ -246,22 +246,22 @@ def build_model(config: SceneConfig) -> SceneModel:
         raise
     if config.has_model_in_memory:
         check_bodies(mjm, config)
-    home = _home(mjm, homes, config)
+    qpos, ctrl = _home(mjm, homes, config)
     couplings = joint_couplings(mjm, config.where)
-    given_qpos = home.qpos.copy()
-    follow(couplings, home.qpos)
+    given_qpos = qpos.copy()
+    follow(couplings, qpos)
     if spec.camera(backdrop.OVERVIEW) is None:
-        backdrop.add_camera(spec, *overview(config, mjm, home.qpos), FOVY)
+        backdrop.add_camera(spec, *Overview(config, mjm, qpos).camera(), FOVY)
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
         add_parking_ground(spec, len(config.objects))
     keyframe = config.home or HOME
     if spec.key(keyframe) is None:
-        spec.add_key(name=keyframe, qpos=home.qpos, ctrl=home.ctrl)
-    elif not np.array_equal(home.qpos, given_qpos):
-        spec.key(keyframe).qpos = home.qpos
-    tcps = _tcps(spec, mjm, home.qpos, config)
-    return _scene(config, spec, assemble.compile_spec(spec, config.where), home, couplings, tcps)
+        spec.add_key(name=keyframe, qpos=qpos, ctrl=ctrl)
+    elif not np.array_equal(qpos, given_qpos):
+        spec.key(keyframe).qpos = qpos
+    tcps = _tcps(spec, mjm, qpos, config)
+    return _scene(config, spec, assemble.compile_spec(spec, config.where), qpos, ctrl, couplings, tcps)
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
@@ -269,21 +269,23 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
     check_additions(config)
     check_bodies(model, config)
     mjm = copy.copy(model)
-    home = _home(mjm, [], config)
-    if home.keyframe >= 0:  # as in a model from a file, mocap bodies stand where the keyframe has them
+    qpos, ctrl = _home(mjm, [], config)
+    key = _keyframe(mjm, config)
+    if key >= 0:  # as in a model from a file, mocap bodies stand where the keyframe has them
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
-        mjm.body_pos[mocap] = mjm.key_mpos[home.keyframe].reshape(-1, 3)[mjm.body_mocapid[mocap]]
-        mjm.body_quat[mocap] = mjm.key_mquat[home.keyframe].reshape(-1, 4)[mjm.body_mocapid[mocap]]
+        mjm.body_pos[mocap] = mjm.key_mpos[key].reshape(-1, 3)[mjm.body_mocapid[mocap]]
+        mjm.body_quat[mocap] = mjm.key_mquat[key].reshape(-1, 4)[mjm.body_mocapid[mocap]]
     couplings = joint_couplings(mjm, config.where)
-    follow(couplings, home.qpos)
-    return _scene(config, None, mjm, home, couplings, _tcps(None, mjm, home.qpos, config))
+    follow(couplings, qpos)
+    return _scene(config, None, mjm, qpos, ctrl, couplings, _tcps(None, mjm, qpos, config))
 
 
 def _scene(
     config: SceneConfig,
     spec: mujoco.MjSpec | None,
     mjm: mujoco.MjModel,
-    home: _Home,
+    qpos: np.ndarray,
+    ctrl: np.ndarray,
     couplings: tuple[Coupling, ...],
     tcps: Mapping[str, str],
 ) -> SceneModel:
@@ -291,10 +293,9 @@ def _scene(
     check_numbers(mjm, config.where)
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
-    keyframe = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
-    identity = scene_hash(config, mjm, home.qpos)
+    identity = scene_hash(config, mjm, qpos)
     apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
-    scene = SceneModel(config, spec, mjm, bodies, keyframe, home.qpos, home.ctrl, identity, tcps, couplings, apart)
+    scene = SceneModel(config, spec, mjm, bodies, _keyframe(mjm, config), qpos, ctrl, identity, tcps, couplings, apart)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:
@@ -364,17 +365,14 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     return spec, homes
 
 
-@dataclass(frozen=True)
-class _Home:
-    """The start pose of a model: its keyframe, -1 for none, positions of joints, and controls."""
-
-    keyframe: int
-    qpos: np.ndarray
-    ctrl: np.ndarray
+def _keyframe(mjm: mujoco.MjModel, config: SceneConfig) -> int:
+    """Return the keyframe that is the start pose, -1 for none."""
+    return mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
 
 
-def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) -> _Home:
-    keyframe = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
+def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return the start pose, shape (nq,), and its controls, shape (nu,)."""
+    keyframe = _keyframe(mjm, config)
     if keyframe < 0 and config.home is not None:
         names = [mjm.key(i).name for i in range(mjm.nkey)]
         raise UnknownNameError("keyframe of the model", config.home, f"{config.where}: home", filter(None, names))
@@ -390,5 +388,4 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) 
             ctrl[mjm.actuator(actuator).id] = value
     exact = qpos.copy()
     mujoco.mj_normalizeQuat(mjm, exact)
-    qpos = qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact
-    return _Home(keyframe, qpos, ctrl)
+    return qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact, ctrl

@@ -31,23 +31,15 @@ _GRID = np.linspace(0.1, 0.9, 4)
 _Box = tuple[np.ndarray, np.ndarray]
 
 
-def overview(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose of a camera that sees all of a scene: position (3,) [m] and axes (3, 3): right, up, backward.
+class Overview:
+    """The places in a scene where objects are put, and everything that stays where it is.
 
     Args:
         config: The scene.
         mjm: Its model.
         home_qpos: The start pose, shape (nq,).
     """
-    return _Overview(config, mjm, home_qpos).camera()
 
-
-def seen(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> np.ndarray:
-    """Return corners of boxes around everything that stays in place, and around all places of objects, (n, 3) [m]."""
-    return _Overview(config, mjm, home_qpos).seen()
-
-
-class _Overview:
     def __init__(self, config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> None:
         self.config, self.mjm = config, mjm
         self.data = mujoco.MjData(mjm)
@@ -60,6 +52,7 @@ class _Overview:
         self.of_placed = np.isin(mjm.geom_bodyid, [body for root in placed for body in subtree(mjm, root)])
 
     def camera(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pose of a camera that sees all of it: position (3,) [m] and axes (3, 3): right, up, backward."""
         slides = any(self._is_drawer(part) for part in self.config.objects.values())
         steep = _INTO_DRAWERS if slides else _ELSEWHERE
         backward = [np.array([x, y, steep * np.hypot(x, y)]) for x, y in _HEADINGS]
@@ -71,7 +64,7 @@ class _Overview:
         return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
 
     def seen(self) -> np.ndarray:
-        """Return corners of everything that stays in place, and of the places of objects, shape (n, 3)."""
+        """Return corners of boxes around everything that stays, and around all places of objects [m], shape (n, 3)."""
         corners = [self._corners(int(g)) for g in np.flatnonzero(self.shown & ~self.of_placed)]
         corners += [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
         if not corners:
@@ -80,8 +73,7 @@ class _Overview:
         return np.concatenate(corners)
 
     def _places(self) -> list[_Box]:
-        boxes = (self._box(name) for name in self.config.parts)
-        return [box for box in boxes if box is not None]
+        return [box for name in self.config.parts if (box := self._box(name)) is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
         """Return the share of the places that is seen from each point, past everything that stays in place."""
@@ -111,8 +103,7 @@ class _Overview:
             assert part.region.corners is not None
             low, high = np.array(part.region.corners, float)
             return low, high
-        base = self._support(part)
-        if base is None:
+        if (base := self._support(part)) is None:
             return None
         low, high = base
         radius, height = self._size(self._body(part.body or name))

@@ -103,9 +103,7 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     mjm.geom_contype[outside] = mjm.geom_conaffinity[outside] = 0
     held = ~np.isin(mjm.dof_bodyid, own)
     held_qpos = np.ones(mjm.nq, bool)
-    for thing in things:
-        adr = int(mjm.jnt_qposadr[mjm.body_jntadr[thing]])
-        held_qpos[adr : adr + 7] = False
+    held_qpos[mjm.jnt_qposadr[mjm.body_jntadr[things]][:, None] + np.arange(7)] = False
     mjm.dof_armature[held] = _HELD
     mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     data = mujoco.MjData(mjm)
@@ -117,13 +115,10 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
         raise HeapError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
-    sizes = []
-    for thing in things:
-        part = np.flatnonzero(mjm.body_rootid[mjm.geom_bodyid] == thing)
-        away = np.linalg.norm(data.geom_xpos[part] - data.xpos[thing], axis=1) + mjm.geom_rbound[part]
-        sizes.append(float(away.max(initial=0.01)))
-    low, high = upright_box(mjm, data, geoms)
-    return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, low, high, np.array(sizes))
+    root = mjm.body_rootid[mjm.geom_bodyid]
+    away = np.linalg.norm(data.geom_xpos - data.xpos[root], axis=1) + mjm.geom_rbound
+    sizes = np.array([away[root == thing].max(initial=0.01) for thing in things])
+    return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, *upright_box(mjm, data, geoms), sizes)
 
 
 def _row(drop: _Drop, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:

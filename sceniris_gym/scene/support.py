@@ -33,15 +33,12 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
         mjm: The model.
         bodies: Root body ids of the objects, by name, which own the supports below them.
     """
-    owners = {root: name for name, root in bodies.items()}
-    owner: list[str | None] = [None]
-    for body in range(1, mjm.nbody):  # parents come before their children
-        owner.append(owners.get(body, owner[int(mjm.body_parentid[body])]))
+    owners = {body: name for name, root in bodies.items() for body in subtree(mjm, root)}
     still = is_static(mjm)
-    found = {mjm.body(b).name: Support(int(b), owner[b]) for b in np.flatnonzero(still)[1:]}
+    found = {mjm.body(b).name: Support(int(b), owners.get(b)) for b in np.flatnonzero(still)[1:]}
     for geom in np.flatnonzero(still[mjm.geom_bodyid]):
         body = int(mjm.geom_bodyid[geom])
-        found[mjm.geom(geom).name] = Support(body, owner[body], int(geom))
+        found[mjm.geom(geom).name] = Support(body, owners.get(body), int(geom))
     found.pop("", None)
     return found
 

@@ -73,12 +73,12 @@ def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where:
     inside = subtree(mjm, root)
     sites = {mjm.site(i).name: i for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in inside}
     bodies = {mjm.body(b).name: b for b in inside}
-    for first in (prefix, ""):
-        if words.site is not None and (site := sites.get(f"{first}{words.site}")) is not None:
-            return int(mjm.site_bodyid[site]), site
-    for first in (prefix, ""):
-        if words.body is not None and (body := bodies.get(f"{first}{words.body}")) is not None:
-            return body, None
+    for name in (f"{prefix}{words.site}", words.site):
+        if words.site is not None and name in sites:
+            return int(mjm.site_bodyid[sites[name]]), sites[name]
+    for name in (f"{prefix}{words.body}", words.body):
+        if words.body is not None and name in bodies:
+            return bodies[name], None
     known = (*(sites if words.site is not None else ()), *(bodies if words.body is not None else ()))
     kind = "site" if words.body is None else "body" if words.site is None else "site or body"
     valid = [name.removeprefix(prefix) for name in known if name]

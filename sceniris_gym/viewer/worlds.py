@@ -15,7 +15,7 @@ from sceniris_gym.geometry.framing import camera_axes, frame
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.overview import FOVY, seen
+from sceniris_gym.scene.overview import FOVY, Overview
 from sceniris_gym.viewer.server import light
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Worlds:
         mjm = scene.mjm
         self.mjm, self.num = mjm, num
         self._server = server
-        self._seen = seen(scene.config, mjm, scene.home_qpos)
+        self._seen = Overview(scene.config, mjm, scene.home_qpos).seen()
         self.low, self.high = self._seen.min(axis=0), self._seen.max(axis=0)
         self.size = float((self.high - self.low).max())
         size = (self.high - self.low)[:2]

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.collide.boxes import SHARED_STACK, WAITING, boxes_separated, collides, collides_without_stack
+from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, boxes_separated, collides, collides_without_stack
 from sceniris_gym.device.transforms import Pose
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import extract_pieces
@@ -78,7 +78,7 @@ def _collide(
     """Test one pair of colliders, body 2 as `own_*` pose it, with the stacks of a block and with one of its own."""
     i, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
-    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
     shared[i] = collides(program, 0, 1, -1, nodes, leaves, lane, own_pos[i], own_quat[i], body_pos, body_quat)
     alone[i] = collides_without_stack(program, 0, 1, -1, lane, own_pos[i], own_quat[i], body_pos, body_quat)
 
@@ -97,7 +97,7 @@ def test_trees_of_boxes_touch_exactly_where_any_two_of_their_boxes_do(geometry: 
     pieces = extract_pieces(spec.compile(), geometry)
     colliders, program = collect_colliders(pieces, geometry == "visual", "cpu"), Program()
     program.visual = geometry == "visual"
-    roots = [int(root) for root in colliders.root]
+    roots = [c.root for c in colliders]
     arrays = collider_arrays(colliders) | pack_pieces(pieces, geometry == "visual")
     arrays |= {"pair_a": np.array([0]), "pair_b": np.array([1]), "pair_bodies": np.array([[1, 2, 2, -1]])}
     arrays |= {"pair_margin": np.array([margin]), "broad_pair": np.array([[0, *roots]])}

@@ -69,7 +69,7 @@ def scene() -> tuple[Program, tuple[trimesh.Trimesh, trimesh.Trimesh], list]:
     mjm = spec.compile()
     pieces = sorted(extract_pieces(mjm, "visual"), key=lambda p: p.body)
     colliders = collect_colliders(pieces, True, "cpu")
-    assert colliders.body == [0, 1, 2]
+    assert [c.body for c in colliders] == [0, 1, 2]
     program = Program()
     program.visual = True
     pairs = [(SHELL, BALL), (SHELL, GROUND), (BALL, GROUND)]
@@ -81,7 +81,7 @@ def scene() -> tuple[Program, tuple[trimesh.Trimesh, trimesh.Trimesh], list]:
     }
     fill_struct(Program, program, collider_arrays(colliders) | arrays, "cpu")
     inner.invert()
-    return program, (outer, inner), colliders.keep
+    return program, (outer, inner), [c.mesh for c in colliders]
 
 
 def _height(surface: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:

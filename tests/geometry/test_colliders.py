@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.geometry.colliders import PIECE_LEAF, Colliders, collect_colliders, collider_arrays
+from sceniris_gym.geometry.colliders import PIECE_LEAF, Collider, collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 
 # Two tetrahedra in one mesh, beside each other.
@@ -42,7 +42,7 @@ def mjm() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MODEL)
 
 
-def _collected(mjm: mujoco.MjModel, geometry: str) -> tuple[list[Piece], Colliders, dict[str, np.ndarray]]:
+def _collected(mjm: mujoco.MjModel, geometry: str) -> tuple[list[Piece], list[Collider], dict[str, np.ndarray]]:
     pieces = extract_pieces(mjm, geometry)
     pieces = sorted(pieces, key=lambda p: (p.body, p.type != PieceType.PLANE, p.geom))
     colliders = collect_colliders(pieces, geometry == "visual", "cpu")
@@ -60,25 +60,25 @@ def _leaves(arrays: dict[str, np.ndarray], node: int, above: tuple[int, ...] = (
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_a_body_has_one_collider_for_all_that_is_solid_and_one_for_each_plane(mjm: mujoco.MjModel, geometry: str):
     """A body without geoms has none."""
-    pieces, c, arrays = _collected(mjm, geometry)
+    pieces, colliders, arrays = _collected(mjm, geometry)
     solid = arrays["collider_plane"] < 0
     assert sorted(arrays["collider_body"][solid]) == [0, mjm.body("tower").id, mjm.body("two").id]
     assert [pieces[i].type for i in arrays["collider_plane"][~solid]] == [PieceType.PLANE] * 2
     assert arrays["collider_body"][~solid].tolist() == [0, 0]
     assert ((arrays["collider_mesh"] != 0) == (solid if geometry == "visual" else np.zeros_like(solid))).all()
-    assert len(c.keep) == (solid.sum() if geometry == "visual" else 0)
+    assert sum(c.mesh is not None for c in colliders) == (solid.sum() if geometry == "visual" else 0)
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_every_node_belongs_to_one_collider_and_every_leaf_to_one_node(mjm: mujoco.MjModel, geometry: str):
-    """The leaves of `physics` are pieces, those of `visual` faces and round pieces; no tree is deeper than it says."""
-    pieces, c, arrays = _collected(mjm, geometry)
+    """The leaves of `physics` are pieces, those of `visual` faces and round pieces; trees are halved."""
+    pieces, _, arrays = _collected(mjm, geometry)
     found, nodes = [], []
-    for root, plane, depth in zip(arrays["collider_root"], arrays["collider_plane"], c.depth, strict=True):
+    for root, plane in zip(arrays["collider_root"], arrays["collider_plane"], strict=True):
         below = _leaves(arrays, int(root))
         found += [] if plane >= 0 else [*below]
         nodes += {node for way in below.values() for node in way}
-        assert max(map(len, below.values())) == depth + 1
+        assert max(map(len, below.values())) == np.ceil(np.log2(len(below))) + 1
     solid = [i for i, p in enumerate(pieces) if p.type != PieceType.PLANE]
     rounded = [PIECE_LEAF + i for i in solid if pieces[i].type not in (PieceType.BOX, PieceType.HULL)]
     assert len(rounded) == 4

@@ -18,8 +18,8 @@ from sceniris_gym.geometry.supports import (
     areas,
     crop,
     edges,
-    floor_surface,
     level_surfaces,
+    rectangle,
     triangulate,
     weights,
 )
@@ -149,9 +149,9 @@ def test_the_shipped_table_carries_on_its_top(geometry: str):
     assert top.outline.buffer(1e-6).covers(expected.buffer(-0.005))
 
 
-def test_the_floor_lies_around_the_origin():
-    """Its size is its full extents."""
-    ground = floor_surface((2.0, 0.5))
+def test_the_ground_lies_between_its_corners():
+    """At the height of the world's origin."""
+    ground = rectangle((-1.0, -0.25), (1.0, 0.25))
     assert ground.body == 0
     assert ground.height == 0.0
     assert ground.outline.bounds == (-1.0, -0.25, 1.0, 0.25)

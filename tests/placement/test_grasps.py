@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.sampled_map import canonical
 from sceniris_gym.config.tier import Verdict
 from sceniris_gym.device.transforms import pose_of
-from sceniris_gym.placement.grasps import first_through, grasp_pose, passes_map, tcp_of
+from sceniris_gym.placement.grasps import first_accepted, grasp_pose, passes_map, tcp_of
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import Reach
 from tests.reach.shapes import ball, gantry, map_of
@@ -45,7 +45,7 @@ def _tcp(
     approach[world, grasp] = wp.vec3(seen.rot[0, 2], seen.rot[1, 2], seen.rot[2, 2])
     passes[world, grasp] = passes_map(reach, 0, grasp, base, body_pos[world], body_quat[world])
     if grasp == 0:
-        first[world] = first_through(reach, 0, 1, base, body_pos[world], body_quat[world])
+        first[world] = first_accepted(reach, 0, 1, base, body_pos[world], body_quat[world])
 
 
 @pytest.mark.parametrize("stands", [False, True])

@@ -1,4 +1,4 @@
-"""Fixture of the tests of programs: a folder with their assets."""
+"""Fixtures of the tests of programs: a folder with their assets, and a cube to reach for."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.layout.scenes import box_mjcf
 from tests.program.scenes import BOX, GADGET
 
 
@@ -15,3 +16,9 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "box.xml").write_text(BOX)
     (tmp_path / "gadget.xml").write_text(GADGET)
     return tmp_path
+
+
+@pytest.fixture
+def cube(folder: Path) -> str:
+    """A cube of 4 cm, which is taken at half its height."""
+    return box_mjcf(folder, "cube", 0.04, 0.04, 0.04)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.geometry.colliders import Colliders, collect_colliders
+from sceniris_gym.geometry.colliders import Collider, collect_colliders
 from sceniris_gym.program.compiled import CHECKS
 from sceniris_gym.program.pack.program import pack_program
 from sceniris_gym.program.placed_object import PlacedObject
@@ -38,7 +38,7 @@ class Packed:
 
     scene: SceneModel
     plan: Plan
-    colliders: Colliders
+    colliders: list[Collider]
     arrays: dict[str, np.ndarray]
 
     def __getitem__(self, name: str) -> np.ndarray:

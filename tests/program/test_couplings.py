@@ -35,4 +35,4 @@ def test_the_device_gets_addresses_and_numbers_of_each_object_s_followers(tmp_pa
     assert packed.listed("pair", "follow", "follow_qposadr") == [1]
     assert packed.listed("pair", "follow", "follow_driveradr") == [0]
     np.testing.assert_allclose(packed["follow_coef"], [[0, 0, 0.5, 0, 0, 0]])
-    assert coupling_arrays(())[2].shape == (0, 6)
+    assert coupling_arrays(())["follow_coef"].shape == (0, 6)

@@ -26,6 +26,14 @@ def test_a_support_leans_with_a_joint_that_follows(tmp_path: Path):
         assert build_plan(scene).objects[-1].tilts == tilts
 
 
+def test_the_size_of_the_floor_is_its_full_extents():
+    """It lies around the origin of the world, at height 0."""
+    plan = build_plan(scene_of({"apple": {"asset": "apple", "on": "floor"}}, floor={"size": [2.0, 0.5]}))
+    (ground,) = plan.objects[0].surfaces[0]
+    assert (ground.body, ground.height) == (0, 0.0)
+    assert ground.outline.bounds == (-1.0, -0.25, 1.0, 0.25)
+
+
 @pytest.mark.parametrize(
     ("orientation", "tilts"), [("fixed", False), ({"yaw": [-30, 30]}, False), ("stable", True), ("any", True)]
 )

@@ -56,7 +56,7 @@ def test_following_leaves_no_residual_by_mujoco():
         '<joint joint1="d" polycoef=".7"/>'
     )
     couplings, data = joint_couplings(mjm, "here"), mujoco.MjData(mjm)
-    assert [mjm.joint(c.follower).name for c in couplings] == ["b", "c", "d"]
+    assert [mjm.joint(c.follower).name for c in couplings] == ["b", "d", "c"]
     assert [mjm.joint(c.follower).name for c in driven_by(couplings, [mjm.joint("a").id])] == ["b", "c"]
     for x in np.linspace(-2, 2, 9):
         data.qpos[:] = [x, 5, 5, 5]

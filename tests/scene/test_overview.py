@@ -11,7 +11,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.overview import seen
+from sceniris_gym.scene.overview import Overview
 
 WITH_ROBOT = ["tabletop_lift", "tabletop_reach", "clutter_push", "drawer_pick"]
 GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
@@ -60,7 +60,7 @@ def test_a_scene_without_a_robot_is_seen_from_the_front():
 
 def boxes(scene: SceneModel) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the box around all that is to be seen."""
-    points = seen(scene.config, scene.mjm, scene.home_qpos)
+    points = Overview(scene.config, scene.mjm, scene.home_qpos).seen()
     return points.min(axis=0), points.max(axis=0)
 
 

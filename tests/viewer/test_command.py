@@ -14,7 +14,7 @@ import pytest
 from sceniris_gym.cli import main
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.viewer.command import read_ids
-from tests.viewer.pages import free_port, hear_ctrl_c
+from tests.viewer.pages import free_port
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
@@ -22,9 +22,7 @@ def test_the_address_comes_first_and_ctrl_c_ends_it():
     """Alone on stdout, before the scene is compiled; with status 130, and without a traceback."""
     port = free_port()
     command = [sys.executable, "-m", "sceniris_gym", "view", "mid", "--port", str(port)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
-    )
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == f"http://127.0.0.1:{port}\n"

@@ -275,14 +275,12 @@ def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
 
 
 def _is_free(mjm: mujoco.MjModel, body: int) -> bool:
-    first = int(mjm.body_jntadr[body])
-    return int(mjm.body_jntnum[body]) == 1 and mjm.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE
+    return mjm.jnt_type[mjm.jnt_bodyid == body].tolist() == [mujoco.mjtJoint.mjJNT_FREE]
 
 
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:
     """Return whether a body moves on slides of its own in place of a freejoint, without actuators."""
-    first, num = int(mjm.body_jntadr[body]), int(mjm.body_jntnum[body])
-    slides = [j for j in range(first, first + num) if mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE]
+    slides = np.flatnonzero((mjm.jnt_bodyid == body) & (mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE))
     return len(slides) >= 2 and not np.isin(mjm.actuator_trnid[:, 0], slides).any()
 
 

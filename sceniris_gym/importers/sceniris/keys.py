@@ -95,7 +95,7 @@ class KeyReader:
 
     def checked(self, key: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         """Return a value that was found at `key` as an array of floats, as `array` does."""
-        array = _numbers(value)
+        array = numbers(value)
         if array.shape != shape:
             raise self.wrong(key, f"{short(value)} should be {_SHAPES[shape]}")
         return array
@@ -106,7 +106,7 @@ class KeyReader:
         Raises:
             SceneKeyError: It is not a matrix of 4 x 4 or 3 x 3 numbers.
         """
-        array = _numbers(value)
+        array = numbers(value)
         if array.shape not in ((4, 4), (3, 3)):
             raise self.wrong(key, f"{short(value)} should be a matrix of 4 x 4 or 3 x 3 numbers")
         return array[:3, :3]
@@ -155,7 +155,7 @@ class KeyReader:
             self.leave_out(key)
 
 
-def _numbers(value: Any) -> np.ndarray:
+def numbers(value: Any) -> np.ndarray:
     """Return a value as an array of floats; an empty one if it is anything but finite numbers."""
     try:
         array = np.asarray(value)

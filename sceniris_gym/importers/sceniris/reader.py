@@ -137,11 +137,11 @@ def _check_names(tier: str, assets: Mapping[str, str], objects: Mapping[str, Key
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
     """Check the names of joints and parts of objects, wherever there is an asset to look them up in."""
-    inside = {
-        name: names_in(part.asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
-        for name, part in config.objects.items()
-        if part.asset is not None and (SHIPPED_NAME.fullmatch(part.asset) or _is_model(part.asset))
-    }
+    inside = {}
+    for name, part in config.objects.items():
+        asset = part.asset or ""
+        if SHIPPED_NAME.fullmatch(asset) or (asset.endswith(_MODELS) and Path(asset).is_file()):
+            inside[name] = names_in(asset, f"{CONFIGURATION}: {origin(f'objects.{name}.asset', origins)}")
     for name, part in config.objects.items():
         for joint in part.joints if name in inside else ():
             if joint not in (joints := inside[name].joints):
@@ -151,10 +151,6 @@ def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
         if body and owner in inside and body not in (bodies := inside[owner].bodies):
             where = f"{CONFIGURATION}: objects.{name}.parent_id"
             raise UnknownNameError("body", f"{owner}/{body}", where, [f"{owner}/{b}" for b in bodies])
-
-
-def _is_model(asset: str) -> bool:
-    return asset.endswith(_MODELS) and Path(asset).is_file()
 
 
 def _objects_by_id(keys: KeyReader) -> dict[str, KeyReader]:

@@ -11,7 +11,7 @@ from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.messages import reading, short
 from sceniris_gym.config.robot import RobotConfig
-from sceniris_gym.importers.sceniris.keys import KeyReader
+from sceniris_gym.importers.sceniris.keys import KeyReader, numbers
 from sceniris_gym.importers.sceniris.placement import GROUND
 
 _KEY = "robot_position"
@@ -103,12 +103,8 @@ def _positions(env: KeyReader) -> np.ndarray | None:
     value = env.value(_KEY)
     if value is None:
         return None
-    try:
-        found = np.array(value, float)
-    except (TypeError, ValueError):
-        found = np.zeros(0)
-    found = found[None] if found.ndim == 1 else found
-    if found.shape[1:] != (3,) or not len(found) or not np.isfinite(found).all():
+    found = np.atleast_2d(numbers(value))
+    if found.shape[1:] != (3,) or not len(found):
         raise env.wrong(_KEY, f"{short(value)} should be a position [x, y, z], or a list of them")
     found[np.abs(found[:, 2]) <= GROUND, 2] = 0.0
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,10 +27,8 @@ def read_mesh(path: Path) -> Thing:
         MeshError: It has vertices that are not finite.
         MissingExtraError: It is a DAE file, and pycollada is not installed.
     """
-    suffix = path.suffix.lower()
-    meters, up = _FRAMES.get(suffix, (None, None))
-    files = tuple(_materials(path)) if suffix == ".obj" else ()
-    return Thing(path.stem, (Link(path.stem, surfaces=read_surfaces(path)),), meters, up, files=files)
+    meters, up = _FRAMES.get(path.suffix.lower(), (None, None))
+    return Thing(path.stem, (Link(path.stem, surfaces=read_surfaces(path)),), meters, up)
 
 
 def read_surfaces(path: Path) -> tuple[Surface, ...]:
@@ -103,10 +100,3 @@ def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:
 def _colour(rgba: Any) -> tuple[float, ...]:
     values = np.asarray(rgba, float).ravel() / 255.0
     return tuple(float(v) for v in np.append(values[:3], values[3] if len(values) > 3 and values[3] > 0.0 else 1.0))
-
-
-def _materials(path: Path) -> list[str]:
-    """Return the existing files of materials that an OBJ file names."""
-    with path.open(errors="replace") as lines:
-        named = [line.split(maxsplit=1)[1].strip() for line in lines if re.match(r"mtllib\s+\S", line)]
-    return [name for name in named if (path.parent / name).is_file()]

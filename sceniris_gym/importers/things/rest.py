@@ -10,7 +10,7 @@ import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.framing import box_corners
-from sceniris_gym.geometry.pieces import extract_pieces
+from sceniris_gym.geometry.pieces import extract_pieces, mesh_vertices
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
 
@@ -76,10 +76,9 @@ def moved(path: Path, quat: np.ndarray) -> float:
     data.qpos[3:7] = quat
     mujoco.mj_kinematics(mjm, data)
     points = [
-        data.geom_xpos[g] + mjm.mesh_vert[adr : adr + num] @ data.geom_xmat[g].reshape(3, 3).T
+        data.geom_xpos[g] + mesh_vertices(mjm, mjm.geom_dataid[g]) @ data.geom_xmat[g].reshape(3, 3).T
         for g in range(mjm.ngeom)
         if mjm.geom_contype[g] and mjm.geom_dataid[g] >= 0
-        for adr, num in [(mjm.mesh_vertadr[mjm.geom_dataid[g]], mjm.mesh_vertnum[mjm.geom_dataid[g]])]
     ]
     every = np.concatenate(points)
     data.qpos[2] = _GAP - every[:, 2].min()

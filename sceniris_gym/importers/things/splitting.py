@@ -24,10 +24,8 @@ _FEWEST, _MOST = 100, 20_000  # points on a part
 _BESIDE = 1e-5  # of the size: a part that sticks out less does not count
 _SLIVER = 1e-7  # of the volume of the solid's bounds: smaller pieces are dropped
 _NEAR = 1.5  # times the distance of the place: vertices within this may lie on a plane
-_DIRECTIONS, _LEVELS = (
-    6,
-    6,
-)  # of planes: of the faces with the largest area, beside the axes; and for each of them
+# Planes: normals of the faces with the largest area, beside the axes, and levels along each of them.
+_DIRECTIONS, _LEVELS = 6, 6
 _ALIKE = 20  # steps from 0 to 1 in which normals are compared
 _MOST_VERTICES = 96  # of a part: MuJoCo-Warp's collisions take longer with more
 _EVEN = 192  # directions, spread evenly

@@ -116,7 +116,6 @@ class Thing:
         meters: Metres for each unit of length; None if the file does not say.
         up: The axis that points up, "x", "y" or "z"; None if the file does not say.
         notes: Remarks on parts of the file that were interpreted differently, or left out.
-        files: Names of all other files that were read.
     """
 
     name: str
@@ -124,7 +123,6 @@ class Thing:
     meters: float | None = None
     up: str | None = None
     notes: tuple[str, ...] = ()
-    files: tuple[str, ...] = ()
 
     def points(self) -> np.ndarray:
         """Return all vertices with joints at zero, in the frame of the root, shape (n, 3)."""

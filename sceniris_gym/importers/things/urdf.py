@@ -57,8 +57,7 @@ def read_urdf(path: Path) -> Thing:
         if joint.find("mimic") is not None
     ]
     ordered = tuple(_in_order(path, links, joints))
-    files = tuple(str(found) for found in meshes.values() if found is not None)
-    return Thing(robot.get("name") or path.stem, ordered, 1.0, "z", tuple(notes), files)
+    return Thing(robot.get("name") or path.stem, ordered, 1.0, "z", tuple(notes))
 
 
 def _link(path: Path, element: ElementTree.Element, colours: dict[str, tuple[float, ...]]) -> Link:

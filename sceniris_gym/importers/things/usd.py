@@ -56,8 +56,7 @@ def read_usd(path: Path) -> Thing:
             faces = surface.faces[:, ::-1] if np.linalg.det(pose[:3, :3]) < 0.0 else surface.faces
             found.append(replace(surface, vertices=surface.vertices @ pose[:3, :3].T + pose[:3, 3], faces=faces))
     meters, up = UsdGeom.GetStageMetersPerUnit(stage), str(UsdGeom.GetStageUpAxis(stage)).lower()
-    files = tuple(layer.realPath for layer in stage.GetUsedLayers() if layer.realPath and layer.realPath != str(path))
-    return Thing(path.stem, (Link(path.stem, surfaces=tuple(found)),), meters, up, tuple(notes), files)
+    return Thing(path.stem, (Link(path.stem, surfaces=tuple(found)),), meters, up, tuple(notes))
 
 
 def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:

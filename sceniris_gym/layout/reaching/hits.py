@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.collide.boxes import SHARED_STACK, UNPROVEN, WAITING, collides, collides_without_stack
+from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import ReachSearch, ReachStep, reach_candidate_num, takes_step
@@ -44,7 +44,7 @@ def _test(
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
-    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
     for c in range(block, reach_candidate_num(reach_search), blocks):
         worldid = reach_search.world[c]
         own_pos = reach_search.body_pos[c]

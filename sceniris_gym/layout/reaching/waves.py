@@ -20,7 +20,7 @@ from sceniris_gym.layout.reaching.search import (
 )
 from sceniris_gym.layout.wave.bank import fall_back
 from sceniris_gym.layout.wave.search import Search, SearchSize
-from sceniris_gym.placement.grasps import first_through, passes_map
+from sceniris_gym.placement.grasps import first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -34,7 +34,7 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column
     body_pos = layouts.body_pos[worldid]
     body_quat = layouts.body_quat[worldid]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-    grasp = first_through(reach, column, layouts.variant[worldid, column], base, body_pos, body_quat)
+    grasp = first_accepted(reach, column, layouts.variant[worldid, column], base, body_pos, body_quat)
     layouts.grasp[worldid, column] = wp.max(grasp, layouts.grasp[worldid, column])
 
 

@@ -9,10 +9,10 @@ overflowed is tested again by a single lane.
 import warp as wp
 
 from sceniris_gym.collide.boxes import (
+    NARROW_STACK,
     OWN_STACK,
     SHARED_STACK,
     UNPROVEN,
-    WAITING,
     Step,
     collides,
     leaves_below_touch,
@@ -139,7 +139,7 @@ def _test_narrow_pairs(
     block, lane = wp.tid()
     num = narrow_pair_num(search)
     # Most pairs belong to candidates that are known to collide by now. The others wait until every lane has one.
-    waiting = wp.tile_stack(capacity=wp.static(WAITING), dtype=int)
+    waiting = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=int)
     base = int(block * wp.block_dim())
     while base < num or wp.tile_stack_count(waiting) > 0:
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
@@ -174,7 +174,7 @@ def _test_by_block(
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
-    leaves = wp.tile_stack(capacity=wp.static(WAITING), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
     for c in range(block, candidate_num(search), blocks):
         if _passes_prefilter(program, reach, search, c, lane):
             row = search.row[c]

@@ -24,7 +24,7 @@ from sceniris_gym.layout.wave.search import (
 from sceniris_gym.layout.wave.sides import LEVEL
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
 from sceniris_gym.placement.measure import bounds_of, measure
-from sceniris_gym.placement.orientations import draw_turn, heading_of
+from sceniris_gym.placement.orientations import draw_variant, heading_of
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -138,7 +138,7 @@ def _draw(
         w = wp.vec4(0.0)
         if program.obj_orientation[obj] == OrientationType.ANY or program.obj_variantnum[obj] > 1:
             w = uniforms(seed, episode, stream, trial, 1)
-        turn = draw_turn(program, obj, u, w)
+        turn = draw_variant(program, obj, u, w)
         if program.obj_heap[obj][0] >= 0:
             search.turn[c] = turn
             of_heap = numbered_stream(split, program.obj_heap[obj][2])

@@ -9,7 +9,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import NO_GRASP, Search, SearchSize, candidate_num
 from sceniris_gym.placement.cover import is_covered
 from sceniris_gym.placement.footprint import overhangs
-from sceniris_gym.placement.grasps import approaches, first_through, passes_map
+from sceniris_gym.placement.grasps import approaches, first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Cover, ObjectKind, Program
 from sceniris_gym.program.device_reach import UNASKED, Reach
 
@@ -43,7 +43,7 @@ def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c
         if reach.reach_arm[column] == reach.number and reach.reach_late[column] != 0:
             if layouts.present[row, reach.reach_slot[column]] != 0:
                 variant = layouts.variant[row, column]
-                if first_through(reach, column, variant, base, layouts.body_pos[row], layouts.body_quat[row]) < 0:
+                if first_accepted(reach, column, variant, base, layouts.body_pos[row], layouts.body_quat[row]) < 0:
                     return
     search.grasp[c] = 0
 

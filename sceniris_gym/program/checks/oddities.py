@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -11,14 +10,11 @@ import numpy as np
 from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
-from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name
+from sceniris_gym.geometry.pieces import Piece, PieceType, flat_faces, geom_name, mesh_surface
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
-
-if TYPE_CHECKING:
-    import trimesh
 
 # A hull that is larger than its mesh by more than this factor fills something in.
 _FILLED = 1.3
@@ -43,7 +39,8 @@ def _flat(plan: Plan) -> Iterator[str]:
     """Warn of faces without area, which have no inside and no normal."""
     if plan.scene.config.geometry != "visual":
         return
-    counts = {p.geom: _flat_number(p.mesh) for p in plan.pieces if p.mesh is not None}
+    meshes = {p.geom: p.mesh for p in plan.pieces if p.mesh is not None}
+    counts = {g: int(flat_faces(m.triangles).sum()) + m.metadata.get("left_out", 0) for g, m in meshes.items()}
     found = [f"{count} of geom '{geom_name(plan.scene.mjm, geom)}'" for geom, count in counts.items() if count]
     if found:
         yield (
@@ -54,19 +51,13 @@ def _flat(plan: Plan) -> Iterator[str]:
 
 def _filled(plan: Plan) -> Iterator[str]:
     """Warn of meshes that collide as a hull much larger than they are."""
-    import trimesh
-
     if plan.scene.config.geometry != "physics":
         return
     mjm, found = plan.scene.mjm, []
     for p in plan.pieces:
         if p.type == PieceType.HULL and p.mesh is not None:
-            mesh = int(mjm.geom_dataid[p.geom])
-            vert, face = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
-            surface = trimesh.Trimesh(
-                mjm.mesh_vert[vert : vert + mjm.mesh_vertnum[mesh]].astype(float),
-                mjm.mesh_face[face : face + mjm.mesh_facenum[mesh]],
-            )
+            surface = mesh_surface(mjm, int(mjm.geom_dataid[p.geom]))
+            surface.merge_vertices()
             ratio = p.mesh.volume / abs(surface.volume) if surface.is_watertight and surface.volume else 1.0
             if ratio > _FILLED:
                 found.append(f"geom '{geom_name(mjm, p.geom)}' ({ratio:.2g} times its volume)")
@@ -75,11 +66,6 @@ def _filled(plan: Plan) -> Iterator[str]:
             f"MuJoCo collides meshes as their convex hulls, which fill the hollows of {_some(found)}. Compose them of "
             "several convex geoms, or use `geometry: visual` if only placing should see the hollows."
         )
-
-
-def _flat_number(mesh: trimesh.Trimesh) -> int:
-    """Return the number of faces of a mesh without area, including those that are left out already."""
-    return int(flat_faces(mesh.triangles).sum()) + mesh.metadata.get("left_out", 0)
 
 
 def _sizes(plan: Plan) -> Iterator[str]:

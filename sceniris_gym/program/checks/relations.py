@@ -1,11 +1,13 @@
-"""Check of relations: they can hold together, and the device has room for the polygons that they make."""
+"""Check of relations and regions: they can hold together, and the device has room for the pieces that they make."""
 
 from __future__ import annotations
 
-from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.config.limits import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.config.relations import Beside
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.program.pack.relations import relations_of
+from sceniris_gym.program.pack.regions import cut_pieces
+from sceniris_gym.program.pack.relations import MOST_SLICES, relations_of
+from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
 
@@ -13,7 +15,8 @@ def check_relations(plan: Plan) -> None:
     """Check that the relations of each object fit together and onto the device, and that `between` has a width.
 
     Raises:
-        SceneKeyError: Relations with too many corners, `beside` with `face_to`, or a width that is missing.
+        SceneKeyError: Relations with too many corners or pieces, `beside` with `face_to`, a width that is missing, or
+            too many points on several surfaces.
     """
     for o in plan.objects:
         relations, where = relations_of(o), f"{plan.scene.config.where}: objects.{o.name}.relations"
@@ -34,3 +37,20 @@ def check_relations(plan: Plan) -> None:
                     f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width "
                     "of its own."
                 )
+        _check_pieces(o, f"{plan.scene.config.where}: objects.{o.name}")
+
+
+def _check_pieces(o: PlacedObject, where: str) -> None:
+    """Check that the region of an object has no more pieces than the device has room for."""
+    pieces = cut_pieces(o)
+    points = None if o.config is None or o.config.region is None else o.config.region.points
+    if pieces > MAX_PIECES and points is not None:
+        raise SceneKeyError(
+            f"{where}.region: has {len(points):,} points on several surfaces, {pieces:,} together, and there is room "
+            f"for {MAX_PIECES:,}. Use fewer points, or a part of the support with fewer surfaces."
+        )
+    if pieces > MAX_PIECES:
+        raise SceneKeyError(
+            f"{where}.relations: together cut the region into {pieces} pieces, and there is room for {MAX_PIECES}. Use "
+            f"fewer rings, or wider ones: a thin one makes up to {MOST_SLICES} slices."
+        )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.plan import Plan
+from sceniris_gym.scene.couplings import extremes
 
 # Rounding by which a tendon may leave its limits.
 _ROUNDING = 1e-6
@@ -45,7 +46,8 @@ def check_tendon_limits(plan: Plan) -> None:
         shares, lengths = _shares(factors, moving), {adr: f * scene.home_qpos[adr] for adr, f in factors.items()}
         if not has_active_limits(mjm, tendon) or not shares:
             continue
-        ends = [_range(share, drawn[root]) for root, share in shares.items()]
+        parts = [[extremes(share, *part) for part in drawn[root]] for root, share in shares.items()]
+        ends = [(min(low for low, _ in found), max(high for _, high in found)) for found in parts]
         still, home = sum(lengths[adr] for adr in lengths.keys() - moving.keys()), sum(lengths.values())
         low, high = (still + sum(bounds) for bounds in zip(*ends, strict=True))
         least, most = mjm.tendon_range[tendon]
@@ -77,12 +79,3 @@ def _shares(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.pol
         root, position = moving[adr]
         shares[root] = shares.get(root, np.poly1d([0.0])) + factors[adr] * position
     return shares
-
-
-def _range(share: np.poly1d, intervals: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Return the least and the greatest value of a polynomial over some intervals."""
-    turns = np.roots(np.polyder(share).coeffs)
-    turns = turns.real[np.abs(turns.imag) < _ROUNDING]
-    ends = [x for part in intervals for x in (*part, *turns[(turns > part[0]) & (turns < part[1])])]
-    values = np.asarray(share(np.array(ends)))
-    return float(values.min()), float(values.max())

@@ -11,7 +11,6 @@ from sceniris_gym.config.relations import Joined
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import PlacedObject, Plan
-from sceniris_gym.scene.model import SceneModel
 
 # An x axis of a site with a shorter horizontal part gives no heading.
 _UPRIGHT = 1e-2
@@ -40,12 +39,11 @@ class JoinedSites:
         return np.hstack([self.at, self.own])
 
 
-def joined_sites(scene: SceneModel, plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
+def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
     """Return how an object is joined.
 
     Args:
-        scene: The scene.
-        plan: Its plan.
+        plan: The plan.
         name: The object.
         relation: Its relation to the other object.
         where: The relation's key, with which errors begin.
@@ -55,16 +53,16 @@ def joined_sites(scene: SceneModel, plan: Plan, name: str, relation: Joined, whe
         SceneKeyError: Joints of the object move a site, its x axis is vertical, or the object is not placed upright.
     """
     words = relation.beside
-    its, its_yaw = _site(scene, plan, words.of, words.its, f"{where}.beside.its")
-    own, own_yaw = _site(scene, plan, name, words.my, f"{where}.beside.my")
+    its, its_yaw = _site(plan, words.of, words.its, f"{where}.beside.its")
+    own, own_yaw = _site(plan, name, words.my, f"{where}.beside.my")
     at = its + (relation.gap or 0.0) * np.array([math.cos(its_yaw), math.sin(its_yaw)])
     turn = math.remainder(its_yaw + math.radians(words.turn) - own_yaw, 2.0 * math.pi)
     return JoinedSites(words.of, at, own, turn)
 
 
-def _site(scene: SceneModel, plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
+def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
     """Return a site's position from the pivot [m] and the heading of its x axis [rad], for the object at heading 0."""
-    sites = scene.sites(name)
+    scene, sites = plan.scene, plan.scene.sites(name)
     if word not in sites:
         raise UnknownNameError(f"site of '{name}'", word, where, sites)
     root, body = scene.bodies[name], int(scene.mjm.site_bodyid[sites[word]])
@@ -76,7 +74,7 @@ def _site(scene: SceneModel, plan: Plan, name: str, word: str, where: str) -> tu
             )
         body = int(scene.mjm.body_parentid[body])
     placed = next((o for o in plan.objects if o.name == name and o.variants), None)
-    mat, pivot = _upright(placed, where) if placed is not None else _at_home(scene, plan, name)
+    mat, pivot = _upright(placed, where) if placed is not None else _at_home(plan, name)
     back = plan.home.xmat[root].reshape(3, 3).T
     pos = back @ (plan.home.site_xpos[sites[word]] - plan.home.xpos[root])
     x = mat @ back @ plan.home.site_xmat[sites[word]].reshape(3, 3)[:, 0]
@@ -98,9 +96,9 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
     return matrix(placed.variants[0].quat), placed.variants[0].pivot
 
 
-def _at_home(scene: SceneModel, plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the same for an object that keeps its pose in the model."""
-    root, place = scene.bodies[name], plan.place[plan.slots.index(name)]
+    root, place = plan.scene.bodies[name], plan.place[plan.slots.index(name)]
     mat = plan.home.xmat[root].reshape(3, 3)
     level = matrix(np.array([math.cos(0.5 * place[3]), 0.0, 0.0, -math.sin(0.5 * place[3])])) @ mat
     return level, mat.T @ (place[:3] - plan.home.xpos[root])

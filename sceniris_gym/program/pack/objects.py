@@ -10,16 +10,16 @@ import numpy as np
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
-from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece, PieceType
-from sceniris_gym.geometry.ragged import addressed, ranges
+from sceniris_gym.geometry.ragged import addressed, columns, ranges
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
+from sceniris_gym.program.pack.joining import JoinedSites
 from sceniris_gym.program.pack.pairs import PairRules
-from sceniris_gym.program.pack.relations import joints_of, relations_of
+from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.scene.model import SceneModel
 
 _ORIENTATIONS = {
     "yaw": OrientationType.YAW,
@@ -29,13 +29,13 @@ _ORIENTATIONS = {
 }
 
 
-def pack_objects(plan: Plan, rules: PairRules) -> dict[str, np.ndarray]:
-    """Return the fields `obj_*`, and the lists that they address but for pairs."""
+def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
+    """Return the fields `obj_*`, and the lists that they address but for pairs; `joints` as from `joints_of`."""
     objects, slots = plan.objects, plan.slots
     boxes = [_box(o.config) for o in objects]
+    followers, followed = addressed("obj_follow", ([f.coupling for f in o.followers] for o in objects))
     return {
-        "obj_stream": np.array([o.stream for o in objects], int),
-        "obj_kind": np.array([o.kind for o in objects], int),
+        **columns("obj", objects, stream=1, kind=1, cover=1, erosion=1),
         "obj_body": np.array([o.bodies[0] for o in objects], int),
         "obj_adr": np.array([_address(rules.mjm, o.bodies[0], o.kind) for o in objects], int),
         "obj_slot": np.array([slots.index(o.name) for o in objects], int),
@@ -44,12 +44,12 @@ def pack_objects(plan: Plan, rules: PairRules) -> dict[str, np.ndarray]:
         "obj_gap": np.array([_gap(rules, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
-        "obj_cover": np.array([o.cover for o in objects], int),
         "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
         **_heaps(objects),
         **_joint_ranges(objects),
-        **_followers(objects),
-        **_orientations(plan.scene, plan),
+        **followed,
+        **coupling_arrays(followers),
+        **_orientations(plan, joints),
         **_bodies_and_pieces(plan, rules.colliders),
         "obj_effort": np.ones(len(objects)),
     }
@@ -79,18 +79,10 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     }
 
 
-def _followers(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the couplings of joints that follow drawn ones."""
-    found, fields = addressed("obj_follow", ([f.coupling for f in o.followers] for o in objects))
-    driver, follower, coef = coupling_arrays(found)
-    return {**fields, "follow_driveradr": driver, "follow_qposadr": follower, "follow_coef": coef}
-
-
-def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
+def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return how orientations are drawn, and their variants; steps that only draw joints keep their orientation."""
     upright = DrawnOrientation("yaw", (0.0, 0.0))
     drawn = [o.config.drawn_orientation if o.config is not None else upright for o in plan.objects]
-    joints = joints_of(scene, plan)
     yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     variants, fields = addressed("obj_variant", (o.variants for o in plan.objects))
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
@@ -102,14 +94,12 @@ def _orientations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
             [plan.slots.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
         ),
         **fields,
-        "variant_quat": np.reshape([v.quat for v in variants], (-1, 4)),
-        "variant_pivot": np.reshape([v.pivot for v in variants], (-1, 3)),
-        "variant_bounds": np.reshape([v.bounds for v in variants], (-1, 4)),
+        **columns("variant", variants, quat=4, pivot=3, bounds=4),
         "variant_cdf": np.array(shares, float),
     }
 
 
-def _bodies_and_pieces(plan: Plan, colliders: Colliders) -> dict[str, np.ndarray]:
+def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.ndarray]:
     """Return the bodies and pieces of each object, those of its footprint, and those that may cover it."""
     objects = plan.objects
     of_body: dict[int, list[int]] = {}
@@ -145,14 +135,14 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
     return max(o.config.gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
 
-def _overhead(plan: Plan, colliders: Colliders, o: PlacedObject) -> list[int]:
+def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[int]:
     """Return the pieces, or colliders of visual geometry, of the parent: any body of it may cover, but no plane."""
     if o.cover == Cover.EITHER:
         return []
     assert o.support is not None
     parent = plan.scene.around(o.support)
     if plan.scene.config.geometry == "visual":
-        return [i for i, body in enumerate(colliders.body) if body in parent and colliders.plane[i] < 0]
+        return [i for i, c in enumerate(colliders) if c.body in parent and c.plane < 0]
     return [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sceniris_gym.geometry.ragged import addressed, ranges
+from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.program.pack.descent import first_nodes
-from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
+from sceniris_gym.program.pack.pairs import PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan
 
 _ARM_LISTS = ("arm_scene", "arm_hand", "arm_target")
@@ -23,17 +23,20 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         lanes: Number of lanes that share the collision test of a world.
     """
     colliders, number = rules.colliders, len(plan.objects)
-    arm_lists, robots, arm_fields = _arm_lists(arm_pairs(plan, rules))
-    lists = [*collider_pairs(plan, rules), *arm_lists]
-    pairs, pairadr, pairnum = ranges(lists)
-    start, startadr, startnum = ranges(
-        first_nodes(colliders, [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts], lanes)
-        for part, first in zip(lists, pairadr, strict=True)
+    arm = arm_pairs(plan, rules)
+    names, column = list(arm.itself), np.arange(len(arm.robots))
+    lists = [*collider_pairs(plan, rules), *arm.itself.values(), *arm.scene, *arm.hand, *arm.target]
+    pairs, of_lists = addressed("pair", lists)
+    entries = (
+        [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts]
+        for part, first in zip(lists, of_lists["pairadr"], strict=True)
     )
+    starts, of_starts = addressed("broad", (first_nodes(colliders, part, lanes) for part in entries))
+    robots = [*names, *arm.robots * len(_ARM_LISTS)]
     owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in robots]
-    body = colliders.body
+    body = [c.body for c in colliders]
     bodies = [
-        (body[p.a], body[p.b], (body[p.a] in own) + 2 * (body[p.b] in own), colliders.plane[p.b])
+        (body[p.a], body[p.b], (body[p.a] in own) + 2 * (body[p.b] in own), colliders[p.b].plane)
         for own, part in zip(owners, lists, strict=True)
         for p in part
     ]
@@ -41,33 +44,13 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
     directions, of_pairs = addressed("pair_direction", touching)
     return {
         "pair_bodies": np.reshape(bodies, (-1, 4)).astype(int),
-        "obj_pairadr": pairadr[:number],
-        "obj_pairnum": pairnum[:number],
-        "obj_broadadr": startadr[:number],
-        "obj_broadnum": startnum[:number],
-        "arm_pairadr": pairadr[number:],
-        "arm_pairnum": pairnum[number:],
-        "arm_broadadr": startadr[number:],
-        "arm_broadnum": startnum[number:],
-        **arm_fields,
-        "broad_pair": np.reshape(start, (-1, 3)).astype(int),
-        "pair_a": np.array([p.a for p in pairs], int),
-        "pair_b": np.array([p.b for p in pairs], int),
-        "pair_margin": np.array([p.margin for p in pairs], float),
+        **{f"obj_{name}": values[:number] for name, values in (of_lists | of_starts).items()},
+        **{f"arm_{name}": values[number:] for name, values in (of_lists | of_starts).items()},
+        "arm_self": np.array([names.index(name) for name in arm.robots], int),
+        **{name: len(names) + i * len(column) + column for i, name in enumerate(_ARM_LISTS)},
+        "broad_pair": np.reshape(starts, (-1, 3)).astype(int),
+        **columns("pair", pairs, a=1, b=1, margin=1),
         "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),
         **of_pairs,
         "direction": np.reshape(directions, (-1, 3)),
     }
-
-
-def _arm_lists(arm: ArmPairs) -> tuple[list[list[Pair]], list[str], dict[str, np.ndarray]]:
-    """Return the lists of arms in a grasp, the robot of each, and the number of each list for the reach targets."""
-    names = list(arm.itself)
-    column = np.arange(len(arm.robots))
-    fields = {"arm_self": np.array([names.index(name) for name in arm.robots], int)}
-    lists, robots = list(arm.itself.values()), list(names)
-    for field, part in zip(_ARM_LISTS, (arm.scene, arm.hand, arm.target), strict=True):
-        fields[field] = len(lists) + column
-        lists += part
-        robots += arm.robots
-    return lists, robots, fields

@@ -14,7 +14,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.rotations import matrix
@@ -83,7 +83,7 @@ class PairRules:
         colliders: Its colliders.
     """
 
-    def __init__(self, scene: SceneModel, colliders: Colliders) -> None:
+    def __init__(self, scene: SceneModel, colliders: list[Collider]) -> None:
         self.mjm, self.colliders = scene.mjm, colliders
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
         self.is_physics = scene.config.geometry == "physics"
@@ -93,56 +93,55 @@ class PairRules:
 
     def of(self, bodies: Container[int]) -> list[int]:
         """Return the colliders of some bodies."""
-        return [c for c, body in enumerate(self.colliders.body) if body in bodies]
+        return [c for c, one in enumerate(self.colliders) if one.body in bodies]
 
     def touch(self, a: int, b: int) -> float:
         """Return the distance [m] from which on MuJoCo acts on two colliders."""
-        return self.contacts.distance(self.colliders.contact_class[a], self.colliders.contact_class[b])
+        return self.contacts.distance(*self._classes(a, b))
 
     def apart(self, a: int, b: int, margin: float) -> Pair:
         """Return the pair of two colliders, given in either order, that keep a distance [m]."""
-        if self.colliders.plane[a] >= 0:
+        if self.colliders[a].plane >= 0:
             a, b = b, a
-        return Pair(a, b, margin, ((self.colliders.root[a], self.colliders.root[b]),))
+        return Pair(a, b, margin, ((self.colliders[a].root, self.colliders[b].root),))
 
     def meet(self, a: int, b: int) -> bool:
         """Return whether two colliders can touch at all; no two planes do.
 
         Fixtures are kept apart even if MuJoCo would not report their contact.
         """
-        first, second = self.colliders.body[a], self.colliders.body[b]
-        if min(self.colliders.plane[a], self.colliders.plane[b]) >= 0:
-            return False
-        if self._fixed[first] and self._fixed[second]:
+        first, second = self.colliders[a], self.colliders[b]
+        if min(first.plane, second.plane) >= 0 or (self._fixed[first.body] and self._fixed[second.body]):
             return False
         if self._is_explicit(a, b):
             return True
-        classes = self.colliders.contact_class
-        return not self.contacts.excludes(first, second) and self.contacts.meet(classes[a], classes[b])
+        return not self.contacts.excludes(first.body, second.body) and self.contacts.meet(*self._classes(a, b))
 
     def meet_within(self, a: int, b: int) -> bool:
         """Return whether two colliders of one object can touch; MuJoCo filters neighbours."""
-        first, second = self.colliders.body[a], self.colliders.body[b]
         weld, parent = self.mjm.body_weldid, self.mjm.body_parentid
-        if weld[first] == weld[second] or not self.meet(a, b):
+        wa, wb = weld[[self.colliders[a].body, self.colliders[b].body]]
+        if wa == wb or not self.meet(a, b):
             return False
         if self._is_explicit(a, b) or not self._filters_parents:
             return True
-        wa, wb = weld[first], weld[second]
         return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
 
     def geoms(self, collider: int) -> list[int]:
         """Return the geoms that MuJoCo collides of a collider, also with `geometry: visual`."""
-        mjm, colliders = self.mjm, self.colliders
-        of_body = np.flatnonzero(mjm.geom_bodyid == colliders.body[collider]).tolist()
+        one = self.colliders[collider]
+        of_body = np.flatnonzero(self.mjm.geom_bodyid == one.body).tolist()
         if self._simulated is not self.contacts:
             return [geom for geom in of_body if self._simulated.collides(geom)]
-        return [geom for geom in of_body if self.contacts.classes[geom] == colliders.contact_class[collider]]
+        return [geom for geom in of_body if self.contacts.classes[geom] == one.contact_class]
 
     def _is_explicit(self, a: int, b: int) -> bool:
         """Return whether the model names the contact of two colliders."""
-        classes = self.colliders.contact_class
-        return self.contacts.is_explicit(classes[a], classes[b])
+        return self.contacts.is_explicit(*self._classes(a, b))
+
+    def _classes(self, a: int, b: int) -> tuple[int, int]:
+        """Return the contact classes of two colliders."""
+        return self.colliders[a].contact_class, self.colliders[b].contact_class
 
 
 def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
@@ -152,7 +151,7 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         plan: The plan.
         rules: The rules for its colliders.
     """
-    bodies, standing = rules.colliders.body, _standing_clearances(plan)
+    bodies, standing = [c.body for c in rules.colliders], _standing_clearances(plan)
     robots = plan.scene.config.all_robots
     result = []
     for i, o in enumerate(plan.objects):
@@ -196,7 +195,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
         plan: The plan.
         rules: The rules for its colliders.
     """
-    reaching, scene, bodies = plan.reaching, plan.scene, rules.colliders.body
+    reaching, scene, bodies = plan.reaching, plan.scene, [c.body for c in rules.colliders]
     if reaching is None:
         return ArmPairs()
     markers = _marker_bodies(scene)

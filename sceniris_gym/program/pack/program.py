@@ -8,20 +8,20 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.inner_boxes import inner_box, no_inner_box
 from sceniris_gym.geometry.pieces import Piece
-from sceniris_gym.geometry.ragged import addressed
+from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.program.pack.layout_bounds import layout_bounds
 from sceniris_gym.program.pack.objects import footprint_hulls, pack_objects
 from sceniris_gym.program.pack.pair_lists import pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.regions import pack_regions
-from sceniris_gym.program.pack.relations import pack_relations
+from sceniris_gym.program.pack.relations import joints_of, pack_relations
 from sceniris_gym.program.plan import Plan
 
 
-def pack_program(plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.ndarray]:
+def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str, np.ndarray]:
     """Return all fields of `device.Program` but those of colliders and of the bank, and `ARM_LISTS`.
 
     Args:
@@ -29,11 +29,11 @@ def pack_program(plan: Plan, colliders: Colliders, lanes: int) -> dict[str, np.n
         colliders: Its colliders.
         lanes: Number of lanes that share the work of a world.
     """
-    scene, rules = plan.scene, PairRules(plan.scene, colliders)
+    scene, rules, joints = plan.scene, PairRules(plan.scene, colliders), joints_of(plan)
     return (
-        pack_objects(plan, rules)
+        pack_objects(plan, rules, joints)
         | pack_pairs(plan, rules, lanes)
-        | pack_relations(scene, plan)
+        | pack_relations(plan, joints)
         | pack_groups(scene.config.groups.values(), plan.slots)
         | pack_regions(plan.objects)
         | pack_pieces([*plan.pieces, *footprint_hulls(plan.objects)], scene.config.geometry == "visual")
@@ -59,12 +59,7 @@ def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
     vert, fields = addressed("piece_vert", (p.vertices for p in pieces))
     boxes = [no_inner_box() if visual else inner_box(p) for p in pieces]
     return {
-        "piece_type": np.array([p.type for p in pieces], int),
-        "piece_body": np.array([p.body for p in pieces], int),
-        "piece_pos": np.reshape([p.pos for p in pieces], (-1, 3)),
-        "piece_quat": np.reshape([p.quat for p in pieces], (-1, 4)),
-        "piece_size": np.reshape([p.size for p in pieces], (-1, 3)),
-        "piece_radius": np.array([p.radius for p in pieces], float),
+        **columns("piece", pieces, type=1, body=1, pos=3, quat=4, size=3, radius=1),
         **fields,
         "inner_center": np.reshape([center for center, _ in boxes], (-1, 3)),
         "inner_half": np.reshape([half for _, half in boxes], (-1, 3)),

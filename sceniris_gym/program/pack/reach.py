@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.geometry.ragged import addressed
+from sceniris_gym.geometry.ragged import addressed, columns
+from sceniris_gym.geometry.rotations import product, quaternion
 from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
@@ -58,7 +59,6 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
     if present:
         view.hand_pos, view.hand_quat = _in_tcp(home, one.arm.tcp_site, hand[0])
-    driver, follower, coef = coupling_arrays(gripper.couplings)
     return {
         "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
         "arm_body": np.array(scene.subtree(one.robot)[1:], int),
@@ -66,20 +66,15 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,
-        "follow_driveradr": driver,
-        "follow_qposadr": follower,
-        "follow_coef": coef,
+        **coupling_arrays(gripper.couplings),
     }
 
 
 def _in_tcp(home: mujoco.MjData, site: int, body: int) -> tuple[wp.vec3, wp.vec4]:
     """Return the pose of a body that moves with the TCP, in the frame of the TCP, a site."""
-    turn, quat = np.zeros(4), np.zeros(4)
-    mujoco.mju_mat2Quat(turn, home.site_xmat[site])
-    mujoco.mju_negQuat(turn, turn.copy())
-    mujoco.mju_mulQuat(quat, turn, home.xquat[body])
-    pos = home.site_xmat[site].reshape(3, 3).T @ (home.xpos[body] - home.site_xpos[site])
-    return wp.vec3(*pos), wp.vec4(*quat)
+    back = home.site_xmat[site].reshape(3, 3).T
+    pos = back @ (home.xpos[body] - home.site_xpos[site])
+    return wp.vec3(*pos), wp.vec4(*product(quaternion(back), home.xquat[body]))
 
 
 def _target_arrays(plan: Plan, reaching: Reaching, bases: list[int]) -> dict[str, np.ndarray]:
@@ -96,16 +91,11 @@ def _target_arrays(plan: Plan, reaching: Reaching, bases: list[int]) -> dict[str
         "variant_graspnum": spans[:, 1],
         "reach_obj": np.array([t.number for t in targets], int),
         "reach_slot": np.array([plan.slots.index(t.name) for t in targets], int),
-        "reach_arm": np.array([t.arm for t in targets], int),
-        "reach_late": np.array([t.late for t in targets], int),
-        "reach_tier": np.array([t.tier for t in targets], int),
+        **columns("reach", targets, arm=1, late=1, tier=1),
         "reach_least": np.array([t.tier.least_verdict for t in targets], int),
         "reach_below": np.array([plan.objects[t.number].ground is not None for t in targets], int),
         **fields,
-        "grasp_body": np.array([g.body for g in grasps], int),
-        "grasp_pos": np.reshape([g.pos for g in grasps], (-1, 3)),
-        "grasp_quat": np.reshape([g.quat for g in grasps], (-1, 4)),
-        "grasp_opening": np.array([g.opening for g in grasps], float),
+        **columns("grasp", grasps, body=1, pos=3, quat=4, opening=1),
         "bank_grasp": np.zeros((0, rows)),
         "bank_grasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
         "bank_pregrasp_qpos": np.zeros((0, rows, MAX_JOINTS)),

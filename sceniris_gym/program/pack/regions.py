@@ -7,43 +7,31 @@ import math
 import numpy as np
 
 from sceniris_gym.geometry import supports
-from sceniris_gym.geometry.ragged import addressed
+from sceniris_gym.geometry.ragged import addressed, ranges
 from sceniris_gym.program.pack.relations import region_pieces, relations_of
 from sceniris_gym.program.placed_object import PlacedObject
 
 
 def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     """Return the triangles of the regions of all variants, those of a shared region once, and the outlines around."""
-    surfaces: list[supports.SupportSurface] = []
-    triangles, owners, cdf = [np.zeros((0, 3, 2))], [], [np.zeros(0)]
-    adr, num = [], []
-    for o in objects:
-        places: dict[int, tuple[int, int]] = {}
-        for mine in o.surfaces:
-            if id(mine) not in places:
-                parts = [s.triangles for s in mine]
-                corners = np.concatenate([*parts, np.zeros((0, 3, 2))])
-                share = np.cumsum(supports.weights(corners))
-                places[id(mine)] = (len(owners), len(corners))
-                owners += [len(surfaces) + i for i, part in enumerate(parts) for _ in part]
-                surfaces += mine
-                triangles.append(corners)
-                cdf.append(share / share[-1] if len(share) else share)
-            adr.append(places[id(mine)][0])
-            num.append(places[id(mine)][1])
+    regions = {id(mine): mine for o in objects for mine in o.surfaces}
+    number = {key: i for i, key in enumerate(regions)}
+    used = np.array([number[id(mine)] for o in objects for mine in o.surfaces], int)
+    surfaces = [surface for mine in regions.values() for surface in mine]
+    triangles, adr, num = ranges([t for surface in mine for t in surface.triangles] for mine in regions.values())
+    corners = np.reshape(triangles, (-1, 3, 2))
+    sums = [np.cumsum(weights) for weights in np.split(supports.weights(corners), adr[1:])]
     side, fields = addressed("surface_edge", (supports.edges(s.outline) for s in surfaces))
     side = np.reshape(side, (-1, 2, 2))
-    corners = np.concatenate(triangles)
     return {
         "obj_cutnum": np.array([_cuts(o) for o in objects], int),
-        "obj_erosion": np.array([o.erosion for o in objects], float),
-        "variant_triadr": np.array(adr, int),
-        "variant_trinum": np.array(num, int),
-        "tri_surface": np.array(owners, int),
+        "variant_triadr": adr[used],
+        "variant_trinum": num[used],
+        "tri_surface": np.array([i for i, surface in enumerate(surfaces) for _ in surface.triangles], int),
         "tri_a": corners[:, 0],
         "tri_b": corners[:, 1],
         "tri_c": corners[:, 2],
-        "tri_cdf": np.concatenate(cdf),
+        "tri_cdf": np.concatenate([*(s / s[-1] for s in sums if len(s)), np.zeros(0)]),
         "surface_height": np.array([s.height for s in surfaces]),
         **fields,
         "surface_winding": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),

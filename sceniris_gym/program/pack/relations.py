@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
-from sceniris_gym.geometry.ragged import ranges
+from sceniris_gym.geometry.ragged import columns, ranges
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind, RelationType
 from sceniris_gym.program.pack.joining import JoinedSites, joined_sites
 from sceniris_gym.program.plan import PlacedObject, Plan
-from sceniris_gym.scene.model import SceneModel
 
 _TYPES = {
     Sector: RelationType.SECTOR,
@@ -27,18 +26,13 @@ MOST_SLICES = 256
 """Greatest number of slices of a ring."""
 
 
-def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
-    """Return the fields `rel_*`, and which of them each object has.
-
-    Raises:
-        SceneKeyError: An object has relations that do not fit together, or into the polygons of the device.
-    """
+def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
+    """Return the fields `rel_*`, and which of them each object has; `joints` as from `joints_of`."""
     owned = [(o, relation) for o in plan.objects for relation in relations_of(o)]
     relations, reladr, relnum = ranges(relations_of(o) for o in plan.objects)
     slots = {name: slot for slot, name in enumerate(plan.slots)}
     anchors, anchoradr, anchornum = ranges([slots[a] for a in r.anchors] for r in relations)
     frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
-    joints = joints_of(scene, plan)
     return {
         "obj_reladr": reladr,
         "obj_retry_if_empty": np.array([_insists(o) for o in plan.objects]),
@@ -48,9 +42,8 @@ def pack_relations(scene: SceneModel, plan: Plan) -> dict[str, np.ndarray]:
         "rel_anchornum": anchornum,
         "rel_anchor": np.array(anchors, int),
         "rel_frame": np.array([frames[r.reference_frame] for r in relations], int),
-        "rel_heading": np.array([r.heading(scene.config.all_robots) for r in relations], float),
-        "rel_half_angle": np.array([r.half_angle for r in relations], float),
-        "rel_low": np.array([r.low for r in relations], float),
+        "rel_heading": np.array([r.heading(plan.scene.config.all_robots) for r in relations], float),
+        **columns("rel", relations, half_angle=1, low=1),
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
         "rel_bounds": np.array([r.by_bounds for r in relations], int),
         "rel_width": np.array([r.width or -1.0 if isinstance(r, Between) else -1.0 for r in relations], float),
@@ -68,14 +61,14 @@ def relations_of(o: PlacedObject) -> tuple[Relation, ...]:
     return o.config.relations if o.config is not None and o.kind != ObjectKind.STATIC else ()
 
 
-def joints_of(scene: SceneModel, plan: Plan) -> dict[str, JoinedSites]:
+def joints_of(plan: Plan) -> dict[str, JoinedSites]:
     """Return how objects are joined to others at sites, by their names.
 
     Raises:
         UnknownNameError, SceneKeyError: As `joined_sites`.
     """
     return {
-        o.name: joined_sites(scene, plan, o.name, relation, f"{scene.config.where}: objects.{o.name}.relations.{i}")
+        o.name: joined_sites(plan, o.name, relation, f"{plan.scene.config.where}: objects.{o.name}.relations.{i}")
         for o in plan.objects
         for i, relation in enumerate(relations_of(o))
         if isinstance(relation, Joined)

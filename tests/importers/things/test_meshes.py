@@ -38,14 +38,13 @@ def test_a_texture_and_its_coordinates_are_kept(tmp_path: Path):
 
 
 def test_the_colour_of_a_material_is_kept(tmp_path: Path):
-    """An OBJ with a file of materials, which is named as a file that was read."""
+    """An OBJ with a file of materials."""
     (tmp_path / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n")
     lines = ["mtllib paint.mtl", "usemtl red", *("v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 1")]
     lines += ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 3 1 4"]
     (tmp_path / "thing.obj").write_text("\n".join(lines))
     thing = read_mesh(tmp_path / "thing.obj")
     assert thing.links[0].surfaces[0].rgba == (1.0, 0.0, 0.0, 1.0)
-    assert thing.files == ("paint.mtl",)
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".stl", ".ply", ".off"])

@@ -15,19 +15,6 @@ from sceniris_gym.program.checks.reach import check_reach
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.model import build_model
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder with the assets of these tests."""
-    return tmp_path_factory.mktemp("reach")
-
-
-@pytest.fixture(scope="module")
-def cube(folder: Path) -> str:
-    """A cube of 4 cm, which is taken at half its height."""
-    return box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
 
 
 def reaching(scene: dict[str, Any]) -> Any:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sceniris_gym.geometry.box_tree import build_tree
-from sceniris_gym.geometry.colliders import Colliders
+from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.program.pack.descent import first_nodes, leaf_nodes, nodes_without
 
 
@@ -15,18 +17,15 @@ def _leaves(child: np.ndarray, node: int) -> list[int]:
     return [node] if child[node] < 0 else _leaves(child, child[node]) + _leaves(child, child[node] + 1)
 
 
-def _random_colliders(sizes: list[int]) -> Colliders:
+def _random_colliders(sizes: list[int]) -> list[Collider]:
     """Colliders, one a body, over so many random boxes each."""
-    colliders, draws = Colliders(), np.random.default_rng(3)
+    colliders, nodes, draws = [], 0, np.random.default_rng(3)
     for body, size in enumerate(sizes):
         middle, half = draws.normal(size=(size, 3)), draws.uniform(0.0, 0.3, (size, 3))
         tree = build_tree(middle - half, middle + half)
-        colliders.body.append(body)
-        colliders.plane.append(-1)
-        colliders.root.append(colliders.nodes)
-        colliders.half.append(tree.half)
-        colliders.child.append(np.where(tree.child < 0, tree.child, tree.child + colliders.nodes))
-        colliders.nodes += len(tree.child)
+        child = np.where(tree.child < 0, tree.child, tree.child + nodes)
+        colliders.append(Collider(body, 0, -1, nodes, tree.center, tree.half, child))
+        nodes += len(child)
     return colliders
 
 
@@ -36,9 +35,9 @@ def test_lanes_begin_with_what_meets_every_pair_of_leaves_once(sizes: list[int],
     """Whatever is opened ahead of time: nothing is left out and nothing tested twice, and no lane is without work."""
     colliders = _random_colliders(sizes)
     pairs = [(a, b) for a in range(len(sizes)) for b in range(a + 1, len(sizes))]
-    roots = [(5 + i, colliders.root[a], colliders.root[b]) for i, (a, b) in enumerate(pairs)]
+    roots = [(5 + i, colliders[a].root, colliders[b].root) for i, (a, b) in enumerate(pairs)]
     entries = first_nodes(colliders, roots, lanes)
-    child = np.concatenate(colliders.child)
+    child = np.concatenate([c.child for c in colliders])
     for i, (a, b) in enumerate(pairs):
         met = [
             (x, y)
@@ -47,7 +46,7 @@ def test_lanes_begin_with_what_meets_every_pair_of_leaves_once(sizes: list[int],
             for x in _leaves(child, node)
             for y in _leaves(child, other)
         ]
-        wanted = [(x, y) for x in _leaves(child, colliders.root[a]) for y in _leaves(child, colliders.root[b])]
+        wanted = [(x, y) for x in _leaves(child, colliders[a].root) for y in _leaves(child, colliders[b].root)]
         assert sorted(met) == sorted(wanted)
     every = sum(sizes[a] * sizes[b] for a, b in pairs)
     assert min(max(lanes, len(pairs)), every) <= len(entries) <= max(lanes, len(pairs))
@@ -63,8 +62,8 @@ def test_without_pairs_no_lane_has_anything_to_begin_with():
 def test_what_is_left_out_is_met_by_nothing(sizes: list[int], count: int, lanes: int):
     """All other pairs of leaves are met once, before and after boxes are opened for more lanes."""
     colliders = _random_colliders(sizes)
-    child = np.concatenate(colliders.child)
-    every = [(x, y) for x in _leaves(child, colliders.root[0]) for y in _leaves(child, colliders.root[1])]
+    child = np.concatenate([c.child for c in colliders])
+    every = [(x, y) for x in _leaves(child, colliders[0].root) for y in _leaves(child, colliders[1].root)]
     chosen = np.random.default_rng(1).permutation(len(every))[:count]
     left_out = [every[i] for i in chosen]
     nodes = nodes_without(colliders, 0, 1, left_out)
@@ -78,6 +77,5 @@ def test_leaves_are_found_by_their_nodes():
     colliders = _random_colliders([5])
     found = leaf_nodes(colliders, 0)
     assert sorted(found.values()) == [0, 1, 2, 3, 4]
-    assert sorted(found) == np.flatnonzero(colliders.child[0] < 0).tolist()
-    colliders.plane[0] = 7
-    assert leaf_nodes(colliders, 0) == {0: 7}
+    assert sorted(found) == np.flatnonzero(colliders[0].child < 0).tolist()
+    assert leaf_nodes([replace(colliders[0], plane=7)], 0) == {0: 7}

@@ -35,7 +35,7 @@ def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
     packed = blocks(tmp_path, {"my": "front", "its": "front"}, gap=0.05)
     relation = packed.scene.config.objects["b"].relations[0]
     assert isinstance(relation, Joined)
-    found = joined_sites(packed.scene, packed.plan, "b", relation, "here")
+    found = joined_sites(packed.plan, "b", relation, "here")
     pivot = packed.object("a").variants[0].pivot
     assert found.to == "a"
     assert found.own == pytest.approx([0.3 - pivot[0], -0.1 - pivot[1]])

@@ -110,7 +110,7 @@ def test_a_roof_may_be_any_part_of_the_parent(word: str, roof: Cover, geometry: 
     assert packed["obj_cover"][packed.number("cabinet")] == Cover.EITHER
     assert packed.listed("cabinet", "overhead", "overhead_list") == []
     found = packed.listed("block", "overhead", "overhead_list")
-    bodies = packed.colliders.body if geometry == "visual" else [p.body for p in packed.plan.pieces]
+    bodies = [part.body for part in (packed.colliders if geometry == "visual" else packed.plan.pieces)]
     own = packed.scene.subtree("cabinet")
     expected = [i for i, body in enumerate(bodies) if body in own]
     assert found == (expected if roof != Cover.EITHER else [])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.geometry.colliders import Colliders, collect_colliders
+from sceniris_gym.geometry.colliders import Collider, collect_colliders
 from sceniris_gym.program.pack.descent import leaf_nodes
 from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan, build_plan
@@ -33,13 +33,13 @@ class Scene:
         config = {"floor": {"size": [2.0, 2.0]}, "robot": {"asset": robot}, "objects": objects}
         self.model: SceneModel = build_model(SceneConfig.load(config))
         self.plan: Plan = build_plan(self.model)
-        self.colliders: Colliders = collect_colliders(self.plan.pieces, False, "cpu")
+        self.colliders: list[Collider] = collect_colliders(self.plan.pieces, False, "cpu")
 
         self.arm: ArmPairs = arm_pairs(self.plan, PairRules(self.model, self.colliders))
 
     def names(self, pairs: list[Pair]) -> set[frozenset[str]]:
         """A list as pairs of names of bodies."""
-        mjm, body = self.model.mjm, self.colliders.body
+        mjm, body = self.model.mjm, [c.body for c in self.colliders]
         return {frozenset((mjm.body(body[p.a]).name, mjm.body(body[p.b]).name)) for p in pairs}
 
 
@@ -104,7 +104,7 @@ def _meetings(scene: SceneModel, plan: Plan | None = None) -> dict[tuple[str, st
     found = {}
     for pairs in collider_pairs(plan, PairRules(scene, colliders)):
         for pair in pairs:
-            names = tuple(scene.mjm.body(colliders.body[c]).name for c in (pair.a, pair.b))
+            names = tuple(scene.mjm.body(colliders[c].body).name for c in (pair.a, pair.b))
             assert names not in found
             found[names] = pair.margin
     return found
@@ -179,7 +179,7 @@ ALL_AXES = {tuple(sign * axis) for axis in np.eye(3) for sign in (-1.0, 1.0)}
 
 def _beside(
     folder: Path, at: float, margin: str = "", geometry: str = "physics"
-) -> tuple[SceneModel, list[Pair], Colliders]:
+) -> tuple[SceneModel, list[Pair], list[Collider]]:
     """Two bodies of boxes at this distance [m], with small balls above them: the pairs among them."""
     (folder / "beside.xml").write_text(BESIDE.format(at=at, margin=margin))
     thing = {"asset": str(folder / "beside.xml"), "kind": "static", "joints": {"*": {"noise": 0.1}}}
@@ -188,7 +188,7 @@ def _beside(
     colliders = collect_colliders(plan.pieces, geometry == "visual", "cpu")
     (pairs,) = collider_pairs(plan, PairRules(scene, colliders))
     own = set(scene.subtree("thing"))
-    return scene, [p for p in pairs if {colliders.body[p.a], colliders.body[p.b]} <= own], colliders
+    return scene, [p for p in pairs if {colliders[p.a].body, colliders[p.b].body} <= own], colliders
 
 
 @pytest.mark.parametrize(
@@ -212,10 +212,10 @@ def test_geoms_that_touch_at_home_are_a_pair_of_their_own(tmp_path: Path, at: fl
     assert met == sorted((f"thing/l{i}", f"thing/r{j}") for i in range(3) for j in range(2))
 
 
-def _geoms_met(scene: SceneModel, colliders: Colliders, pair: Pair) -> list[tuple[str, str]]:
+def _geoms_met(scene: SceneModel, colliders: list[Collider], pair: Pair) -> list[tuple[str, str]]:
     """Names of the geoms that a pair tests."""
     pieces = build_plan(scene).pieces
-    child = np.concatenate(colliders.child)
+    child = np.concatenate([c.child for c in colliders])
 
     def below(node: int, names: dict[int, str]) -> list[str]:
         first = int(child[node])

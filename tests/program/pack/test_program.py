@@ -19,7 +19,7 @@ from sceniris_gym.program.pack.objects import pack_objects
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS, pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.regions import pack_regions
-from sceniris_gym.program.pack.relations import pack_relations
+from sceniris_gym.program.pack.relations import joints_of, pack_relations
 from tests.layout.scenes import write_mjcf
 from tests.program.scenes import Packed, pack, scene_of
 
@@ -111,9 +111,9 @@ def test_every_field_of_the_program_is_packed_and_by_one_packer(folder: Path, ge
     assert not set(packed.arrays) & set(collider_arrays(packed.colliders))
     rules = PairRules(packed.scene, packed.colliders)
     parts = [
-        pack_objects(packed.plan, rules),
+        pack_objects(packed.plan, rules, joints_of(packed.plan)),
         pack_pairs(packed.plan, rules, 1),
-        pack_relations(packed.scene, packed.plan),
+        pack_relations(packed.plan, joints_of(packed.plan)),
         pack_regions(packed.plan.objects),
     ]
     names = [name for part in parts for name in part]

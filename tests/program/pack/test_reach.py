@@ -16,18 +16,6 @@ from tests.layout.grasped import arm_mjcf
 from tests.layout.scenes import box_mjcf
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder with the assets of these tests."""
-    return tmp_path_factory.mktemp("reach")
-
-
-@pytest.fixture(scope="module")
-def cube(folder: Path) -> str:
-    """A cube of 4 cm, which is taken at half its height."""
-    return box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
-
-
 @pytest.mark.parametrize("robot", ["panda", "ur5e", "heron", "picker"])
 def test_the_hand_moves_with_the_tcp_as_the_device_is_told(robot: str, folder: Path, cube: str):
     """In random joint states MuJoCo finds the hand's first body where it is from the TCP, whatever the fingers do."""

@@ -1,0 +1,60 @@
+"""A data set as USD: a stage with one frame for each layout, and a single layout as a stage of its own.
+
+`sceniris-gym generate mid -n 64 -o layouts/usd --format npz,usd` writes the same files from the command line.
+Needs the extra: pip install 'sceniris-gym[import]'.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import tyro
+from pxr import Usd, UsdGeom
+
+from sceniris_gym import cli
+
+
+def main(
+    scene: str = "mid", n: int = 64, folder: Path = Path("layouts/usd"), row: int = 0, device: str | None = None
+) -> None:
+    """Write layouts of a scene, compare the stage with the npz file, and freeze one layout.
+
+    Args:
+        scene: name of a shipped scene, or the path of a scene file.
+        n: number of layouts.
+        folder: folder for the files, without a data set in it.
+        row: layout that becomes a stage of its own.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    where = [] if device is None else ["--device", device]
+    cli.main(["generate", scene, "-n", str(n), "-o", str(folder), "--format", "npz,usd", *where])
+    stage, layouts = Usd.Stage.Open(str(folder / "layouts-00000.usdc")), np.load(folder / "layouts-00000.npz")
+    off, frames = 0.0, range(int(stage.GetEndTimeCode()) + 1)
+    for i in frames:
+        cache = UsdGeom.XformCache(i)
+        for key in (key for key in layouts if key.startswith("pose/")):
+            world = cache.GetLocalToWorldTransform(stage.GetPrimAtPath(f"/World/{key.removeprefix('pose/')}"))
+            off = max(off, float(np.abs(np.array(world.ExtractTranslation()) - layouts[key][i, :3]).max()))
+    seed = stage.GetPrimAtPath("/World").GetAttribute("layout:seed").Get(frames[-1])
+    meshes = sum(prim.IsA(UsdGeom.Mesh) for prim in stage.Traverse())
+    print(f"usd: {len(frames)} frames, the last of seed {seed}; {meshes} meshes; poses within {1e6 * off:.1f} um")
+    print(f"row {row} as a stage of its own: {frozen(folder / 'layouts-00000.usdc', row)}")
+
+
+def frozen(part: Path, row: int) -> Path:
+    """Write one row as a stage without time, for simulators and renderers of single scenes."""
+    moving = Usd.Stage.Open(str(part))
+    path = part.with_name(f"layout-{row}.usda")
+    stage = Usd.Stage.CreateNew(str(path))
+    stage.GetRootLayer().subLayerPaths.append("./scene.usdc")
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    for attribute in (a for prim in moving.Traverse() for a in prim.GetAttributes() if a.GetNumTimeSamples()):
+        prim = stage.OverridePrim(attribute.GetPrim().GetPath())
+        prim.CreateAttribute(attribute.GetName(), attribute.GetTypeName()).Set(attribute.Get(row))
+    stage.SetDefaultPrim(stage.GetPrimAtPath("/World"))
+    stage.Save()
+    return path
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,50 @@
+"""A simulation that somebody else has made: place some of its bodies at a reset, and leave everything else alone."""
+
+import mujoco
+import mujoco_warp as mjw
+import tyro
+import warp as wp
+
+from sceniris_gym import ResetRandomizer, compile_scene
+
+MJCF = """
+<mujoco>
+  <worldbody>
+    <geom name="ground" type="plane" size="2 2 .1"/>
+    <geom name="top" type="box" size=".4 .3 .02" pos="0 0 .5"/>
+    <body name="cup" pos="0 0 .56"><freejoint/><geom type="cylinder" size=".03 .04" mass=".2"/></body>
+    <body name="brick" pos=".2 0 .54"><freejoint/><geom type="box" size=".05 .03 .02" mass=".4"/></body>
+    <body name="ball" pos="1 0 .1"><freejoint/><geom size=".1" mass="1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def main(nworld: int = 64, steps: int = 200, device: str | None = None) -> None:
+    """Step a model with a ball that rolls on, while cup and brick get new places.
+
+    Args:
+        nworld: number of worlds.
+        steps: physics steps between two resets, of 2 ms each.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    mjm = mujoco.MjModel.from_xml_string(MJCF)
+    objects = {"cup": {"on": "top"}, "brick": {"on": "top", "relations": [{"left_of": "cup"}]}}
+    compiled = compile_scene({"model": mjm, "objects": objects}, device)
+    with wp.ScopedDevice(compiled.device):
+        model, data = mjw.put_model(mjm), mjw.make_data(mjm, nworld=nworld, nconmax=32, njmax=128)
+        # "placed" writes cup and brick alone; `mjm` says which names the bodies of `model` have
+        randomizer = ResetRandomizer(compiled, model, data, seed=0, write="placed", mjm=mjm)
+        wp.to_torch(data.qvel)[:, mjm.body("ball").dofadr[0]] = 0.5  # m/s, once
+        for _ in range(3):
+            randomizer.reset()
+            for _ in range(steps):
+                mjw.step(model, data)
+            pos = wp.to_torch(data.xpos)
+            stand, ball = pos[:, mjm.body("cup").id, 2] > 0.5, pos[:, mjm.body("ball").id, 0]
+            print(f"{stand.float().mean():.0%} of the cups stand; the ball of world 0 is at x = {ball[0]:.2f} m")
+    print("brick:", randomizer.layouts.pose("brick")[:2].tolist())
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,39 @@
+"""A mesh of your own: made an asset, placed on a table in sixteen layouts, and drawn."""
+
+from pathlib import Path
+
+import trimesh
+import tyro
+
+from sceniris_gym import LayoutGenerator, cli, compile_scene
+from sceniris_gym.layout.tables import read_table
+from sceniris_gym.pictures.render import captioned, save
+
+
+def main(folder: Path = Path("own_mesh"), device: str | None = None) -> None:
+    """Import a mesh, and draw layouts of a scene with three of it.
+
+    Args:
+        folder: folder for the mesh, the asset and the picture.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    mesh = folder / "wedge.obj"  # here a made one: any OBJ, STL, PLY, GLB, DAE, URDF or USD file will do
+    trimesh.Trimesh(
+        vertices=[[0, 0, 0], [12, 0, 0], [12, 8, 0], [0, 8, 0], [0, 0, 6], [0, 8, 6]],
+        faces=[[0, 2, 1], [0, 3, 2], [0, 1, 4], [3, 5, 2], [0, 4, 3], [4, 5, 3], [1, 2, 4], [2, 5, 4]],
+    ).export(mesh)
+    cli.main(["import", str(mesh), "--scale", "cm", "-o", str(folder / "wedge.xml")])
+
+    wedge = {"asset": str(folder / "wedge.xml"), "on": "table", "orientation": "stable", "ratio_on_support": 1}
+    objects = {"table": {"asset": "table", "kind": "static"}, "first": wedge, "second": wedge, "third": wedge}
+    compiled = compile_scene({"objects": objects}, device)
+    generator = LayoutGenerator(compiled, 16, seed=0)
+    generator.generate()
+    table = read_table(generator)
+    save(captioned(compiled.mjm, table, [f"seed {seed}" for seed in table.seed]), folder / "layouts.png")
+    print(f"{table.valid.sum()} of 16 layouts are valid; {folder / 'layouts.png'} shows them")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
