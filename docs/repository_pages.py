@@ -32,6 +32,8 @@ PAGES = {
     **{path: PurePosixPath(path).with_suffix(".md").as_posix() for path in EXAMPLES},
 }
 """Paths in the repository, and the pages that are made from them."""
+_SPELLED = {"env": "environment", "gpus": "GPUs", "ppo": "PPO", "usd": "USD"}
+"""Words of file names that are spelled otherwise in titles."""
 _SOURCES = {page: source for source, page in PAGES.items()}
 _FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#:]+)(?P<anchor>#[^)\s]*)?\)")
@@ -84,8 +86,10 @@ def _cell(cell: dict) -> str:
 
 
 def _title(example: str) -> str:
-    """Return the name of an example: 'Vector env' for 'examples/01_vector_env.py'."""
-    return PurePosixPath(example).stem.lstrip("0123456789_").replace("_", " ").capitalize()
+    """Return the name of an example: 'Vector environment' for 'examples/01_vector_env.py'."""
+    words = PurePosixPath(example).stem.lstrip("0123456789_").split("_")
+    title = " ".join(_SPELLED.get(word, word) for word in words)
+    return title[0].upper() + title[1:]
 
 
 def _summary(example: str) -> str:
