@@ -51,13 +51,13 @@ class Html(HTMLParser):
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the site, as `make docs` does, into a folder of its own."""
+    """Build the site, as `make docs` does, into a folder of its own; what MkDocs printed is in its build.log."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    assert "WARNING" not in done.stderr
+    (folder / "build.log").write_text(done.stderr, encoding="utf-8")
     return folder
 
 
@@ -65,6 +65,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def pages(site: Path) -> dict[Path, Html]:
     """Return all pages by their paths."""
     return {path: Html(path) for path in site.rglob("*.html")}
+
+
+def test_the_site_builds_without_a_warning(site: Path):
+    """MkDocs warns of dead links and anchors, of pages that no one finds, and of names without a definition."""
+    log = (site / "build.log").read_text(encoding="utf-8")
+    assert "Documentation built" in log
+    assert "WARNING" not in log
 
 
 def test_every_page_is_in_the_navigation(site: Path, pages: dict[Path, Html]):
