@@ -64,7 +64,7 @@ def as_written(field: FieldInfo) -> str | None:
     """Return the default of a field as the table has it; None where the table may say what stands for None."""
     default = field.get_default(call_default_factory=True)
     if field.is_required() or field.validate_default:  # a default that is validated fails, and says what is missing
-        return "required"
+        return "*required*"
     if default is None:
         return None
     text = default if isinstance(default, str) else json.dumps(default)
