@@ -8,7 +8,7 @@ OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
 MJLAB := .venv-mjlab
 
-.PHONY: setup test test-marked-oldest test-oldest lint types test-recipes test-mjlab demo bench clean
+.PHONY: setup test test-marked-oldest test-oldest lint types docs test-recipes test-mjlab demo bench clean
 
 setup: $(STAMP)
 
@@ -48,6 +48,10 @@ lint: $(STAMP)
 types: $(STAMP)
 	$(BIN)/pyright
 
+# The site, into site/: every warning is an error, so dead links and anchors are.
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+
 # Libraries whose needs differ from those of the development environment, each in one of its own.
 test-recipes: $(addprefix test-recipe-,$(RECIPES))
 
@@ -71,4 +75,4 @@ bench: $(STAMP)
 	$(BIN)/sceniris-gym bench mid --num-envs 4096
 
 clean:
-	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) $(MJLAB) build dist demo *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) $(MJLAB) build dist demo site *.egg-info .pytest_cache .ruff_cache

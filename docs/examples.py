@@ -1,4 +1,4 @@
-"""The examples of a page: every YAML block with its picture below it."""
+"""The examples of the pages on the scene language: every YAML block with its picture below it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ruamel.yaml import YAML
 
 from sceniris_gym.config.scene import SceneConfig
 
-FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).parent / "language"
+PAGES = sorted(FOLDER.glob("*.md"))
 TEXT_KEY = "Scene"
 """Key of the PNG text that holds the example from which the picture was drawn."""
 _BLOCK = re.compile(r"^```yaml\n(?P<text>.*?)^```$(?P<rest>[^`]*)", re.MULTILINE | re.DOTALL)
@@ -64,19 +65,20 @@ class Example:
         return YAML(typ="safe", pure=True).load(self.text)
 
 
-def read_examples(page: Path) -> list[Example]:
-    """Return the examples of a page in order.
+def read_examples(*pages: Path) -> list[Example]:
+    """Return the examples of pages in order.
 
     Raises:
         ValueError: an example without a picture, or two with the same one.
     """
     found: dict[Path, Example] = {}
-    for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
-        picture = _PICTURE.match(block["rest"])
-        if picture is None:
-            raise ValueError(f"{page}: an example has no picture below it:\n{block['text']}")
-        path = page.parent / picture["path"]
-        if path in found:
-            raise ValueError(f"{page}: '{picture['path']}' is the picture of two examples.")
-        found[path] = Example(block["text"], picture["caption"], path)
+    for page in pages:
+        for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
+            picture = _PICTURE.match(block["rest"])
+            if picture is None:
+                raise ValueError(f"{page}: an example has no picture below it:\n{block['text']}")
+            path = page.parent / picture["path"]
+            if path in found:
+                raise ValueError(f"{page}: '{picture['path']}' is the picture of two examples.")
+            found[path] = Example(block["text"], picture["caption"], path)
     return list(found.values())

@@ -77,7 +77,7 @@ class SupportConfig:
 
 
 class ObjectConfig(Section):
-    """One object of the scene; docs/placement.md explains each word."""
+    """One object of the scene; docs/language/ explains each word."""
 
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]")

@@ -31,7 +31,7 @@ class Cover(IntEnum):
 
 
 class Cause(IntEnum):
-    """The cause for which a candidate is rejected; docs/placement.md describes each."""
+    """The cause for which a candidate is rejected; docs/language/sampling.md describes each."""
 
     NONE = 0
     OVERHEAD = 1

@@ -19,7 +19,8 @@ class Touch:
 
     Args:
         s: The worlds.
-        first, second: Names of bodies. Only the geoms of a body itself count, not those of its children.
+        first: Names of bodies. Only the geoms of a body itself count, not those of its children.
+        second: Names of other bodies, by the same rule.
 
     Raises:
         UnknownNameError: The scene has no such body.

@@ -1,7 +1,7 @@
-"""The pictures of placement.md: 64 layouts of each example, seen from above.
+"""The pictures of docs/language: 64 layouts of each example, seen from above.
 
-python -m docs.make_placement            # all of them, about half a minute
-python -m docs.make_placement near any   # some of them
+python -m docs.make_language            # all of them, about half a minute
+python -m docs.make_language near any   # some of them
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from matplotlib.path import Path
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from docs.examples import FOLDER, TEXT_KEY, Example, read_examples
+from docs.examples import PAGES, TEXT_KEY, Example, read_examples
 from docs.seen import Bounds, View
 from sceniris_gym.config.fields import FLOOR
 
-PAGE = FOLDER / "placement.md"
 LAYOUTS = 64
 _SIZE, _DPI = (4.8, 3.6), 100  # inches; 480 x 360 pixels
 _COLORS = 64  # in a picture's palette: halves its size
@@ -32,6 +31,7 @@ _DOTS = ("#1668b8", "#d2601a", "#2e8b3d", "#8a4fb0")
 _INK, _PALE, _SHADE, _NAMED, _OTHER = "#333333", "#8c8c8c", "#d3e6f6", "#dcb988", "#e2e2e2"
 _TICK, _WEDGE = 0.022, 0.04  # sizes of marks, as fractions of the width
 _FROM_THE_FRONT = ("region_space", "gap")  # examples that are about height
+_WITHOUT_REGIONS = ("first",)  # examples whose anchors move, so that each world has another region
 _NEARER = {"beside": (-0.3, 0.45, -0.1, 0.46)}  # examples shown closer up: low and high x, low and high y [m]
 
 
@@ -83,7 +83,7 @@ def _draw_surroundings(axes: Axes, view: View, placed: Sequence[str], jointed: S
             for support in view.supports(name, i):
                 _fill(axes, support, facecolor="none", edgecolor=_INK, linewidth=1.1, zorder=5.8)
                 _fill(axes, support, facecolor="white", edgecolor="none", alpha=thick, zorder=below)
-            if (region := view.region(name, i)) is not None:
+            if view.config.name not in _WITHOUT_REGIONS and (region := view.region(name, i)) is not None:
                 _fill(axes, region, facecolor=_SHADE, edgecolor="none", alpha=thick, zorder=below)
 
 
@@ -203,13 +203,13 @@ def _small(picture: io.BytesIO, example: Example) -> bytes:
 def main(names: Sequence[str]) -> None:
     """Draw the named pictures, or all of them."""
     matplotlib.use("Agg")
-    examples = {e.name: e for e in read_examples(PAGE)}
+    examples = {e.name: e for e in read_examples(*PAGES)}
     if unknown := set(names) - set(examples):
         sys.exit(f"There is no example {', '.join(sorted(unknown))}. Examples: {', '.join(examples)}.")
     for name in names or examples:
         picture = draw(examples[name])
         examples[name].picture.write_bytes(picture)
-        print(f"{examples[name].picture.relative_to(FOLDER)}: {len(picture) / 1024:.0f} KB")
+        print(f"{examples[name].picture.name}: {len(picture) / 1024:.0f} KB")
 
 
 if __name__ == "__main__":

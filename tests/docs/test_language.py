@@ -1,4 +1,4 @@
-"""The page on placement: every example loads, can be made, lies where its picture shows it, and has that picture."""
+"""The pages on the scene language: every example loads, can be made, and lies where its picture shows it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from docs.examples import FOLDER, TEXT_KEY, Example, read_examples
+from docs.examples import FOLDER, PAGES, TEXT_KEY, Example, read_examples
 from docs.seen import View
 from sceniris_gym import errors
 from sceniris_gym.config.groups import GroupConfig
@@ -25,8 +25,8 @@ from sceniris_gym.program.checks import oddities
 from sceniris_gym.program.device import Cause
 from tests.oracle.hostile_judge import KICK
 
-PAGE = FOLDER / "placement.md"
-EXAMPLES = read_examples(PAGE)
+EXAMPLES = read_examples(*PAGES)
+TEXT = "".join(page.read_text(encoding="utf-8") for page in PAGES)
 PARTS = (
     *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig),
     *(*KINDS, Connection, Distance, Orientation, Stable),
@@ -65,20 +65,26 @@ def test_an_example_has_three_lines(example: Example) -> None:
 
 
 def test_prose_is_wrapped() -> None:
-    """Lines of the page are no longer than those of the code, but for tables and for the list of words."""
-    lines = PAGE.read_text(encoding="utf-8").splitlines()
-    assert [line for line in lines if len(line) > 120 and not line.startswith(("|", "- [", "!["))] == []
+    """Lines of the pages are no longer than those of the code, but for tables and pictures."""
+    assert [line for line in TEXT.splitlines() if len(line) > 120 and not line.startswith(("|", "!["))] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_a_page_is_short(page: Path) -> None:
+    """It has one topic; the table of all words may be longer."""
+    assert page.stem == "words" or page.stat().st_size < 8_200
 
 
 def test_every_block_of_yaml_is_an_example_and_every_picture_has_one() -> None:
-    """Nothing is left over in the page or in its folder."""
-    assert len(EXAMPLES) == PAGE.read_text(encoding="utf-8").count("```yaml")
-    assert {e.picture for e in EXAMPLES} == set((FOLDER / "placement").glob("*.png"))
+    """Nothing is left over in the pages or in the folder of pictures."""
+    assert len(EXAMPLES) == TEXT.count("```yaml")
+    assert {e.picture for e in EXAMPLES} == set((FOLDER / "examples").glob("*.png"))
 
 
 def test_every_word_of_the_scene_file_is_explained() -> None:
-    """All keys of all parts, all forms of an orientation and all causes stand in the page as words."""
-    explained = set(re.findall(r"`([a-z_]+)`", PAGE.read_text(encoding="utf-8")))
+    """All keys of all parts, all forms of an orientation and all causes stand in the pages as words."""
+    prose = "".join(page.read_text(encoding="utf-8") for page in PAGES if page.stem != "words")
+    explained = set(re.findall(r"`([a-z_]+)`", prose))
     keys = {field.alias or key for part in PARTS for key, field in part.model_fields.items()}
     causes = {cause.name.lower() for cause in Cause if cause != Cause.NONE}
     words = {"fixed", "any", "stable", "free", "fixture", "static", "marker", "anchor", "support", "world", "base"}
@@ -94,9 +100,13 @@ def test_bounds_of_an_object_that_is_faced_are_seen_in_its_heading() -> None:
         np.testing.assert_allclose(ahead / np.linalg.norm(ahead), chair.front, atol=1e-4)
 
 
-def _section(heading: str) -> str:
-    text = PAGE.read_text(encoding="utf-8")
-    return text.split(f"## {heading}\n")[1].split("\n## ")[0]
+def _page(name: str) -> str:
+    return (FOLDER / f"{name}.md").read_text(encoding="utf-8")
+
+
+def _rows(text: str) -> list[str]:
+    """Return the rows of all tables of a text, without their heads."""
+    return re.findall(r"^\| (?!what)[^\n]*", text, re.MULTILINE)
 
 
 def _raised() -> Iterator[tuple[Path, str, str]]:
@@ -152,7 +162,7 @@ def _about_models() -> Iterator[str]:
 
 def test_what_is_not_supported_is_listed_in_the_words_of_its_error() -> None:
     """Each row quotes an error; each error about a model is quoted by a row."""
-    rows = [line.split("|")[2] for line in _section("What is not supported").splitlines() if line.startswith("| ")][1:]
+    rows = [row.split("|")[2] for row in _rows(_page("unsupported"))]
     quotes = [re.findall(r'"([^"]+)"', row) for row in rows]
     assert len(rows) > 15
     assert all(quotes)
@@ -164,15 +174,15 @@ def test_what_is_not_supported_is_listed_in_the_words_of_its_error() -> None:
 
 
 def test_the_bound_on_kicks_is_that_of_the_judge() -> None:
-    """The text has the judge's bounds on accelerations beyond gravity and springs, for slides and for hinges."""
-    text = " ".join(_section("`joints`").split())
+    """The page has the judge's bounds on accelerations beyond gravity and springs, for slides and for hinges."""
+    text = " ".join(_page("joints").split())
     assert f"plus {KICK:g} m/s2 for a slide" in text
     assert f"it is {KICK:g} m/s2 over the radius of gyration" in text
 
 
 def test_warnings_are_listed_with_their_numbers() -> None:
     """Those of the code."""
-    text = _section("Warnings")
+    text = _page("limits").split("## Warnings\n")[1].split("\n## ")[0]
     least, most = oddities._SMALLEST, oddities._LARGEST
     for number in (
         f"{oddities._FILLED:g} times",
@@ -181,6 +191,5 @@ def test_warnings_are_listed_with_their_numbers() -> None:
         f"{oddities._FINE:g} m",
     ):
         assert number in text
-    rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
     kinds = re.findall(r"def _\w+\(plan: Plan\)", Path(str(oddities.__file__)).read_text(encoding="utf-8"))
-    assert len(rows) == len(kinds)
+    assert len(_rows(text)) == len(kinds)

@@ -1,0 +1,118 @@
+"""Pages of the site that are made from files beside docs/, and links between the two.
+
+A hook of MkDocs: links in Markdown are those of the repository, so that they also work where the files are read there.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+from pathlib import Path, PurePosixPath
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted(
+    path.relative_to(ROOT).as_posix() for path in (ROOT / "examples").glob("*") if path.suffix in (".py", ".ipynb")
+)
+LIST = "examples/index.md"
+"""The page that lists the examples; in the navigation they follow it."""
+PAGES = {
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security.md",
+    "assets/README.md": "assets.md",
+    "benchmarks/NOTES.md": "experiments.md",
+    "benchmarks/RESULTS.md": "measurements.md",
+    "examples": LIST,
+    **{path: PurePosixPath(path).with_suffix(".md").as_posix() for path in EXAMPLES},
+}
+"""Paths in the repository, and the pages that are made from them."""
+_SPELLED = {"env": "environment", "gpus": "GPUs", "ppo": "PPO", "usd": "USD"}
+"""Words of file names that are spelled otherwise in titles."""
+_SOURCES = {page: source for source, page in PAGES.items()}
+_FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
+_LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#:]+)(?P<anchor>#[^)\s]*)?\)")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put the examples into the navigation, below their list."""
+    config.nav = _with_examples(config.nav)
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages."""
+    for source, page in PAGES.items():
+        files.append(File.generated(config, page, content=_content(source)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Return the page with links to files of the repository as links to pages of the site."""
+    parts = _FENCE.split(markdown)
+    parts[::2] = [_LINK.sub(lambda link: _on_site(link, page.file.src_uri), part) for part in parts[::2]]
+    return "".join(parts)
+
+
+def _with_examples(nav: object) -> object:
+    if isinstance(nav, list):
+        return [_with_examples(entry) for entry in nav]
+    if isinstance(nav, dict):
+        return {title: _with_examples(entry) for title, entry in nav.items()}
+    return [LIST, *({_title(path): PAGES[path]} for path in EXAMPLES)] if nav == LIST else nav
+
+
+def _content(source: str) -> str:
+    if source == "examples":
+        rows = [f"| [{_title(path)}]({PurePosixPath(path).name}) | {_summary(path)} |" for path in EXAMPLES]
+        return "\n".join(("# Examples\n", "| example | content |", "|---|---|", *rows, ""))
+    text = (ROOT / source).read_text(encoding="utf-8")
+    if source.endswith(".ipynb"):
+        return "\n\n".join([*map(_cell, json.loads(text)["cells"]), f"This page is the notebook `{source}`.\n"])
+    if source.endswith(".py"):
+        doc = ast.get_docstring(ast.parse(text))
+        return f"# {_title(source)}\n\n{doc}\n\nThe file `{source}`:\n\n```python\n{text}```\n"
+    return text
+
+
+def _cell(cell: dict) -> str:
+    text = "".join(cell["source"])
+    return text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```"
+
+
+def _title(example: str) -> str:
+    """Return the name of an example: 'Vector environment' for 'examples/01_vector_env.py'."""
+    words = PurePosixPath(example).stem.lstrip("0123456789_").split("_")
+    title = " ".join(_SPELLED.get(word, word) for word in words)
+    return title[0].upper() + title[1:]
+
+
+def _summary(example: str) -> str:
+    """Return the first line that an example has about itself."""
+    text = (ROOT / example).read_text(encoding="utf-8")
+    if example.endswith(".py"):
+        return (ast.get_docstring(ast.parse(text)) or "").splitlines()[0]
+    first = json.loads(text)["cells"][0]["source"]
+    return "".join(first[1:]).strip().replace("\n", " ")
+
+
+def _on_site(link: re.Match, page: str) -> str:
+    """Return a link of a page as the site needs it; a file that is no page leaves its text alone."""
+    source = _SOURCES.get(page, f"docs/{page}")
+    folder = PurePosixPath(source) if source == "examples" else PurePosixPath(source).parent
+    target = os.path.normpath(folder / link["target"])
+    if target.startswith("docs/"):
+        found = target.removeprefix("docs/")
+    elif target in PAGES:
+        found = PAGES[target]
+    elif (ROOT / target).exists():
+        return link["text"]
+    else:
+        return link[0]
+    relative = os.path.relpath(found, PurePosixPath(page).parent)
+    return f"{link['image']}[{link['text']}]({relative}{link['anchor'] or ''})"
