@@ -1,0 +1,77 @@
+"""The guides: programs run as they stand, pages name every command and scene, and prose is wrapped."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sceniris_gym import SceneConfig
+from sceniris_gym.cli import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "viewer")
+OURS = (*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "data_sets", "import", "libraries", "mjlab")
+BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+
+
+def read(page: str) -> str:
+    """Return the text of a page."""
+    return (DOCS / f"{page}.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["index", "own_model", "own_task", "tasks"])
+def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """In their order, in a folder with the examples; files that the page names are written there first."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    found: list[dict] = []
+    for kind, title, text in BLOCK.findall(read(page)):
+        if title:
+            (tmp_path / title).write_text(text, encoding="utf-8")
+        if kind == "yaml":
+            SceneConfig.load(tmp_path / title)
+        elif title != "my_tasks.py":  # which the others import
+            found.append({})
+            exec(compile(text, f"{page}.md", "exec"), found[-1])
+    sys.modules.pop("my_tasks", None)
+    if page == "index":
+        assert found[0]["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
+        assert set(found[1]["randomizer"].layouts.episode.numpy()) == {1}
+    if page == "own_model":
+        assert set(found[0]["randomizer"].layouts.episode.numpy()) == {1}
+        assert np.flatnonzero(found[1]["randomizer"].layouts.episode.numpy() == 0).tolist() == [3, 5]
+        assert found[1]["poses"].shape == (64, 7)
+
+
+def test_every_command_has_a_section():
+    """And a row of the table that says what it is for."""
+    page = read("commands")
+    sections = {name for title in re.findall(r"^## (.+)$", page, re.MULTILINE) for name in title.split(", ")}
+    assert sections == set(COMMANDS)
+    assert [name for name in COMMANDS if f"`{name}`" not in page.split("\n## ")[0]] == []
+
+
+def test_every_scene_is_named():
+    """On the page of the commands, those of the tasks too."""
+    named = re.findall(r"`(\w+)`", read("commands").partition("`SCENE`")[2].partition("All commands")[0])
+    assert sorted(named) == sorted(path.stem for path in ROOT.glob("envs/*.yaml"))
+
+
+def test_every_example_is_linked_from_a_guide():
+    """The numbered programs and the notebook."""
+    linked = set(re.findall(r"\]\(\.\./examples/([\w.]+)\)", "".join(read(page) for page in OURS)))
+    assert {path.name for path in ROOT.glob("examples/[0-9]*.py")} | {"tour.ipynb"} <= linked
+
+
+@pytest.mark.parametrize("page", OURS)
+def test_prose_is_wrapped(page: str):
+    """As in the code, but for tables, pictures and programs."""
+    text = re.sub(r"^```.*?^```$", "", read(page), flags=re.MULTILINE | re.DOTALL)
+    assert [line for line in text.splitlines() if len(line) > 120 and not line.startswith(("|", "!["))] == []
