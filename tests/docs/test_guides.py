@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs.make_drawings import DRAWINGS, FILLS, FOLDER
 from sceniris_gym import SceneConfig
 from sceniris_gym.cli import COMMANDS
 
@@ -75,3 +76,18 @@ def test_prose_is_wrapped(page: str):
     """As in the code, but for tables, pictures and programs."""
     text = re.sub(r"^```.*?^```$", "", read(page), flags=re.MULTILINE | re.DOTALL)
     assert [line for line in text.splitlines() if len(line) > 120 and not line.startswith(("|", "!["))] == []
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_a_drawing_is_as_its_script_draws_it(name: str):
+    """`python -m docs.make_drawings` draws it anew."""
+    assert (FOLDER / f"{name}.svg").read_text(encoding="utf-8") == DRAWINGS[name]().text()
+    assert f"drawings/{name}.svg" in read("how_it_works")
+
+
+def test_white_text_is_readable_on_every_box():
+    """The contrast of WCAG, at least 4.5, on boxes of all roles; so it is on light and on dark pages."""
+    for colour in FILLS.values():
+        channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
+        assert 1.05 / (0.2126 * red + 0.7152 * green + 0.0722 * blue + 0.05) >= 4.5, colour
