@@ -16,7 +16,7 @@ from sceniris_gym.cli import COMMANDS
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "viewer")
-OURS = (*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "data_sets", "import", "libraries", "mjlab")
+OURS = (*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "data_sets", "import", "libraries", "mjlab", "training", "reach")
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 
 
