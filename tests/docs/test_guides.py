@@ -15,8 +15,11 @@ from sceniris_gym.cli import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "viewer")
-OURS = (*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "data_sets", "import", "libraries", "mjlab", "training", "reach")
+WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks")
+PAGES = (
+    *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
+    *("libraries", "mjlab", "training", "reach"),
+)
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 
 
@@ -26,7 +29,7 @@ def read(page: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["index", "own_model", "own_task", "tasks"])
+@pytest.mark.parametrize("page", WITH_PROGRAMS)
 def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """In their order, in a folder with the examples; files that the page names are written there first."""
     monkeypatch.chdir(tmp_path)
@@ -67,11 +70,11 @@ def test_every_scene_is_named():
 
 def test_every_example_is_linked_from_a_guide():
     """The numbered programs and the notebook."""
-    linked = set(re.findall(r"\]\(\.\./examples/([\w.]+)\)", "".join(read(page) for page in OURS)))
+    linked = set(re.findall(r"\]\(\.\./examples/([\w.]+)\)", "".join(read(page) for page in PAGES)))
     assert {path.name for path in ROOT.glob("examples/[0-9]*.py")} | {"tour.ipynb"} <= linked
 
 
-@pytest.mark.parametrize("page", OURS)
+@pytest.mark.parametrize("page", PAGES)
 def test_prose_is_wrapped(page: str):
     """As in the code, but for tables, pictures and programs."""
     text = re.sub(r"^```.*?^```$", "", read(page), flags=re.MULTILINE | re.DOTALL)

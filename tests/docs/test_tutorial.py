@@ -62,7 +62,8 @@ def test_every_step_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
                 run(command, tmp_path)
                 printed = capsys.readouterr().out
                 if command.startswith("sceniris-gym check"):
-                    assert f"{re.search(r'first one is (.+)', printed)[1]} --scene" in PAGE.read_text(encoding="utf-8")
+                    (first,) = re.findall(r"first one is (.+)", printed)
+                    assert f"replay {first} --scene" in PAGE.read_text(encoding="utf-8")
     assert re.fullmatch(r"\d of 8 layouts failed:( 11b8031e193d8421:eval:\d:0)*\n", printed)
     names = {path.name for path in tmp_path.iterdir()}
     assert {"layout.png", "arm.png", "verdicts.json", "results"} <= names
