@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from docs.make_drawings import DRAWINGS, FILLS, FOLDER
-from sceniris_gym import SceneConfig
+from sceniris_gym import SceneConfig, cli
 from sceniris_gym.cli import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -52,6 +52,21 @@ def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pyt
         assert set(found[0]["randomizer"].layouts.episode.numpy()) == {1}
         assert np.flatnonzero(found[1]["randomizer"].layouts.episode.numpy() == 0).tolist() == [3, 5]
         assert found[1]["poses"].shape == (64, 7)
+
+
+def test_the_program_of_the_page_on_data_sets_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """On a data set of 16 layouts, read in one process; the source serves its rows."""
+    monkeypatch.chdir(tmp_path)
+    cli.main(["generate", "mid", "-n", "16", "-o", "layouts/mid", "--device", "cpu"])
+    ((_, _, program),) = BLOCK.findall(read("data_sets"))
+    smaller = {"100_000": "16", "4096": "4", '"mid"': '"mid", "cpu"', ", num_workers=4": ""}
+    for before, after in smaller.items():
+        program = program.replace(before, after)
+    names: dict = {}
+    exec(compile(program, "data_sets.md", "exec"), names)
+    assert names["batch"]["qpos"].shape[0] == 16
+    names["source"].generate()
+    assert names["source"].layouts.seed.numpy().max() < 16
 
 
 def test_every_command_has_a_section():
