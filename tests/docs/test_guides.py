@@ -1,0 +1,111 @@
+"""The guides: programs run as they stand, pages name every command and scene, and prose is wrapped."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from docs.make_drawings import DRAWINGS, FILLS, FOLDER
+from sceniris_gym import SceneConfig, cli
+from sceniris_gym.cli import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks")
+PAGES = (
+    *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
+    *("libraries", "mjlab", "training", "reach"),
+)
+BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+
+
+def read(page: str) -> str:
+    """Return the text of a page."""
+    return (DOCS / f"{page}.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_PROGRAMS)
+def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """In their order, in a folder with the examples; files that the page names are written there first."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    found: list[dict] = []
+    for kind, title, text in BLOCK.findall(read(page)):
+        if title:
+            (tmp_path / title).write_text(text, encoding="utf-8")
+        if kind == "yaml":
+            SceneConfig.load(tmp_path / title)
+        elif title != "my_tasks.py":  # which the others import
+            found.append({})
+            exec(compile(text, f"{page}.md", "exec"), found[-1])
+    sys.modules.pop("my_tasks", None)
+    if page == "index":
+        assert found[0]["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
+        assert set(found[1]["randomizer"].layouts.episode.numpy()) == {1}
+    if page == "own_model":
+        assert set(found[0]["randomizer"].layouts.episode.numpy()) == {1}
+        assert np.flatnonzero(found[1]["randomizer"].layouts.episode.numpy() == 0).tolist() == [3, 5]
+        assert found[1]["poses"].shape == (64, 7)
+
+
+def test_the_program_of_the_page_on_data_sets_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """On a data set of 16 layouts, read in one process; the source serves its rows."""
+    monkeypatch.chdir(tmp_path)
+    cli.main(["generate", "mid", "-n", "16", "-o", "layouts/mid", "--device", "cpu"])
+    ((_, _, program),) = BLOCK.findall(read("data_sets"))
+    smaller = {"100_000": "16", "4096": "4", '"mid"': '"mid", "cpu"', ", num_workers=4": ""}
+    for before, after in smaller.items():
+        program = program.replace(before, after)
+    names: dict = {}
+    exec(compile(program, "data_sets.md", "exec"), names)
+    assert names["batch"]["qpos"].shape[0] == 16
+    names["source"].generate()
+    assert names["source"].layouts.seed.numpy().max() < 16
+
+
+def test_every_command_has_a_section():
+    """And a row of the table that says what it is for."""
+    page = read("commands")
+    sections = {name for title in re.findall(r"^## (.+)$", page, re.MULTILINE) for name in title.split(", ")}
+    assert sections == set(COMMANDS)
+    assert [name for name in COMMANDS if f"`{name}`" not in page.split("\n## ")[0]] == []
+
+
+def test_every_scene_is_named():
+    """On the page of the commands, those of the tasks too."""
+    named = re.findall(r"`(\w+)`", read("commands").partition("`SCENE`")[2].partition("All commands")[0])
+    assert sorted(named) == sorted(path.stem for path in ROOT.glob("envs/*.yaml"))
+
+
+def test_every_example_is_linked_from_a_guide():
+    """The numbered programs and the notebook."""
+    linked = set(re.findall(r"\]\(\.\./examples/([\w.]+)\)", "".join(read(page) for page in PAGES)))
+    assert {path.name for path in ROOT.glob("examples/[0-9]*.py")} | {"tour.ipynb"} <= linked
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_prose_is_wrapped(page: str):
+    """As in the code, but for tables, pictures and programs."""
+    text = re.sub(r"^```.*?^```$", "", read(page), flags=re.MULTILINE | re.DOTALL)
+    assert [line for line in text.splitlines() if len(line) > 120 and not line.startswith(("|", "!["))] == []
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_a_drawing_is_as_its_script_draws_it(name: str):
+    """`python -m docs.make_drawings` draws it anew."""
+    assert (FOLDER / f"{name}.svg").read_text(encoding="utf-8") == DRAWINGS[name]().text()
+    assert f"drawings/{name}.svg" in read("how_it_works")
+
+
+def test_white_text_is_readable_on_every_box():
+    """The contrast of WCAG, at least 4.5, on boxes of all roles; so it is on light and on dark pages."""
+    for colour in FILLS.values():
+        channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
+        assert 1.05 / (0.2126 * red + 0.7152 * green + 0.0722 * blue + 0.05) >= 4.5, colour
