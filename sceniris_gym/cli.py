@@ -35,8 +35,8 @@ from sceniris_gym.commands.options import (
 )
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import NotSupportedError, ScenirisError
-from sceniris_gym.files import UNWRITABLE, check_picture
-from sceniris_gym.training.records import CONFIG, as_json
+from sceniris_gym.files import UNWRITABLE, as_json, check_picture
+from sceniris_gym.training.records import CONFIG
 from sceniris_gym.training.settings import Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, opened_page
 

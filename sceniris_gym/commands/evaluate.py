@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.files import replacing
+from sceniris_gym.files import as_json, replacing
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import MODEL, as_json, read_config, share, without_layouts
+from sceniris_gym.training.records import MODEL, read_config, share, without_layouts
 from sceniris_gym.training.runner import runner_of
 
 

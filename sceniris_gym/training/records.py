@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.files import as_json as as_json  # the program takes it from here
 from sceniris_gym.training.settings import Settings
 
 CONFIG, LOG, MODEL, JUDGED = "config.json", "log.jsonl", "model.pt", "judged.json"
