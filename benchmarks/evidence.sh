@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make the training runs of RESULTS.md: benchmarks/evidence.sh FOLDER [PART]
+# Make the training runs of TRAININGS.md: benchmarks/evidence.sh FOLDER [PART]
 #
 # PART is one of
 #   figures  one run on each GPU: does training on fresh layouts reach its target in time?

@@ -15,8 +15,8 @@ the baseline, a map filled with random joint configurations. A map's verdicts ar
 have moved together, and after the target has rotated about the base; `changed` is the share that changed in the worse
 of both cases, `changed_beside_mixed` the number of changes where neither cell was mixed.
 
-The exit status is 1 if a target of the table in RESULTS.md is missed by an arm's default tier or by `map_strict`, or if
-a solution is not confirmed by MuJoCo's forward kinematics.
+The exit status is 1 if an arm's default tier or `map_strict` misses a target, or if MuJoCo's forward kinematics does
+not confirm a solution.
 """
 
 from __future__ import annotations

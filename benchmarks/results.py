@@ -23,8 +23,8 @@ Each column is one run of `benchmarks/run.sh` on one commit and one machine. Rat
 are medians of wall-clock times with the device idle before and after. Accuracy is checked by code that imports nothing
 from the generator: FCL and winding numbers for collisions, MuJoCo C for penetration and settling, NumPy and shapely for
 supports and relations, exact inverse kinematics for reach. A value in brackets is that of the run before, where it
-differs. What takes hours, or packages of others, was measured apart: [trainings](TRAININGS.md), and
-[imports, models of others and long runs](OTHER_RESULTS.md).
+differs; figures that a run did not measure are left out. What takes hours, or packages of others, was measured apart:
+[trainings](TRAININGS.md), and [imports, models of others and long runs](OTHER_RESULTS.md).
 
 """
 
@@ -64,8 +64,8 @@ def page(kept: Sequence[Run]) -> str:
     text = _HEAD + "".join(f"- {_machine(column)}\n" for column in columns)
     names = " | ".join(_short(column[0]) for column in columns)
     for title, figures in sections().items():
-        text += f"\n## {title}\n\n| figure | target | {names} | command |\n{'|---' * (len(columns) + 3)}|\n"
-        text += "".join(_row(figure, columns) for figure in figures)
+        if rows := "".join(_row(figure, columns) for figure in figures):
+            text += f"\n## {title}\n\n| figure | target | {names} | command |\n{'|---' * (len(columns) + 3)}|\n{rows}"
     return text
 
 

@@ -27,7 +27,9 @@ PAGES = {
     "SECURITY.md": "security.md",
     "assets/README.md": "assets.md",
     "benchmarks/NOTES.md": "experiments.md",
+    "benchmarks/OTHER_RESULTS.md": "other_measurements.md",
     "benchmarks/RESULTS.md": "measurements.md",
+    "benchmarks/TRAININGS.md": "trainings.md",
     "examples": LIST,
     **{path: PurePosixPath(path).with_suffix(".md").as_posix() for path in EXAMPLES},
 }

@@ -12,7 +12,6 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -152,31 +151,6 @@ def test_the_tour_runs_from_top_to_bottom(capsys: pytest.CaptureFixture[str]):
         if stored and "rewards" not in stored[0]:  # of actions that nobody seeded
             assert stored[0] in capsys.readouterr().out
     assert len(cells) == 8
-
-
-def test_the_readme_names_every_scene():
-    """Under "Commands", those of the tasks too."""
-    commands = (EXAMPLES.parent / "README.md").read_text().partition("## Commands")[2]
-    named = re.findall(r"`(\w+)`", commands.partition("All commands")[0])
-    assert sorted(named) == sorted(["SCENE", *(path.stem for path in EXAMPLES.parent.glob("envs/*.yaml"))])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("block", range(3))
-def test_the_programs_in_the_readme_run(block: int, monkeypatch: pytest.MonkeyPatch):
-    """As they stand, from the repository's root; the reset of a few worlds gave those their next episode."""
-    monkeypatch.chdir(EXAMPLES.parent)
-    programs = re.findall(r"```python\n(.*?)```", Path("README.md").read_text(), flags=re.DOTALL)
-    assert len(programs) == 3
-    names: dict = {}
-    exec(programs[block], names)
-    if block == 0:
-        assert names["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
-    elif block == 1:
-        assert set(names["randomizer"].layouts.episode.numpy()) == {1}
-    else:
-        assert np.flatnonzero(names["randomizer"].layouts.episode.numpy() == 0).tolist() == [3, 5]
-        assert names["poses"].shape == (64, 7)
 
 
 @pytest.mark.slow

@@ -54,6 +54,21 @@ def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pyt
         assert found[1]["poses"].shape == (64, 7)
 
 
+@pytest.mark.slow
+def test_the_programs_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """In a folder that holds its scene file; the whole of it takes at most 8 KB."""
+    monkeypatch.chdir(tmp_path)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(readme.encode()) <= 8192
+    (_, _, environment), (_, _, scene), (_, _, loop) = BLOCK.findall(readme)
+    Path("drawers.yaml").write_text(scene, encoding="utf-8")
+    names: dict = {}
+    exec(compile(environment, "README.md", "exec"), names)
+    assert names["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
+    exec(compile(loop, "README.md", "exec"), names)
+    assert set(names["randomizer"].layouts.episode.numpy()) == {1}
+
+
 def test_the_program_of_the_page_on_data_sets_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """On a data set of 16 layouts, read in one process; the source serves its rows."""
     monkeypatch.chdir(tmp_path)

@@ -206,7 +206,7 @@ def measure(
     row["joints"] = len(arm.joints)
     if poses:
         asked = poses_around(alone, poses, 0)
-        by_map = None if map_file is None else ReachMap.load(map_file, arm, "Build it again, as RESULTS.md says.")
+        by_map = None if map_file is None else ReachMap.load(map_file, arm, "Build it again, as OTHER_RESULTS.md says.")
         ours = judge_poses(alone.mjm, arm, by_map, asked, Tier.IK if by_map is None else Tier.MAP, device)
         kinematic, free = judged(alone, asked)
         theirs = free if by_map is None else kinematic

@@ -1,4 +1,4 @@
-"""The table of systems, and that the README has it."""
+"""The table of systems, and that the page of results has it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from benchmarks.paper.comparison import HEAD, comparison, others
 from benchmarks.paper.figures import Experiment
 from benchmarks.paper.rows import Row
 
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[3] / "docs" / "results.md"
 
 
 def test_own_rows_come_first_the_largest_at_the_top():
@@ -34,7 +34,7 @@ def test_own_rows_come_first_the_largest_at_the_top():
     ]
 
 
-def test_the_readme_has_what_others_report():
+def test_the_page_has_what_others_report():
     """Line by line, below the same head."""
-    lines = README.read_text(encoding="utf-8").splitlines()
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
     assert set(others()) | set(HEAD) <= set(lines)

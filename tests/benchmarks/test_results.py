@@ -1,0 +1,73 @@
+"""The page of results: made of the latest runs, each beside the one before."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks import results
+from benchmarks.figures import Run
+
+ABOUT = {
+    "commit": "abc1234",
+    "date": "2026-01-02",
+    "device": "cuda:0",
+    "processor": "P",
+    "cores": 4,
+    "python": "3.12.1",
+    "versions": {"mujoco": "4.0.0"},
+    "card": "NVIDIA H100",
+    "driver": "1.2",
+}
+RATE = {"scene": "mid", "num_envs": 4096, "valid_per_s": 5000, "ms": 0.25, "ms_of_2_percent": 0.125}
+
+
+def run(name: str, **values: object) -> Run:
+    """Return a run with a rate of its own."""
+    return Run({"about": [ABOUT | values], "rates": [RATE | values]}, name)
+
+
+def test_the_page_is_that_of_the_kept_runs():
+    """`python -m benchmarks.results` was run after the last change."""
+    kept = results.runs(results.HERE / "runs")
+    assert results.PAGE.read_text(encoding="utf-8") == results.page(kept)
+
+
+def test_a_figure_stands_beside_that_of_the_run_before():
+    """In brackets, where it differs; sections without a figure are left out, and so are the older runs."""
+    text = results.page([run("c"), run("b", valid_per_s=4000), run("a", valid_per_s=3000)])
+    assert "5,000; 0.25 ms; 0.125 ms (4,000; 0.25 ms; 0.125 ms)" in text
+    assert "The run before: b." in text
+    assert "3,000" not in text
+    assert "## Reach" not in text
+    assert "(" not in results.page([run("b"), run("a")]).partition("## Layouts")[2]
+
+
+def test_a_run_on_a_cpu_has_a_column_of_its_own():
+    """Beside that of the GPU, and without a card."""
+    text = results.page([run("b"), run("a", device="cpu", valid_per_s=70)])
+    assert "| figure | target | H100 | CPU | command |" in text
+    assert "| 5,000; 0.25 ms; 0.125 ms | 70; 0.25 ms; 0.125 ms |" in text
+
+
+def test_what_run_sh_left_is_kept_as_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """By date, card and commit; lines that are not JSON are not taken."""
+    monkeypatch.setattr(results, "HERE", tmp_path)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "about.jsonl").write_text(json.dumps(ABOUT))
+    (tmp_path / "rates.jsonl").write_text("Warp says hello\n" + json.dumps(RATE))
+    file = results.keep(tmp_path)
+    assert file.name == "2026-01-02_nvidia_h100_abc1234.json"
+    (kept,) = results.runs(file.parent)
+    assert kept.line("rates", scene="mid") == RATE
+
+
+@pytest.mark.parametrize(("commit", "told"), [("", "has no about.jsonl"), ("abc1234-dirty", "are in no commit")])
+def test_a_folder_that_is_no_run_is_refused(commit: str, told: str, tmp_path: Path):
+    """Without its first measurement, or of sources that nobody else has."""
+    if commit:
+        (tmp_path / "about.jsonl").write_text(json.dumps(ABOUT | {"commit": commit}))
+    with pytest.raises(SystemExit, match=told):
+        results.keep(tmp_path)
