@@ -25,7 +25,7 @@ def advantages(rewards: Tensor, values: Tensor, done: Tensor) -> Tensor:
     return found
 
 
-def main(task: str = "TabletopReach-v0", num_envs: int = 2048, iterations: int = 300, steps: int = 24) -> None:
+def main(task: str = "TabletopReachEasy-v0", num_envs: int = 2048, iterations: int = 120, steps: int = 24) -> None:
     """Train, and print how episodes went. The critic sees more than the actor."""
     torch.manual_seed(0)
     envs: Any = gym.make_vec(f"sceniris_gym:sceniris_gym/{task}", num_envs=num_envs)
