@@ -27,18 +27,18 @@ _BETWEEN, _STRIP = 16, 24
 _INK = (40, 44, 50)
 
 
-def worlds_of(compiled: CompiledScene) -> np.ndarray:
-    """Return pictures of the first worlds of a scene, seeds from 0 on, (n, height, width, 3) uint8."""
-    generator = LayoutGenerator(compiled, _WORLDS, seed=0)
+def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray:
+    """Return pictures of worlds of a scene, with seeds from `seed` on, (worlds, height, width, 3) uint8."""
+    generator = LayoutGenerator(compiled, worlds, seed=seed)
     generator.generate()
-    model, data = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, _WORLDS, nconmax=1, njmax=1)
+    model, data = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, worlds, nconmax=1, njmax=1)
     layouts = generator.layouts
     wp.copy(data.qpos, layouts.qpos)
     if compiled.mjm.nmocap:
         data.mocap_pos.assign(layouts.mocap_pos.numpy())
         data.mocap_quat.assign(layouts.mocap_quat.numpy())
     width, height = (_DRAWN * edge for edge in SIZE)
-    return FrameCamera(compiled.mjm, model, _WORLDS, width, height).take(data)
+    return FrameCamera(compiled.mjm, model, worlds, width, height).take(data)
 
 
 def grid(pictures: Sequence[np.ndarray], columns: int, gap: int) -> Image.Image:
@@ -53,7 +53,7 @@ def grid(pictures: Sequence[np.ndarray], columns: int, gap: int) -> Image.Image:
 
 def main() -> None:
     """Draw the picture."""
-    panels = [grid(list(worlds_of(compile_scene(scene, "cpu"))), _COLUMNS, 4) for scene in SCENES]
+    panels = [grid(list(worlds_of(compile_scene(scene, "cpu"), _WORLDS)), _COLUMNS, 4) for scene in SCENES]
     width, height = panels[0].width + _BETWEEN, panels[0].height + _STRIP
     sheet = Image.new("RGB", (len(SCENES) * width - _BETWEEN, height), PAPER)
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=15)

@@ -7,6 +7,14 @@ from torch import Tensor
 
 from sceniris_gym import ArmController, State, Task
 
+SCENE = {
+    "robot": {"asset": "panda", "base": [-0.3, 0.0, 0.4]},
+    "objects": {
+        "table": {"asset": "table", "kind": "static"},
+        "orange": {"asset": "orange", "on": "table", "ratio_on_support": 1, "reachable": "map"},
+    },
+}
+
 
 class TouchOrange(Task):
     """Task of moving the fingertips to within 6 cm of the orange. Poses are in the robot's base frame."""
@@ -41,11 +49,8 @@ class TouchOrange(Task):
 
 def main(num_envs: int = 64, steps: int = 100, device: str | None = None) -> None:
     """Make the environment, and take random actions."""
-    orange = {"asset": "orange", "on": "table", "ratio_on_support": 1, "reachable": "map"}
-    robot = {"asset": "panda", "base": [-0.3, 0.0, 0.4]}
-    scene = {"robot": robot, "objects": {"table": {"asset": "table", "kind": "static"}, "orange": orange}}
     gym.register("TouchOrange-v0", vector_entry_point="sceniris_gym:SceneVectorEnv", max_episode_steps=100)
-    envs = gym.make_vec("TouchOrange-v0", num_envs=num_envs, task=TouchOrange, scene=scene, device=device)
+    envs = gym.make_vec("TouchOrange-v0", num_envs=num_envs, task=TouchOrange, scene=SCENE, device=device)
     obs, _ = envs.reset(seed=0)
     start = nearest = obs["policy"][:, -3:].norm(dim=1)
     for _ in range(steps):

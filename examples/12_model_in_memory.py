@@ -18,6 +18,7 @@ MJCF = """
   </worldbody>
 </mujoco>
 """
+OBJECTS = {"cup": {"on": "top"}, "brick": {"on": "top", "relations": [{"left_of": "cup"}]}}
 
 
 def main(nworld: int = 64, steps: int = 200, device: str | None = None) -> None:
@@ -29,8 +30,7 @@ def main(nworld: int = 64, steps: int = 200, device: str | None = None) -> None:
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     mjm = mujoco.MjModel.from_xml_string(MJCF)
-    objects = {"cup": {"on": "top"}, "brick": {"on": "top", "relations": [{"left_of": "cup"}]}}
-    compiled = compile_scene({"model": mjm, "objects": objects}, device)
+    compiled = compile_scene({"model": mjm, "objects": OBJECTS}, device)
     with wp.ScopedDevice(compiled.device):
         model, data = mjw.put_model(mjm), mjw.make_data(mjm, nworld=nworld, nconmax=32, njmax=128)
         # "placed" writes cup and brick alone; `mjm` says which names the bodies of `model` have

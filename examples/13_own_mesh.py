@@ -10,6 +10,12 @@ from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.render import captioned, save
 
 
+def scene(asset: Path) -> dict:
+    """Return a scene with three of an asset on a table."""
+    thing = {"asset": str(asset), "on": "table", "orientation": "stable", "ratio_on_support": 1}
+    return {"objects": {"table": {"asset": "table", "kind": "static"}, "first": thing, "second": thing, "third": thing}}
+
+
 def main(folder: Path = Path("own_mesh"), device: str | None = None) -> None:
     """Import a mesh, and draw layouts of a scene with three of it.
 
@@ -25,9 +31,7 @@ def main(folder: Path = Path("own_mesh"), device: str | None = None) -> None:
     ).export(mesh)
     cli.main(["import", str(mesh), "--scale", "cm", "-o", str(folder / "wedge.xml")])
 
-    wedge = {"asset": str(folder / "wedge.xml"), "on": "table", "orientation": "stable", "ratio_on_support": 1}
-    objects = {"table": {"asset": "table", "kind": "static"}, "first": wedge, "second": wedge, "third": wedge}
-    compiled = compile_scene({"objects": objects}, device)
+    compiled = compile_scene(scene(folder / "wedge.xml"), device)
     generator = LayoutGenerator(compiled, 16, seed=0)
     generator.generate()
     table = read_table(generator)
