@@ -157,6 +157,9 @@ class GraspError(ScenirisError):
         )
 
 
+_MOST_NAMED = 3  # objects of a message
+
+
 class InfeasibleSceneError(ScenirisError):
     """A scene for which no valid layout was found.
 
@@ -169,6 +172,7 @@ class InfeasibleSceneError(ScenirisError):
         orientation: The `orientation` of that support, if it does not keep the support upright.
         obstruction: The pair of geoms that is most in its way, if it collides.
         joined: The object that it is joined to at sites, if there is one.
+        room: A support that is too small for all its objects, and the area that would do, in words.
     """
 
     def __init__(
@@ -181,15 +185,20 @@ class InfeasibleSceneError(ScenirisError):
         orientation: str | None = None,
         obstruction: str | None = None,
         joined: str | None = None,
+        room: str | None = None,
     ) -> None:
         self.where, self.name, self.cause, self.leaning, self.orientation = where, name, cause, leaning, orientation
-        self.obstruction, self.joined = obstruction, joined
+        self.obstruction, self.joined, self.room = obstruction, joined, room
         self.counts = {k: dict(v) for k, v in counts.items()}
+        rejected = {obj: sum(by_cause.values()) for obj, by_cause in self.counts.items() if any(by_cause.values())}
+        worst = sorted(rejected, key=rejected.__getitem__)[-_MOST_NAMED:]
         rows = "; ".join(
-            f"{obj}: " + ", ".join(f"{c} {n}" for c, n in by_cause.items() if n)
-            for obj, by_cause in self.counts.items()
-            if any(by_cause.values())
+            f"{obj}: " + ", ".join(f"{c} {n}" for c, n in self.counts[obj].items() if n)
+            for obj in rejected
+            if obj in worst
         )
+        if len(rejected) > len(worst):
+            rows += f"; and {len(rejected) - len(worst)} other objects less often"
         advice = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
         if leaning is not None:
             better = "Restrict the joints that move it to states in which it is level."
@@ -205,6 +214,8 @@ class InfeasibleSceneError(ScenirisError):
                 f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or put the sites that far "
                 "outside of both, so that they keep their 'clearance'."
             )
+        elif room is not None:
+            advice = room
         elif cause == "overhead":
             advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
         elif cause == "unsound":

@@ -43,6 +43,8 @@ _MOST_DRAWN = 20 * _BUDGET
 # A scene gets a warning above this share of layouts from the bank, and this number: fewer say little of a small probe.
 _MOST_FALLBACKS = 0.05
 _FEWEST_FAILED = 3
+# Objects on a support, from which on it is called too small for them.
+_CROWD = 5
 # Causes that only come up once all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # Causes that end a layout without further attempts.
@@ -252,6 +254,28 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
         orientation if orientation in ("any", "stable") else None,
         obstruction,
         None if part is None else part.joined_to,
+        _room(compiled, name) if cause == Cause.COLLISION.name.lower() else None,
+    )
+
+
+def _room(compiled: CompiledScene, name: str) -> str | None:
+    """Return the advice for a support that is full before all its objects are placed; None where that is not the case.
+
+    Equal objects that are placed at random, one after another, fill a share of a large area that does not depend on its
+    size (random sequential adsorption, Feder 1980), so the area that they need grows with their number. Those that were
+    placed are counted in the luckiest of many worlds, and twice the area is what most worlds need.
+    """
+    (one,) = (o for o in compiled.plan.objects if o.name == name)
+    crowd = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]
+    placed = crowd.index(name) if name in crowd else 0
+    if placed < _CROWD:
+        return None
+    area = sum(surface.outline.area for surface in one.surfaces[0])
+    assert one.config is not None
+    assert one.config.support is not None
+    return (
+        f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects; "
+        f"about {2.0 * area * len(crowd) / placed:.2g} m2 would do."
     )
 
 

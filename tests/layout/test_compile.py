@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import FrozenInstanceError
 from pathlib import Path
@@ -420,6 +421,21 @@ def test_a_scene_that_cannot_be_made_is_given_up_after_a_number_of_candidates(tm
     with pytest.raises(InfeasibleSceneError) as found:
         compile_on_cpu({"floor": {"size": [0.05, 0.05]}, "objects": objects, **words})
     assert 0 < found.value.counts["other"]["collision"] < 1_000_000
+
+
+def test_a_full_support_is_refused_with_the_area_that_would_do(tmp_path: Path):
+    """By the three objects that were rejected most; a floor of the area that is named has room for all."""
+    crate = box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05)
+    objects = {f"crate_{i}": {"asset": crate, "on": "floor"} for i in range(60)}
+    with pytest.raises(InfeasibleSceneError) as found:
+        compile_on_cpu({"floor": {"size": [0.4, 0.4]}, "objects": objects})
+    said = str(found.value)
+    assert len(re.findall(r"crate_\d+: collision \d+", said)) == 3
+    assert re.search(
+        r"; and \d+ other objects less often\. The 0\.16 m2 of 'floor' were full after \d+ of its 60", said
+    )
+    (area,) = re.findall(r"about ([\d.]+) m2 would do", said)
+    compile_on_cpu({"floor": {"size": [float(area) ** 0.5] * 2}, "objects": objects})
 
 
 def test_the_budget_of_the_probe_changes_no_layout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
