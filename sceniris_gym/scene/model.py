@@ -244,6 +244,7 @@ def build_model(config: SceneConfig) -> SceneModel:
     except (MeshError, SceneFileError):
         assemble.check_assets(config)  # names the asset, if it is one
         raise
+    check_numbers(mjm, config.where)
     if config.has_model_in_memory:
         check_bodies(mjm, config)
     qpos, ctrl = _home(mjm, homes, config)
@@ -268,6 +269,7 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
     """Return the scene of a copy of a MjModel, which is not changed."""
     check_additions(config)
     check_bodies(model, config)
+    check_numbers(model, config.where)
     mjm = copy.copy(model)
     qpos, ctrl = _home(mjm, [], config)
     key = _keyframe(mjm, config)
@@ -290,7 +292,6 @@ def _scene(
     tcps: Mapping[str, str],
 ) -> SceneModel:
     """Return the scene of a compiled model, after a look-up of all names that the scene refers to."""
-    check_numbers(mjm, config.where)
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
     identity = scene_hash(config, mjm, qpos)

@@ -48,7 +48,7 @@ def test_a_timestep_is_a_short_time(tmp_path: Path, timestep: str):
         ({"option": 'iterations="-5"'}, r"option iterations: -5 should be from 0 to 100000\."),
         ({"option": 'impratio="-1"'}, r"option impratio: -1 should be from 1e-06"),
         ({"geom": 'mass="1e30"'}, r"body_mass of body 'crate': 1e\+30 should be from 0 to 1e\+15 kg"),
-        ({"rest": '<keyframe><key name="home" qpos="0 0 nan 1 0 0 0"/></keyframe>'}, r"nan should be a number"),
+        ({"rest": '<keyframe><key name="home" qpos="0 0 nan 1 0 0 0"/></keyframe>'}, r"key_qpos of key 'home': nan"),
     ],
 )
 def test_a_number_that_nothing_real_has_is_refused_by_its_name(tmp_path: Path, words: dict[str, str], says: str):
