@@ -226,10 +226,14 @@ def _check_rigid(tops: list[mujoco.MjsBody], name: str, where: str) -> None:
     """Check that several bodies below the worldbody can be parts of one thing."""
     loose = [body.name for body in tops if body.mocap or any(joint.type == FREE for joint in body.joints)]
     if loose:
+        jointed = {body.name: sum(joint.type != FREE for joint in body.find_all("joint")) for body in tops}
+        robot = max(jointed, key=jointed.__getitem__)
+        things = ", ".join(f"{body}: {{on: floor}}" for body in loose if body != robot)
+        use = f"robot: {{in_model: {robot}}}, objects: {{{things}}}"
         raise SceneKeyError(
             f"{where}: an asset should have one body below its worldbody, or several that stay together; found "
             f"{[body.name for body in tops]}, of which {loose} move freely. Use the file as the scene's 'model', and "
-            f"its bodies by name, as in objects.{name}: {{body: {loose[0]}}} or robot: {{in_model: {tops[-1].name}}}."
+            f"its bodies by name: {use if jointed[robot] else f'objects.{name}: {{body: {loose[0]}}}'}."
         )
 
 

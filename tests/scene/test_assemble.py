@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
@@ -186,6 +187,19 @@ def test_slides_in_place_of_a_freejoint_are_refused_with_the_line_that_mends_the
     text = (folder / "slid.xml").read_text().replace(joints, '<freejoint name="cube"/>')
     (folder / "slid.xml").write_text(text)
     assert build(folder, {"cube": {"on": "floor"}}, model=str(folder / "slid.xml")).mjm.njnt == 1
+
+
+def test_a_robot_s_file_with_free_bodies_is_refused_with_the_scene_that_would_do(folder: Path):
+    """The proposed words take the jointed body as the robot and the free ones as objects, and compile."""
+    arm = "<body name='arm'><joint axis='0 0 1'/><geom size='.05 .05 .1' type='box' pos='0 0 .2'/></body>"
+    free = "<body name='{0}' pos='{1} 1 .1'><freejoint/><geom size='.1'/></body>"
+    path = folder / "cell.xml"
+    path.write_text(f"<mujoco><worldbody>{free.format('cube', 0)}{arm}{free.format('ball', 1)}</worldbody></mujoco>")
+    with pytest.raises(SceneKeyError, match=r"\['cube', 'ball'\] move freely") as told:
+        build(folder, {}, robot={"model": str(path)})
+    words = YAML(typ="safe").load("{" + str(told.value).partition("by name: ")[2].removesuffix(".") + "}")
+    assert words == {"robot": {"in_model": "arm"}, "objects": {"cube": {"on": "floor"}, "ball": {"on": "floor"}}}
+    build_model(SceneConfig.load({"model": str(path), "floor": {"size": [2, 2]}} | words))
 
 
 def test_unknown_keyframes_and_taken_names_of_a_robot_are_refused(folder: Path):
