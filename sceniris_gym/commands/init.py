@@ -71,7 +71,10 @@ def report(found: dict[str, Any]) -> str:
 
 
 def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstScene:
-    """Return the scene without the objects that errors name, one after another until there is no error."""
+    """Return the scene without the objects that errors name, one after another until there is no error.
+
+    An object that is to lie on its support as a whole may hang over the edges before it is left out.
+    """
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
         try:
@@ -84,7 +87,8 @@ def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstSce
             left |= {ROBOT} if scene.robot is not None and not scene.robot.why else set()
             if name not in left:
                 raise
-            scene = scene.without(name, str(error).removeprefix(f"{config.where}: "))
+            why = str(error).removeprefix(f"{config.where}: ")
+            scene = scene.overhanging(name) or scene.without(name, why)
         else:
             return scene
 

@@ -48,6 +48,18 @@ def test_what_cannot_be_placed_is_commented_out_with_the_error(tmp_path: Path):
     assert {"a", "ball"} <= set(scene.words()["objects"])
 
 
+def test_what_is_larger_than_its_support_may_hang_over(tmp_path: Path):
+    """A plate on a block, with a note; what fits on its support lies there as a whole."""
+    model = tmp_path / "table.xml"
+    plate = '<body name="plate" pos="0.4 0.2 0.51"><freejoint/><geom type="cylinder" size="0.15 0.01"/></body>'
+    model.write_text(TABLE.replace('<body name="top"', plate + '<body name="top"'))
+    scene = init(model, "cpu")
+    words = scene.words()["objects"]
+    assert words["plate"] == {"on": "a"}
+    assert words["a"]["ratio_on_support"] == 1
+    assert "No place was found where it lies on its support as a whole" in scene.text("table.xml")
+
+
 def test_a_model_that_cannot_be_read_is_an_error(tmp_path: Path):
     """Of ours, with the path."""
     (tmp_path / "bad.xml").write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")

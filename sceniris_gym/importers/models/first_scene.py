@@ -33,6 +33,7 @@ _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
 # Plain words that YAML does not read as strings.
 _NOT_STRINGS = frozenset(("true", "false", "null", "yes", "no", "on", "off"))
 _WIDTH = 100
+_RATIO = "ratio_on_support"
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,12 @@ class Entry:
     notes: tuple[str, ...] = ()
     why: str = ""
 
+    def overhanging(self) -> Entry:
+        """Return the entry as it may hang over the edges of its support."""
+        note = "No place was found where it lies on its support as a whole, so it may hang over the edges."
+        words = {word: value for word, value in self.words.items() if word != _RATIO}
+        return replace(self, words=words, notes=(*self.notes, note))
+
     def lines(self, indent: str) -> list[str]:
         """Return its lines of YAML."""
         lines = [f"# {line}" for note in (*self.notes, self.why) for line in _wrapped(note)]
@@ -65,6 +72,7 @@ class FirstScene:
 
     Attributes:
         model: The model's file.
+        home: The keyframe that is the start pose, where `home` has to name it.
         start: A sentence on the start pose.
         robot: The robot, if there is one.
         objects: Its objects.
@@ -72,6 +80,7 @@ class FirstScene:
     """
 
     model: Path
+    home: str | None
     start: str
     robot: Entry | None
     objects: tuple[Entry, ...]
@@ -80,6 +89,8 @@ class FirstScene:
     def words(self) -> dict[str, Any]:
         """Return the scene without the entries that are commented out, as `SceneConfig.load` takes it."""
         found: dict[str, Any] = {"model": str(self.model.resolve())}
+        if self.home is not None:
+            found["home"] = self.home
         if self.robot is not None and not self.robot.why:
             found[ROBOT] = dict(self.robot.words)
         return found | {"objects": {e.name: dict(e.words) for e in self.objects if not e.why}}
@@ -93,6 +104,12 @@ class FirstScene:
             if (carrier := _carrier(entry)) in out and not entry.why:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
         return replace(self, objects=tuple(replace(e, why=out.get(e.name, e.why)) for e in self.objects))
+
+    def overhanging(self, name: str | None) -> FirstScene | None:
+        """Return the scene in which an object may hang over the edges of its support; None if it may already."""
+        if not any(e.name == name and _RATIO in e.words for e in self.objects):
+            return None
+        return replace(self, objects=tuple(e.overhanging() if e.name == name else e for e in self.objects))
 
     def with_robot_note(self, note: str) -> FirstScene:
         """Return the scene with one more comment above its robot."""
@@ -109,6 +126,7 @@ class FirstScene:
             "# A first scene, written from the model: try it with `sceniris-gym check`, and change what it says.",
             f"model: {_flow(model)}",
             *(f"# {line}" for line in _wrapped(self.start)),
+            *([] if self.home is None else [f"home: {_flow(self.home)}"]),
         ]
         if self.robot is not None:
             lines += ["", *self.robot.lines("")]
@@ -134,10 +152,10 @@ def first_scene(path: Path) -> FirstScene:
     where = str(path)
     mjm = compile_spec(load_model(path, where), where)
     data = mujoco.MjData(mjm)
-    key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, HOME)
-    data.qpos[:] = mjm.key_qpos[key] if key >= 0 else mjm.qpos0
+    key = _start_key(mjm)
+    data.qpos[:] = mjm.qpos0 if key is None else mjm.key(key).qpos
     mujoco.mj_kinematics(mjm, data)
-    start = f"its keyframe '{HOME}'" if key >= 0 else f"qpos0, as it has no keyframe '{HOME}'"
+    start = f"qpos0, as it has no keyframe '{HOME}'" if key is None else f"its keyframe '{key}'"
     pieces = extract_pieces(mjm, "physics", where=dict.fromkeys(range(mjm.nbody), where))
     arms = find_arms(mjm)
     roots = {arm.base for arm in arms}
@@ -147,7 +165,15 @@ def first_scene(path: Path) -> FirstScene:
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
-    return FirstScene(path, f"The start pose is {start}.", _robot(mjm, data, arms), tuple(entries), tuple(supports))
+    home, start = None if key == HOME else key, f"The start pose is {start}."
+    return FirstScene(path, home, start, _robot(mjm, data, arms), tuple(entries), tuple(supports))
+
+
+def _start_key(mjm: mujoco.MjModel) -> str | None:
+    """Return the keyframe 'home', or that of an attached model, such as 'arm/home'; None if there is none."""
+    names = [mjm.key(i).name for i in range(mjm.nkey)]
+    found = [name for name in names if name == HOME] + [name for name in names if name.endswith(f"/{HOME}")]
+    return found[0] if found else None
 
 
 @dataclass(frozen=True)
@@ -209,7 +235,7 @@ class _Bodies:
             at = mat.T @ (self.data.xpos[body] - self.data.xpos[support.body])
             low, high = ([round(float(v + s * _AROUND), 2) + 0.0 for v in at[:2]] for s in (-1.0, 1.0))
             words["region"] = {"box": [low, high]}
-        return words
+        return words if support.is_endless else {**words, _RATIO: 1}
 
     def _height(self, support: FoundSupport) -> float:
         """Return the height of a support's highest surface in the world [m]."""

@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneFileError
 from sceniris_gym.importers.models.first_scene import first_scene
+from sceniris_gym.scene.model import build_model
 from tests.importers.models.models import FINGERS, TABLE, arm
 
 
@@ -26,9 +28,9 @@ def test_free_bodies_stand_on_what_is_beneath_them(tmp_path: Path):
     assert YAML(typ="safe").load(text) == {
         "model": "model.xml",
         "objects": {
-            "can": {"on": "table"},
-            "a": {"body": "a/main", "on": "table"},
-            "top": {"on": "a"},
+            "can": {"on": "table", "ratio_on_support": 1},
+            "a": {"body": "a/main", "on": "table", "ratio_on_support": 1},
+            "top": {"on": "a", "ratio_on_support": 1},
             "ball": {"on": "ground", "region": {"box": [[-0.8, -0.1], [-0.2, 0.5]]}},
         },
     }
@@ -42,8 +44,11 @@ def test_what_stands_on_something_that_is_commented_out_is_too(tmp_path: Path):
     scene = first_scene(model(tmp_path, TABLE)).without("a", "it is too heavy.")
     assert list(scene.words()["objects"]) == ["can", "ball"]
     lines = scene.text("model.xml").splitlines()
-    assert lines[lines.index("  # a: {body: a/main, on: table}") - 1] == "  # it is too heavy."
-    assert lines[lines.index("  # top: {on: a}") - 1] == "  # It stands on 'a', which is commented out."
+    assert lines[lines.index("  # a: {body: a/main, on: table, ratio_on_support: 1}") - 1] == "  # it is too heavy."
+    assert (
+        lines[lines.index("  # top: {on: a, ratio_on_support: 1}") - 1]
+        == "  # It stands on 'a', which is commented out."
+    )
 
 
 def test_a_robot_is_named_with_its_tool(tmp_path: Path):
@@ -66,6 +71,19 @@ def test_a_body_without_a_name_is_a_comment(tmp_path: Path):
     scene = first_scene(model(tmp_path, TABLE.replace('<body name="ball"', "<body")))
     assert list(scene.words()["objects"]) == ["can", "a", "top"]
     assert "has no name. Give it one." in scene.text("model.xml")
+
+
+@pytest.mark.parametrize(
+    ("names", "home"), [(["rest"], None), (["arm/home"], "arm/home"), (["arm/home", "home"], None)]
+)
+def test_the_keyframe_of_an_attached_model_is_the_start_pose(tmp_path: Path, names: list[str], home: str | None):
+    """Where the model has none of its own; the scene names it, as 'home' alone is taken without being named."""
+    keys = "".join(f'<key name="{name}"/>' for name in names)
+    path = model(tmp_path, TABLE.replace("</worldbody>", f"</worldbody><keyframe>{keys}</keyframe>"))
+    scene = first_scene(path)
+    assert scene.words().get("home") == YAML(typ="safe").load(scene.text("model.xml")).get("home") == home
+    assert ("qpos0" in scene.text("model.xml")) == (names == ["rest"])
+    build_model(SceneConfig.load(scene.words()))
 
 
 def test_a_missing_model_is_an_error_of_ours(tmp_path: Path):
