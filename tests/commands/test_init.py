@@ -48,6 +48,24 @@ def test_what_cannot_be_placed_is_commented_out_with_the_error(tmp_path: Path):
     assert {"a", "ball"} <= set(scene.words()["objects"])
 
 
+def test_things_stand_wholly_on_their_supports_where_they_can(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """A plank is longer than the post below it, so it hangs over, and a cube on the plank does not."""
+    (tmp_path / "post.xml").write_text(
+        '<mujoco><worldbody><body name="post" pos="0.5 0 0.2"><geom type="box" size="0.04 0.04 0.2"/></body>'
+        '<body name="plank" pos="0.5 0 0.41"><freejoint/><geom type="box" size="0.15 0.03 0.01"/></body>'
+        '<body name="cube" pos="0.5 0 0.43"><freejoint/><geom type="box" size="0.01 0.01 0.01"/></body>'
+        "</worldbody></mujoco>"
+    )
+    out = tmp_path / "scene.yaml"
+    cli.main(["init", str(tmp_path / "post.xml"), "-o", str(out), "--device", "cpu"])
+    lines = out.read_text().splitlines()
+    plank = lines.index("  plank: {on: post}")
+    assert lines[plank - 1] == "  # It may hang over: `ratio_on_support: 1` finds no place."
+    assert lines[plank + 1] == "  cube: {on: plank, ratio_on_support: 1}"
+    cli.main(["check", str(out), "--device", "cpu"])
+    assert "100.00% valid" in capfd.readouterr().out
+
+
 def test_a_model_that_cannot_be_read_is_an_error(tmp_path: Path):
     """Of ours, with the path."""
     (tmp_path / "bad.xml").write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")

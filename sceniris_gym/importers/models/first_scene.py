@@ -29,6 +29,7 @@ from sceniris_gym.scene.support import subtree
 _LARGE, _AROUND = 2.0, 0.3
 # A surface that is higher than the lowest one by more than this [m] is not the ground.
 _RAISED = 0.05
+_WHOLLY = "ratio_on_support"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
 # Plain words that YAML does not read as strings.
 _NOT_STRINGS = frozenset(("true", "false", "null", "yes", "no", "on", "off"))
@@ -66,6 +67,7 @@ class FirstScene:
     Attributes:
         model: The model's file.
         start: A sentence on the start pose.
+        home: The keyframe that is the start pose, if the scene has to name it.
         robot: The robot, if there is one.
         objects: Its objects.
         supports: Everything that never moves and can carry things, the largest first.
@@ -73,13 +75,14 @@ class FirstScene:
 
     model: Path
     start: str
+    home: str | None
     robot: Entry | None
     objects: tuple[Entry, ...]
     supports: tuple[FoundSupport, ...]
 
     def words(self) -> dict[str, Any]:
         """Return the scene without the entries that are commented out, as `SceneConfig.load` takes it."""
-        found: dict[str, Any] = {"model": str(self.model.resolve())}
+        found: dict[str, Any] = {"model": str(self.model.resolve())} | ({"home": self.home} if self.home else {})
         if self.robot is not None and not self.robot.why:
             found[ROBOT] = dict(self.robot.words)
         return found | {"objects": {e.name: dict(e.words) for e in self.objects if not e.why}}
@@ -93,6 +96,15 @@ class FirstScene:
             if (carrier := _carrier(entry)) in out and not entry.why:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
         return replace(self, objects=tuple(replace(e, why=out.get(e.name, e.why)) for e in self.objects))
+
+    def overhanging(self, name: str) -> FirstScene:
+        """Return the scene with an object that may hang over the edge of its support, a comment above it."""
+        entry = next((e for e in self.objects if e.name == name and _WHOLLY in e.words), None)
+        if entry is None:
+            return self
+        words = {word: value for word, value in entry.words.items() if word != _WHOLLY}
+        hangs = replace(entry, words=words, notes=(*entry.notes, f"It may hang over: `{_WHOLLY}: 1` finds no place."))
+        return replace(self, objects=tuple(hangs if e is entry else e for e in self.objects))
 
     def with_robot_note(self, note: str) -> FirstScene:
         """Return the scene with one more comment above its robot."""
@@ -109,6 +121,7 @@ class FirstScene:
             "# A first scene, written from the model: try it with `sceniris-gym check`, and change what it says.",
             f"model: {_flow(model)}",
             *(f"# {line}" for line in _wrapped(self.start)),
+            *([f"home: {_flow(self.home)}"] if self.home else []),
         ]
         if self.robot is not None:
             lines += ["", *self.robot.lines("")]
@@ -134,10 +147,11 @@ def first_scene(path: Path) -> FirstScene:
     where = str(path)
     mjm = compile_spec(load_model(path, where), where)
     data = mujoco.MjData(mjm)
-    key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, HOME)
-    data.qpos[:] = mjm.key_qpos[key] if key >= 0 else mjm.qpos0
+    home, *others = _homes(mjm) or [None]
+    data.qpos[:] = mjm.qpos0 if home is None else mjm.key(home).qpos
     mujoco.mj_kinematics(mjm, data)
-    start = f"its keyframe '{HOME}'" if key >= 0 else f"qpos0, as it has no keyframe '{HOME}'"
+    start = f"qpos0, as it has no keyframe '{HOME}'" if home is None else f"its keyframe '{home}'"
+    start += f", of {', '.join(map(repr, (home, *others)))}" if others else ""
     pieces = extract_pieces(mjm, "physics", where=dict.fromkeys(range(mjm.nbody), where))
     arms = find_arms(mjm)
     roots = {arm.base for arm in arms}
@@ -147,7 +161,14 @@ def first_scene(path: Path) -> FirstScene:
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
-    return FirstScene(path, f"The start pose is {start}.", _robot(mjm, data, arms), tuple(entries), tuple(supports))
+    named, robot = None if home == HOME else home, _robot(mjm, data, arms)
+    return FirstScene(path, f"The start pose is {start}.", named, robot, tuple(entries), tuple(supports))
+
+
+def _homes(mjm: mujoco.MjModel) -> list[str]:
+    """Return the keyframe 'home'; without it, those that are called so in models attached with a prefix."""
+    names = [mjm.key(i).name for i in range(mjm.nkey)]
+    return [HOME] if HOME in names else [name for name in names if name.rpartition("/")[2] == HOME]
 
 
 @dataclass(frozen=True)
@@ -202,14 +223,14 @@ class _Bodies:
         return f"What is beneath it, geom {geom} of body '{label}', moves or has no name, so nothing can be put on it."
 
     def _standing(self, support: FoundSupport, body: int) -> dict[str, Any]:
-        """Return the words that place a body on a support."""
+        """Return the words that place a body on a support, as a whole unless the support is endless."""
         words: dict[str, Any] = {"on" if support.open_above else "in": support.name}
         if support.is_endless or max(support.extent) > _LARGE:
             mat = self.data.xmat[support.body].reshape(3, 3)
             at = mat.T @ (self.data.xpos[body] - self.data.xpos[support.body])
             low, high = ([round(float(v + s * _AROUND), 2) + 0.0 for v in at[:2]] for s in (-1.0, 1.0))
             words["region"] = {"box": [low, high]}
-        return words
+        return words if support.is_endless else {**words, _WHOLLY: 1}
 
     def _height(self, support: FoundSupport) -> float:
         """Return the height of a support's highest surface in the world [m]."""

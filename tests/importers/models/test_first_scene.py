@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneFileError
 from sceniris_gym.importers.models.first_scene import first_scene
+from sceniris_gym.scene.model import build_model
 from tests.importers.models.models import FINGERS, TABLE, arm
 
 
@@ -26,9 +28,9 @@ def test_free_bodies_stand_on_what_is_beneath_them(tmp_path: Path):
     assert YAML(typ="safe").load(text) == {
         "model": "model.xml",
         "objects": {
-            "can": {"on": "table"},
-            "a": {"body": "a/main", "on": "table"},
-            "top": {"on": "a"},
+            "can": {"on": "table", "ratio_on_support": 1},
+            "a": {"body": "a/main", "on": "table", "ratio_on_support": 1},
+            "top": {"on": "a", "ratio_on_support": 1},
             "ball": {"on": "ground", "region": {"box": [[-0.8, -0.1], [-0.2, 0.5]]}},
         },
     }
@@ -42,8 +44,11 @@ def test_what_stands_on_something_that_is_commented_out_is_too(tmp_path: Path):
     scene = first_scene(model(tmp_path, TABLE)).without("a", "it is too heavy.")
     assert list(scene.words()["objects"]) == ["can", "ball"]
     lines = scene.text("model.xml").splitlines()
-    assert lines[lines.index("  # a: {body: a/main, on: table}") - 1] == "  # it is too heavy."
-    assert lines[lines.index("  # top: {on: a}") - 1] == "  # It stands on 'a', which is commented out."
+    assert lines[lines.index("  # a: {body: a/main, on: table, ratio_on_support: 1}") - 1] == "  # it is too heavy."
+    assert (
+        lines[lines.index("  # top: {on: a, ratio_on_support: 1}") - 1]
+        == "  # It stands on 'a', which is commented out."
+    )
 
 
 def test_a_robot_is_named_with_its_tool(tmp_path: Path):
@@ -66,6 +71,36 @@ def test_a_body_without_a_name_is_a_comment(tmp_path: Path):
     scene = first_scene(model(tmp_path, TABLE.replace('<body name="ball"', "<body")))
     assert list(scene.words()["objects"]) == ["can", "a", "top"]
     assert "has no name. Give it one." in scene.text("model.xml")
+
+
+def test_the_start_pose_is_a_home_of_an_attached_model(tmp_path: Path):
+    """Named in the scene, if the whole model has no keyframe of that name; the first one, if there are several."""
+    keys = "".join(
+        f'<key name="{name}" qpos="0.5 0 {z} 1 0 0 0  0.4 0.2 0.46 1 0 0 0  0.4 0.2 0.52 1 0 0 0  -0.5 0.2 0.1 1 0 0 0'
+        '  0 0"/>'
+        for name, z in (("reset", 0.5), ("arm/home", 0.6), ("b/home", 0.7), ("home_b", 0.8))
+    )
+    xml = TABLE.replace("</mujoco>", f"<keyframe>{keys}</keyframe></mujoco>")
+    scene = first_scene(model(tmp_path, xml))
+    assert scene.words()["home"] == YAML(typ="safe").load(scene.text("model.xml"))["home"] == "arm/home"
+    assert "# The start pose is its keyframe 'arm/home', of 'arm/home', 'b/home'." in scene.text("model.xml")
+    config = SceneConfig.load(scene.words())
+    assert build_model(config).home_qpos[2] == 0.6
+    scene = first_scene(model(tmp_path, xml.replace('"b/home"', '"home"')))
+    assert "home" not in scene.words()
+    assert "# The start pose is its keyframe 'home'." in scene.text("model.xml")
+
+
+def test_things_stand_on_a_table_that_moves_itself(tmp_path: Path):
+    """The can touches the box around the table, whose ray begins there; but it is the table that carries the can."""
+    legs = '<geom type="box" pos="0.2 0.2 -0.21" size="0.02 0.02 0.19"/>'
+    table = '<body name="table" pos="0.5 0 0.4"><geom type="box" size="0.3 0.4 0.02" rgba="0 0 0 0"/>'
+    low = TABLE.replace(table, f"{table}<freejoint/>{legs}").replace(
+        '"can" pos="0.5 0 0.48"', '"can" pos="0.5 0 0.4799"'
+    )
+    objects = first_scene(model(tmp_path, low)).words()["objects"]
+    assert objects["table"] == {"on": "ground", "region": {"box": [[0.2, -0.3], [0.8, 0.3]]}}
+    assert objects["can"] == {"on": "table", "ratio_on_support": 1}
 
 
 def test_a_missing_model_is_an_error_of_ours(tmp_path: Path):
