@@ -56,9 +56,9 @@ class Example:
             ScenirisError: the scene is wrong.
         """
         data = self._data()
-        for key in ("base", "model"):
-            if (self.picture.parent / str(data.get(key))).is_file():
-                data[key] = str(self.picture.parent / data[key])
+        for words, key in ((data, "base"), (data, "model"), (data.get("robot", {}), "model")):
+            if (self.picture.parent / str(words.get(key))).is_file():
+                words[key] = str(self.picture.parent / words[key])
         return SceneConfig.load({"name": self.name, **data})
 
     def _data(self) -> dict:

@@ -24,7 +24,8 @@ _OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")
 def init(model: Path, device: str | None = None) -> FirstScene:
     """Work out a first scene of a model that compiles, and of which layouts are found.
 
-    What cannot be placed is commented out, with the reason.
+    What has no place on its support as a whole may hang over the edge; what still cannot be placed is commented out,
+    with the reason.
 
     Args:
         model: An MJCF or URDF file.
@@ -71,10 +72,7 @@ def report(found: dict[str, Any]) -> str:
 
 
 def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstScene:
-    """Return the scene without the objects that errors name, one after another until there is no error.
-
-    An object that is to lie on its support as a whole may hang over the edges before it is left out.
-    """
+    """Let objects that errors name hang over, or leave them out, one after another until there is no error."""
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
         try:
@@ -87,8 +85,9 @@ def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstSce
             left |= {ROBOT} if scene.robot is not None and not scene.robot.why else set()
             if name not in left:
                 raise
-            why = str(error).removeprefix(f"{config.where}: ")
-            scene = scene.overhanging(name) or scene.without(name, why)
+            held, scene = scene, scene.overhanging(name)
+            if scene is held:
+                scene = scene.without(name, str(error).removeprefix(f"{config.where}: "))
         else:
             return scene
 

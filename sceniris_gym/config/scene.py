@@ -179,7 +179,8 @@ class SceneConfig(Section):
             if (other := owners.setdefault(robot.name, name)) != name:
                 raise wrong(f"should have robots of different names: '{other}' and '{name}' are both '{robot.name}'")
         if self.home is not None and self.model is None:
-            raise wrong("should have 'home', the name of a keyframe, only together with 'model'")
+            advice = "should have 'home', the name of a keyframe, only together with 'model'"
+            raise wrong(f"{advice}; a robot from a file names its own by 'keyframe'")
         if self.model is None and any(robot.in_model is not None for robot in self.all_robots.values()):
             raise wrong("should have a robot that is 'in_model' only together with 'model'")
         return self

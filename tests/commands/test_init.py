@@ -48,16 +48,22 @@ def test_what_cannot_be_placed_is_commented_out_with_the_error(tmp_path: Path):
     assert {"a", "ball"} <= set(scene.words()["objects"])
 
 
-def test_what_is_larger_than_its_support_may_hang_over(tmp_path: Path):
-    """A plate on a block, with a note; what fits on its support lies there as a whole."""
-    model = tmp_path / "table.xml"
-    plate = '<body name="plate" pos="0.4 0.2 0.51"><freejoint/><geom type="cylinder" size="0.15 0.01"/></body>'
-    model.write_text(TABLE.replace('<body name="top"', plate + '<body name="top"'))
-    scene = init(model, "cpu")
-    words = scene.words()["objects"]
-    assert words["plate"] == {"on": "a"}
-    assert words["a"]["ratio_on_support"] == 1
-    assert "No place was found where it lies on its support as a whole" in scene.text("table.xml")
+def test_things_stand_wholly_on_their_supports_where_they_can(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """A plank is longer than the post below it, so it hangs over, and a cube on the plank does not."""
+    (tmp_path / "post.xml").write_text(
+        '<mujoco><worldbody><body name="post" pos="0.5 0 0.2"><geom type="box" size="0.04 0.04 0.2"/></body>'
+        '<body name="plank" pos="0.5 0 0.41"><freejoint/><geom type="box" size="0.15 0.03 0.01"/></body>'
+        '<body name="cube" pos="0.5 0 0.43"><freejoint/><geom type="box" size="0.01 0.01 0.01"/></body>'
+        "</worldbody></mujoco>"
+    )
+    out = tmp_path / "scene.yaml"
+    cli.main(["init", str(tmp_path / "post.xml"), "-o", str(out), "--device", "cpu"])
+    lines = out.read_text().splitlines()
+    plank = lines.index("  plank: {on: post}")
+    assert lines[plank - 1] == "  # It may hang over: `ratio_on_support: 1` finds no place."
+    assert lines[plank + 1] == "  cube: {on: plank, ratio_on_support: 1}"
+    cli.main(["check", str(out), "--device", "cpu"])
+    assert "100.00% valid" in capfd.readouterr().out
 
 
 def test_a_model_that_cannot_be_read_is_an_error(tmp_path: Path):

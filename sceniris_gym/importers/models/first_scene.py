@@ -29,11 +29,11 @@ from sceniris_gym.scene.support import subtree
 _LARGE, _AROUND = 2.0, 0.3
 # A surface that is higher than the lowest one by more than this [m] is not the ground.
 _RAISED = 0.05
+_WHOLLY = "ratio_on_support"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
 # Plain words that YAML does not read as strings.
 _NOT_STRINGS = frozenset(("true", "false", "null", "yes", "no", "on", "off"))
 _WIDTH = 100
-_RATIO = "ratio_on_support"
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,6 @@ class Entry:
     notes: tuple[str, ...] = ()
     why: str = ""
 
-    def overhanging(self) -> Entry:
-        """Return the entry as it may hang over the edges of its support."""
-        note = "No place was found where it lies on its support as a whole, so it may hang over the edges."
-        words = {word: value for word, value in self.words.items() if word != _RATIO}
-        return replace(self, words=words, notes=(*self.notes, note))
-
     def lines(self, indent: str) -> list[str]:
         """Return its lines of YAML."""
         lines = [f"# {line}" for note in (*self.notes, self.why) for line in _wrapped(note)]
@@ -72,25 +66,23 @@ class FirstScene:
 
     Attributes:
         model: The model's file.
-        home: The keyframe that is the start pose, where `home` has to name it.
         start: A sentence on the start pose.
+        home: The keyframe that is the start pose, if the scene has to name it.
         robot: The robot, if there is one.
         objects: Its objects.
         supports: Everything that never moves and can carry things, the largest first.
     """
 
     model: Path
-    home: str | None
     start: str
+    home: str | None
     robot: Entry | None
     objects: tuple[Entry, ...]
     supports: tuple[FoundSupport, ...]
 
     def words(self) -> dict[str, Any]:
         """Return the scene without the entries that are commented out, as `SceneConfig.load` takes it."""
-        found: dict[str, Any] = {"model": str(self.model.resolve())}
-        if self.home is not None:
-            found["home"] = self.home
+        found: dict[str, Any] = {"model": str(self.model.resolve())} | ({"home": self.home} if self.home else {})
         if self.robot is not None and not self.robot.why:
             found[ROBOT] = dict(self.robot.words)
         return found | {"objects": {e.name: dict(e.words) for e in self.objects if not e.why}}
@@ -105,11 +97,14 @@ class FirstScene:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
         return replace(self, objects=tuple(replace(e, why=out.get(e.name, e.why)) for e in self.objects))
 
-    def overhanging(self, name: str | None) -> FirstScene | None:
-        """Return the scene in which an object may hang over the edges of its support; None if it may already."""
-        if not any(e.name == name and _RATIO in e.words for e in self.objects):
-            return None
-        return replace(self, objects=tuple(e.overhanging() if e.name == name else e for e in self.objects))
+    def overhanging(self, name: str) -> FirstScene:
+        """Return the scene with an object that may hang over the edge of its support, a comment above it."""
+        entry = next((e for e in self.objects if e.name == name and _WHOLLY in e.words), None)
+        if entry is None:
+            return self
+        words = {word: value for word, value in entry.words.items() if word != _WHOLLY}
+        hangs = replace(entry, words=words, notes=(*entry.notes, f"It may hang over: `{_WHOLLY}: 1` finds no place."))
+        return replace(self, objects=tuple(hangs if e is entry else e for e in self.objects))
 
     def with_robot_note(self, note: str) -> FirstScene:
         """Return the scene with one more comment above its robot."""
@@ -126,7 +121,7 @@ class FirstScene:
             "# A first scene, written from the model: try it with `sceniris-gym check`, and change what it says.",
             f"model: {_flow(model)}",
             *(f"# {line}" for line in _wrapped(self.start)),
-            *([] if self.home is None else [f"home: {_flow(self.home)}"]),
+            *([f"home: {_flow(self.home)}"] if self.home else []),
         ]
         if self.robot is not None:
             lines += ["", *self.robot.lines("")]
@@ -152,10 +147,11 @@ def first_scene(path: Path) -> FirstScene:
     where = str(path)
     mjm = compile_spec(load_model(path, where), where)
     data = mujoco.MjData(mjm)
-    key = _start_key(mjm)
-    data.qpos[:] = mjm.qpos0 if key is None else mjm.key(key).qpos
+    home, *others = _homes(mjm) or [None]
+    data.qpos[:] = mjm.qpos0 if home is None else mjm.key(home).qpos
     mujoco.mj_kinematics(mjm, data)
-    start = f"qpos0, as it has no keyframe '{HOME}'" if key is None else f"its keyframe '{key}'"
+    start = f"qpos0, as it has no keyframe '{HOME}'" if home is None else f"its keyframe '{home}'"
+    start += f", of {', '.join(map(repr, (home, *others)))}" if others else ""
     pieces = extract_pieces(mjm, "physics", where=dict.fromkeys(range(mjm.nbody), where))
     arms = find_arms(mjm)
     roots = {arm.base for arm in arms}
@@ -165,15 +161,14 @@ def first_scene(path: Path) -> FirstScene:
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
-    home, start = None if key == HOME else key, f"The start pose is {start}."
-    return FirstScene(path, home, start, _robot(mjm, data, arms), tuple(entries), tuple(supports))
+    named, robot = None if home == HOME else home, _robot(mjm, data, arms)
+    return FirstScene(path, f"The start pose is {start}.", named, robot, tuple(entries), tuple(supports))
 
 
-def _start_key(mjm: mujoco.MjModel) -> str | None:
-    """Return the keyframe 'home', or that of an attached model, such as 'arm/home'; None if there is none."""
+def _homes(mjm: mujoco.MjModel) -> list[str]:
+    """Return the keyframe 'home'; without it, those that are called so in models attached with a prefix."""
     names = [mjm.key(i).name for i in range(mjm.nkey)]
-    found = [name for name in names if name == HOME] + [name for name in names if name.endswith(f"/{HOME}")]
-    return found[0] if found else None
+    return [HOME] if HOME in names else [name for name in names if name.rpartition("/")[2] == HOME]
 
 
 @dataclass(frozen=True)
@@ -228,14 +223,14 @@ class _Bodies:
         return f"What is beneath it, geom {geom} of body '{label}', moves or has no name, so nothing can be put on it."
 
     def _standing(self, support: FoundSupport, body: int) -> dict[str, Any]:
-        """Return the words that place a body on a support."""
+        """Return the words that place a body on a support, as a whole unless the support is endless."""
         words: dict[str, Any] = {"on" if support.open_above else "in": support.name}
         if support.is_endless or max(support.extent) > _LARGE:
             mat = self.data.xmat[support.body].reshape(3, 3)
             at = mat.T @ (self.data.xpos[body] - self.data.xpos[support.body])
             low, high = ([round(float(v + s * _AROUND), 2) + 0.0 for v in at[:2]] for s in (-1.0, 1.0))
             words["region"] = {"box": [low, high]}
-        return words if support.is_endless else {**words, _RATIO: 1}
+        return words if support.is_endless else {**words, _WHOLLY: 1}
 
     def _height(self, support: FoundSupport) -> float:
         """Return the height of a support's highest surface in the world [m]."""

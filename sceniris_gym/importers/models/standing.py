@@ -54,7 +54,8 @@ class FoundSupport:
 def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | None:
     """Return the first colliding geom straight below the middle of a body and its descendants; None if there is none.
 
-    The ray begins at the top of the body, so that a geom that the body is sunk into counts.
+    The ray begins at the top of the body, so that a geom that the body is sunk into counts. Geoms that move and lie
+    higher than the foot of the body do not count: they stand on it.
 
     Args:
         mjm: The model.
@@ -69,7 +70,11 @@ def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | N
     counts = ((mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)) & ~own
     seen = copy.copy(mjm)  # MuJoCo's rays pass through transparent geoms
     seen.geom_matid[:], seen.geom_rgba[:, 3] = -1, counts
-    return int(hit[0]) if mujoco.mj_ray(seen, data, at, down, None, 1, -1, hit, None) >= 0.0 else None
+    while mujoco.mj_ray(seen, data, at, down, None, 1, -1, hit, None) >= 0.0:
+        if is_static(mjm)[mjm.geom_bodyid[hit[0]]] or upright_box(mjm, data, hit)[0][2] < low[2]:
+            return int(hit[0])
+        seen.geom_rgba[hit, 3] = 0.0
+    return None
 
 
 def supports_of(

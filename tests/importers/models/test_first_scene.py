@@ -73,17 +73,34 @@ def test_a_body_without_a_name_is_a_comment(tmp_path: Path):
     assert "has no name. Give it one." in scene.text("model.xml")
 
 
-@pytest.mark.parametrize(
-    ("names", "home"), [(["rest"], None), (["arm/home"], "arm/home"), (["arm/home", "home"], None)]
-)
-def test_the_keyframe_of_an_attached_model_is_the_start_pose(tmp_path: Path, names: list[str], home: str | None):
-    """Where the model has none of its own; the scene names it, as 'home' alone is taken without being named."""
-    keys = "".join(f'<key name="{name}"/>' for name in names)
-    path = model(tmp_path, TABLE.replace("</worldbody>", f"</worldbody><keyframe>{keys}</keyframe>"))
-    scene = first_scene(path)
-    assert scene.words().get("home") == YAML(typ="safe").load(scene.text("model.xml")).get("home") == home
-    assert ("qpos0" in scene.text("model.xml")) == (names == ["rest"])
-    build_model(SceneConfig.load(scene.words()))
+def test_the_start_pose_is_a_home_of_an_attached_model(tmp_path: Path):
+    """Named in the scene, if the whole model has no keyframe of that name; the first one, if there are several."""
+    keys = "".join(
+        f'<key name="{name}" qpos="0.5 0 {z} 1 0 0 0  0.4 0.2 0.46 1 0 0 0  0.4 0.2 0.52 1 0 0 0  -0.5 0.2 0.1 1 0 0 0'
+        '  0 0"/>'
+        for name, z in (("reset", 0.5), ("arm/home", 0.6), ("b/home", 0.7), ("home_b", 0.8))
+    )
+    xml = TABLE.replace("</mujoco>", f"<keyframe>{keys}</keyframe></mujoco>")
+    scene = first_scene(model(tmp_path, xml))
+    assert scene.words()["home"] == YAML(typ="safe").load(scene.text("model.xml"))["home"] == "arm/home"
+    assert "# The start pose is its keyframe 'arm/home', of 'arm/home', 'b/home'." in scene.text("model.xml")
+    config = SceneConfig.load(scene.words())
+    assert build_model(config).home_qpos[2] == 0.6
+    scene = first_scene(model(tmp_path, xml.replace('"b/home"', '"home"')))
+    assert "home" not in scene.words()
+    assert "# The start pose is its keyframe 'home'." in scene.text("model.xml")
+
+
+def test_things_stand_on_a_table_that_moves_itself(tmp_path: Path):
+    """The can touches the box around the table, whose ray begins there; but it is the table that carries the can."""
+    legs = '<geom type="box" pos="0.2 0.2 -0.21" size="0.02 0.02 0.19"/>'
+    table = '<body name="table" pos="0.5 0 0.4"><geom type="box" size="0.3 0.4 0.02" rgba="0 0 0 0"/>'
+    low = TABLE.replace(table, f"{table}<freejoint/>{legs}").replace(
+        '"can" pos="0.5 0 0.48"', '"can" pos="0.5 0 0.4799"'
+    )
+    objects = first_scene(model(tmp_path, low)).words()["objects"]
+    assert objects["table"] == {"on": "ground", "region": {"box": [[0.2, -0.3], [0.8, 0.3]]}}
+    assert objects["can"] == {"on": "table", "ratio_on_support": 1}
 
 
 def test_a_missing_model_is_an_error_of_ours(tmp_path: Path):
