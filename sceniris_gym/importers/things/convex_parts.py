@@ -45,9 +45,8 @@ _GRID = 40  # cells along its size, of the surface that CoACD closes first
 # a fifth of the time, and a third of the parts.
 _SIMPLER = 0.2
 _LOST = 2.0  # times that: vertices that are farther from the simplified mesh were lost by it
-# Shares of the tolerance: for each piece, and for those of a solid that the final check finds too far off, as samples
-# miss a little; while parts are merged; and in the final check.
-_RESTS, _MERGED, _SURE = (0.9, 0.7, 0.5), 0.9, 0.95
+# Shares of the tolerance: for each piece, while parts are merged, and in the final check. Samples miss a little.
+_REST, _MERGED, _SURE = 0.9, 0.9, 0.95
 # A share of the previous error: a cut that leaves more is followed by one twice as fine, and the third such in a row is
 # the last.
 _BETTER, _WORSE = 0.95, 2
@@ -86,32 +85,24 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         MissingExtraError: It is not convex, and CoACD is not installed.
     """
     allowed = tolerance_of(solid.mesh) if tolerance is None else tolerance
-    for share in _RESTS if solid.closed else _RESTS[:1]:
-        parts, fit, method = _within(solid, allowed, share * allowed)
-        if len(parts) > MOST_PARTS:
-            break
-        if fit.error <= allowed:
-            return Parts(tuple(parts), fit, allowed, method)
-    raise PartsError(
-        f"{where}: its best convex parts, {len(parts)} by {method}, are {1000.0 * fit.error:.2g} mm off its "
-        f"surface; at most {1000.0 * allowed:.2g} mm and {MOST_PARTS} parts are allowed. Allow more with "
-        "--tolerance, or model thin and fine structures thicker."
-    )
-
-
-def _within(solid: Solid, allowed: float, rest: float) -> tuple[list[trimesh.Trimesh], Fit, str]:
-    """Return parts that are merged within a tolerance, of those that are cut within less of it, and the methods."""
-    cuts = [_of_piece(piece, solid.closed, rest) for piece in _pieces(solid.mesh)]
+    cuts = [_of_piece(piece, solid.closed, _REST * allowed) for piece in _pieces(solid.mesh)]
     found, methods = [part for cut in cuts for part in cut.parts], [cut.method for cut in cuts]
     method = ", ".join(f"{methods.count(word)} x {word}" for word in sorted(set(methods)))
     if solid.closed:
-        excess = Excess(union_of([cut.solid for cut in cuts]), solid.mesh, rest)
+        excess = Excess(union_of([cut.solid for cut in cuts]), solid.mesh, _REST * allowed)
         whole, found = found, split(found, excess, _MOST_SPLIT)
         method += ", split" if len(found) > len(whole) else ""
         beyond = excess.beyond
     else:
         beyond = Measure(solid.mesh, allowed).beyond
-    return *_merged(found, beyond, Measure(solid.mesh, allowed, _EXACT), allowed), method
+    parts, fit = _merged(found, beyond, Measure(solid.mesh, allowed, _EXACT), allowed)
+    if fit.error > allowed or len(parts) > MOST_PARTS:
+        raise PartsError(
+            f"{where}: its best convex parts, {len(parts)} by {method}, are {1000.0 * fit.error:.2g} mm off its "
+            f"surface; at most {1000.0 * allowed:.2g} mm and {MOST_PARTS} parts are allowed. Allow more with "
+            "--tolerance, or model thin and fine structures thicker."
+        )
+    return Parts(tuple(parts), fit, allowed, method)
 
 
 def _merged(

@@ -52,19 +52,6 @@ def test_a_solid_that_is_not_cut_well_is_split(monkeypatch: pytest.MonkeyPatch):
     assert parts.method == "1 x hull, split"
 
 
-def test_a_solid_whose_parts_do_not_fit_in_the_end_is_split_further(monkeypatch: pytest.MonkeyPatch):
-    """Parts that may stick out by more than the tolerance are refused; a cut within less of it is tried before that."""
-    foot, post = box((0.1, 0.1, 0.02)), box((0.02, 0.1, 0.1)).apply_translation([-0.04, 0.0, 0.04])
-    corner = Solid(trimesh.boolean.union([foot, post], engine="manifold"), closed=True, report=())
-    module = "sceniris_gym.importers.things.convex_parts"
-    monkeypatch.setattr(f"{module}._cut", lambda *arguments: [])
-    monkeypatch.setattr(f"{module}._RESTS", (30.0,))
-    with pytest.raises(PartsError, match="Allow more with --tolerance"):
-        convex_parts(corner, "corner", 0.002)
-    monkeypatch.setattr(f"{module}._RESTS", (30.0, 0.9))
-    assert convex_parts(corner, "corner", 0.002).fit.error <= 0.002
-
-
 def test_where_nothing_fits_the_best_is_told(monkeypatch: pytest.MonkeyPatch):
     """With how far it is off."""
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
