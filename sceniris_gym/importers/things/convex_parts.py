@@ -135,7 +135,7 @@ class _Cut:
 
 def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
     """Cut a connected piece once, or, if it is no solid, so that its parts are not split later, until the parts fit."""
-    hull = [small_hull(piece.vertices)]
+    hull = [small_hull(piece.vertices, allowed)]
     measure = Measure(piece, allowed)
     error = 0.0 if float(piece.extents.max()) < allowed else measure.fit(hull).error
     if error <= allowed:
@@ -144,11 +144,11 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
     solid = manifold_of(simple)
     threshold = float(np.clip(_MULTIPLE * allowed / float(piece.extents.max()), _COARSE, 1.0))  # CoACD takes no more
     if closed and not solid.is_empty():
-        parts = _cut(simple, threshold, closed)
+        parts = _cut(simple, threshold, closed, allowed)
         return _Cut(parts or hull, "CoACD" if parts else "hull", solid)
     best, worse = hull, 0
     for _ in range(_TRIES):
-        parts = _cut(simple, threshold, closed)
+        parts = _cut(simple, threshold, closed, allowed)
         if len(parts) > _TOO_MANY:
             break
         off = measure.fit(parts).error if parts else np.inf
@@ -171,8 +171,8 @@ def _simpler(mesh: trimesh.Trimesh, off: float) -> trimesh.Trimesh:
     return mesh if Distances(simple.vertices, simple.faces).farthest(mesh.vertices)[1] > _LOST * off else simple
 
 
-def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool) -> list[trimesh.Trimesh]:
-    """Return the parts that CoACD cuts a mesh into; it encloses an open one in a surface first."""
+def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) -> list[trimesh.Trimesh]:
+    """Return the parts that CoACD cuts a mesh into, thinned; it encloses an open one in a surface first."""
     # One thread finds the same parts on every machine; several wait for each other where cores are busy.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     coacd = import_extra("coacd", "import")
@@ -186,7 +186,7 @@ def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool) -> list[trimesh.
         seed=0,
         **_SEARCH,
     )
-    hulls = (hull_or_none(np.asarray(vertices, float)) for vertices, _ in found)
+    hulls = (hull_or_none(np.asarray(vertices, float), allowed) for vertices, _ in found)
     return [hull for hull in hulls if hull is not None]
 
 

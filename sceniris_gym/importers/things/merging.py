@@ -44,7 +44,7 @@ def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[
         _, j, i = heapq.heappop(heap)
         if i not in alive or j not in alive:
             continue
-        both = small_hull(np.concatenate([alive[i].vertices, alive[j].vertices]))
+        both = small_hull(np.concatenate([alive[i].vertices, alive[j].vertices]), allowed)
         others = {k: part for k, part in alive.items() if k not in (i, j)}
         if beyond(both, list(others.values())) <= allowed:
             new = next(fresh)

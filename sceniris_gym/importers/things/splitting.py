@@ -29,6 +29,7 @@ _DIRECTIONS, _LEVELS = 6, 6
 _ALIKE = 20  # steps from 0 to 1 in which normals are compared
 _MOST_VERTICES = 96  # of a part: MuJoCo-Warp's collisions take longer with more
 _EVEN = 192  # directions, spread evenly
+_LOST = 0.9  # of the distance allowed, that thinning may take: later steps take some, too
 
 
 class Excess:
@@ -82,7 +83,7 @@ def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[t
     least = _SLIVER * float(np.prod(high - low))
     while pieces:
         piece = pieces.pop()
-        if piece.volume() < least or (part := hull_or_none(mesh_of(piece).vertices)) is None:
+        if piece.volume() < least or (part := hull_or_none(mesh_of(piece).vertices, excess.allowed)) is None:
             continue
         away, where = excess.of(part)
         halves = () if away <= excess.allowed or len(found) + len(pieces) > most else _halves(piece, where, away)
@@ -124,8 +125,11 @@ def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
             yield mean / length
 
 
-def small_hull(points: np.ndarray) -> trimesh.Trimesh:
-    """Return the convex hull of points (n, 3), or of those farthest in even directions if it has many vertices."""
+def small_hull(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh:
+    """Return the convex hull of points (n, 3), or of those farthest in even directions if it has many vertices.
+
+    Few of these are where a hull is nearly flat. More are taken there until the others are within `allowed` [m] of it.
+    """
     hull = convex_hull(points)
     if len(hull.vertices) <= _MOST_VERTICES:
         return hull
@@ -135,13 +139,18 @@ def small_hull(points: np.ndarray) -> trimesh.Trimesh:
     directions = np.stack([level * np.cos(turn), level * np.sin(turn), height], axis=1)
     directions = np.concatenate([directions, np.eye(3), -np.eye(3)])
     farthest = np.unique(np.argmax(hull.vertices @ directions.T, axis=0))
+    heights = (hull.vertices * hull.vertex_normals).sum(axis=1)
+    lost = heights - (hull.vertices[farthest] @ hull.vertex_normals.T).max(axis=0)
+    while lost.max() > _LOST * allowed:
+        farthest = np.append(farthest, lost.argmax())
+        lost = np.minimum(lost, heights - hull.vertex_normals @ hull.vertices[farthest[-1]])
     return convex_hull(hull.vertices[farthest])
 
 
-def hull_or_none(points: np.ndarray) -> trimesh.Trimesh | None:
+def hull_or_none(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh | None:
     """Return the same; None if the points lie in a plane."""
     flat = hull_of(points).volume() <= 1e-9 * float(np.ptp(points, axis=0).max()) ** 3
-    return None if flat else small_hull(points)
+    return None if flat else small_hull(points, allowed)
 
 
 def manifold_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:

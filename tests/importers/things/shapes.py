@@ -22,6 +22,15 @@ def cup(radius: float = 0.04, height: float = 0.09, wall: float = 0.006) -> trim
     return trimesh.creation.revolve(outline, sections=24)
 
 
+def apple(height: float = 0.11) -> trimesh.Trimesh:
+    """An apple of 11 cm and 5,120 faces with a dimple for its stem, or a flatter fruit."""
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.055)
+    x, y, z = mesh.vertices.T
+    dimple = 0.12 * height * np.exp(-((np.hypot(x, y) / 0.012) ** 2)) * (z > 0.0)
+    mesh.vertices = np.stack([x, y, z * height / 0.11 - dimple], axis=1)
+    return mesh
+
+
 def box(extents: tuple[float, float, float] = (0.04, 0.06, 0.1)) -> trimesh.Trimesh:
     """A box around the origin."""
     return trimesh.creation.box(extents)
