@@ -13,6 +13,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 from sceniris_gym import SceneConfig, __version__, build_model
 from sceniris_gym.training.sources import source_hash
@@ -75,10 +76,12 @@ def test_every_folder_with_code_is_a_package():
 
 
 def test_the_version_is_the_same_everywhere():
-    """In pyproject.toml, in the package and on top of the changelog."""
+    """In pyproject.toml, in the package, on top of the changelog and, with the same date, in CITATION.cff."""
     assert PROJECT["project"]["version"] == __version__
     headings = [line for line in (ROOT / "CHANGELOG.md").read_text().splitlines() if line.startswith("## ")]
-    assert __version__ in headings[0]
+    citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
+    assert citation["version"] == __version__
+    assert headings[0] == f"## {__version__} - {citation['date-released']}"
 
 
 def test_every_dependency_is_pinned():
