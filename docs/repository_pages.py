@@ -72,11 +72,11 @@ def _with_examples(nav: object) -> object:
 def _content(source: str) -> str:
     if source == "examples":
         rows = [
-            f"| [{_title(path)}]({PurePosixPath(path).name}) | {_summary(path)} | ![Worlds of its scene]"
+            f"| [{_title(path)}]({PurePosixPath(path).name}) | {_summary(path)} ![Three worlds of its scene]"
             f"(../docs/pictures/{PurePosixPath(path).stem}.jpg) |"
             for path in EXAMPLES
         ]
-        return "\n".join(("# Examples\n", "| example | content | scene |", "|---|---|---|", *rows, ""))
+        return "\n".join(("# Examples\n", "| example | content |", "|---|---|", *rows, ""))
     text = (ROOT / source).read_text(encoding="utf-8")
     if source.endswith(".ipynb"):
         return "\n\n".join([*map(_cell, json.loads(text)["cells"]), f"This page is the notebook `{source}`.\n"])
