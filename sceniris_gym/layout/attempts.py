@@ -25,7 +25,8 @@ def find_attempts(compiled: CompiledScene) -> int:
 
     They are a function of the scene alone, as seeds and streams are fixed. Worlds that end for a cause that no attempt
     cures (an empty region) do not count, and stages after placing are left out. More attempts change no layout that
-    fewer suffice for, so only worlds that have failed so far are tried again, and only until too many have failed.
+    fewer suffice for, so only worlds that have failed so far are tried again, and only until too many have failed. A
+    scene that no world is made of even with the most attempts gets the fewest, which refuse it sooner.
 
     Args:
         compiled: A scene with an empty bank.
@@ -40,9 +41,12 @@ def find_attempts(compiled: CompiledScene) -> int:
             return attempts
         if attempts == MOST_ATTEMPTS:
             break
+        if attempts == FEWEST_ATTEMPTS and len(pending) == _NWORLD:  # what fails with the most fails with all below
+            trial.program.attempts = MOST_ATTEMPTS
+            failing, enough = _still_failing(trial, pending)
+            if len(failing) == _NWORLD and not enough:
+                return FEWEST_ATTEMPTS
         attempts = min(2 * attempts, MOST_ATTEMPTS)
-    if len(pending) == _NWORLD:  # the scene can hardly be made at all, which shows sooner with few attempts
-        return FEWEST_ATTEMPTS
     warn(AttemptsWarning(compiled.config.where, attempts))
     return attempts
 

@@ -103,16 +103,19 @@ def recording(generator: LayoutGenerator) -> LayoutGenerator:
     return generator
 
 
-def obstructions(generator: LayoutGenerator) -> dict[str, str]:
+def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[str, str]:
     """Describe, for each object with recorded collisions, the pair of geoms that most of its candidates collide at.
 
     The share in the description is that of the candidates which the pair rejects, the distance their mean.
 
     Args:
         generator: A generator that has recorded candidates; see `recording`.
+        name: The only object to describe; None for all.
     """
     rejected, found = read_rejected(generator), {}
     collided = np.flatnonzero(rejected.causes == Cause.COLLISION)
+    if name is not None:
+        collided = collided[rejected.objects[collided] == generator.compiled.placed.index(name)]
     if not len(collided):
         return {}
     blame, data = Blame(generator.compiled), mujoco.MjData(generator.compiled.mjm)

@@ -244,7 +244,7 @@ def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSc
     cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
     leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
     orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
-    obstruction = obstructions(probe).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
+    obstruction = obstructions(probe, name).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
     return InfeasibleSceneError(
         compiled.config.where,
         name,

@@ -15,6 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
+from sceniris_gym.scene.number_check import check_numbers
 
 FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
@@ -131,9 +132,17 @@ def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
 
     In keyframes, the poses of mocap bodies are identified by their order alone, which changes with every body that
     becomes one. The pose of a body stays with the body, and is its pose at the start, too.
+
+    Raises:
+        SceneKeyError: The keyframe holds a nan, which MuJoCo would fill in silently when another model is attached.
     """
     bodies = [body for body in spec.bodies if body.mocap]
-    if not bodies or keyframe not in {key.name for key in spec.keys}:
+    wanted = next((key for key in spec.keys if key.name == keyframe), None)
+    if wanted is None:
+        return
+    if any(np.isnan(getattr(wanted, name)).any() for name in ("qpos", "qvel", "act", "ctrl", "mpos", "mquat")):
+        check_numbers(compile_spec(spec, where), where.removesuffix(": model"))
+    if not bodies:
         return
     model = compile_spec(spec, where)
     key = model.key(keyframe)
@@ -145,7 +154,6 @@ def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
         body.pos, body.quat, body.alt.type = pos.copy(), quat.copy(), mujoco.mjtOrientation.mjORIENTATION_QUAT
         if body.frame is not None:
             body.set_frame(spec.worldbody.add_frame())
-    wanted = next(key for key in spec.keys if key.name == keyframe)
     wanted.mpos, wanted.mquat = [], []
 
 

@@ -61,9 +61,12 @@ def _check_field(mjm: mujoco.MjModel, where: str, name: str, values: np.ndarray)
         bound = BOUNDS[kind]
         wrong, advice = (values < bound.low) | (values > bound.high), bound.advice
     if wrong.any():
-        at = tuple(np.argwhere(wrong)[0])
+        at, spot = tuple(np.argwhere(wrong)[0]), ""
+        if name == "key_qpos":
+            joint = int(np.searchsorted(mjm.jnt_qposadr, at[1], side="right")) - 1
+            spot = f" (qpos[{at[1]}], joint '{mjm.joint(joint).name or joint}')"
         raise SceneKeyError(
-            f"{where}: model: {name} of {_element(mjm, name, int(at[0]))}: {values[at]:g} {advice}. "
+            f"{where}: model: {name} of {_element(mjm, name, int(at[0]))}: {values[at]:g} {advice}{spot}. "
             "Correct it in the MJCF file."
         )
 

@@ -8,10 +8,10 @@ from scipy import stats
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import AttemptsWarning, InfeasibleSceneError
-from sceniris_gym.layout.attempts import find_attempts
+from sceniris_gym.layout.attempts import _still_failing, find_attempts
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.program.compiled import upload_scene
+from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, valid
 
@@ -118,3 +118,25 @@ def test_a_scene_that_cannot_be_made_is_refused_as_ever(box: str, monkeypatch: p
     assert find_attempts(upload_scene(build_model(config), "cpu")) == 10
     with pytest.raises(InfeasibleSceneError, match="collision"):
         compile_scene(config, "cpu")
+
+
+def test_a_scene_that_cannot_be_made_is_tried_with_the_fewest_and_the_most_attempts_only(
+    box: str, monkeypatch: pytest.MonkeyPatch
+):
+    """What fails with the most fails with all numbers between. A scene that can be made now and then gets them all."""
+    monkeypatch.setattr("sceniris_gym.layout.attempts.MOST_ATTEMPTS", 80)
+    tried: list[int] = []
+
+    def noted(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray, bool]:
+        tried.append(trial.attempts)
+        return _still_failing(trial, seeds)
+
+    monkeypatch.setattr("sceniris_gym.layout.attempts._still_failing", noted)
+    full = upload_scene(build_model(SceneConfig.load(_line(box, 4, half=0.11, attempts="auto"))), "cpu")
+    assert find_attempts(full) == 10
+    assert tried == [10, 80]
+    tried.clear()
+    tight = upload_scene(build_model(SceneConfig.load(_line(box, 3, attempts="auto"))), "cpu")
+    with pytest.warns(AttemptsWarning, match="stopped at 80"):
+        assert find_attempts(tight) == 80
+    assert tried == [10, 20, 40, 80]

@@ -73,6 +73,21 @@ def test_pairs_are_listed_once_and_no_layout_is_made_again(generator: LayoutGene
     assert listed == [1]
 
 
+def test_one_object_is_described_from_its_own_candidates_alone(
+    generator: LayoutGenerator, monkeypatch: pytest.MonkeyPatch
+):
+    """As among all; candidates of the others, of which a crowded scene has thousands, are not looked at."""
+    everything, hits, looked_at = obstructions(generator), Blame.hits, set[int]()
+
+    def noted(blame: Blame, data: mujoco.MjData, number: int) -> list[Any]:
+        looked_at.add(number)
+        return hits(blame, data, number)
+
+    monkeypatch.setattr(Blame, "hits", noted)
+    assert obstructions(generator, "b") == {"b": everything["b"]}
+    assert looked_at == {generator.compiled.placed.index("b")}
+
+
 def test_a_record_changes_no_layout_and_has_what_the_exact_one_has(compiled: CompiledScene):
     """Restarts are tried at once all the same: of a generator that has room for them it holds candidates of more."""
     size = replace(default_size("cpu"), rows=64)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
@@ -64,3 +66,52 @@ def test_a_start_pose_is_normalised(tmp_path: Path):
     path.write_text(f"<mujoco><worldbody>{BODY.format(geom='')}</worldbody>{key}</mujoco>")
     scene = build_model(SceneConfig.load({"model": str(path), "objects": {"crate": {}}}))
     assert scene.home_qpos.tolist() == [0, 0, 1, 1, 0, 0, 0]
+
+
+CELL = """
+<mujoco>
+  <worldbody>
+    <geom name="ground" type="plane" size="1 1 .1"/>
+    <body name="arm"><joint name="turn"/><geom size=".05"/></body>
+    <body name="cube" pos=".3 0 .1"><freejoint name="loose"/><geom size=".02"/></body>
+    <body name="stand" mocap="true" pos=".5 .5 .3"><geom size=".03"/></body>
+  </worldbody>
+  <actuator><motor joint="turn"/></actuator>
+  <keyframe><key name="home" {words}/></keyframe>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(("form", "robots"), [("path", 0), ("path", 1), ("spec", 0), ("spec", 1), ("model", 0)])
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ('qpos="nan 0 0 1 1 0 0 0"', r"key_qpos of key 'home': nan should be a number \(qpos\[0\], joint 'turn'\)"),
+        ('qpos="0 0 0 nan 1 0 0 0"', r"key_qpos of key 'home': nan should be a number \(qpos\[3\], joint 'loose'\)"),
+        ('qpos="0 nan 0 1 1 0 0 0"', r"key_qpos of key 'home': nan should be a number \(qpos\[1\], joint 'loose'\)"),
+        ('ctrl="nan"', r"key_ctrl of key 'home': nan should be a number\."),
+    ],
+)
+def test_a_nan_of_the_start_pose_is_named_by_its_keyframe(
+    tmp_path: Path, words: str, says: str, form: str, robots: int
+):
+    """Of a model in any form, and also where a robot is attached to it, which makes MuJoCo fill in some of them."""
+    path = tmp_path / "cell.xml"
+    path.write_text(CELL.format(words=words))
+    spec = mujoco.MjSpec.from_file(str(path))
+    robot: dict[str, Any] = {"robot": {"asset": "panda", "base": [-2, 0, 0]}} if robots else {}
+    model = {"path": str(path), "spec": spec, "model": spec.copy().compile()}[form]
+    with pytest.raises(SceneKeyError, match=rf"scene: model: {says}"):
+        build_model(SceneConfig.load({"model": model, "objects": {"cube": {"on": "ground"}}, **robot}))
+
+
+def test_a_nan_of_a_robot_s_start_pose_is_named_by_its_keyframe(tmp_path: Path):
+    """Of the keyframe that the robot starts from; another one is not read."""
+    path = tmp_path / "cell.xml"
+    path.write_text(
+        "<mujoco><worldbody><body name='arm'><geom size='.05'/><body><joint name='turn'/><geom size='.02'/></body>"
+        "</body></worldbody><keyframe><key name='home' qpos='1'/><key name='bad' qpos='nan'/></keyframe></mujoco>"
+    )
+    scene = build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "robot": {"model": str(path)}}))
+    assert scene.home_qpos.tolist() == [1.0]
+    with pytest.raises(SceneKeyError, match=r"robot\.model.*key_qpos of key 'bad': nan .*\(qpos\[0\], joint 'turn'\)"):
+        build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "robot": {"model": str(path), "keyframe": "bad"}}))
