@@ -123,7 +123,7 @@ def test_a_scene_that_cannot_be_made_is_refused_as_ever(box: str, monkeypatch: p
 def test_a_scene_that_cannot_be_made_is_tried_with_the_fewest_and_the_most_attempts_only(
     box: str, monkeypatch: pytest.MonkeyPatch
 ):
-    """What fails with the most fails with all numbers between. A scene that can be made now and then gets them all."""
+    """The most attempts fail only if all fewer do. A scene that can be made now and then is tried with all."""
     monkeypatch.setattr("sceniris_gym.layout.attempts.MOST_ATTEMPTS", 80)
     tried: list[int] = []
 
