@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import json
 
 from sceniris_gym.config.relations import FRAMES, RELATION_WORDS
 from sceniris_gym.config.scene import SceneConfig
@@ -27,8 +27,9 @@ def test_every_word_has_a_scene(tmp_path):
 def test_a_line_for_each_word_says_the_worst(capsys):
     """Two words by their beginning; a point beside something lies on a strip of 40 um around its line."""
     status = relations.main(["--layouts", "50", "--jobs", "1", "--words", "near, max", "beside in another"])
-    beside, near, total = [line for line in capsys.readouterr().out.splitlines() if "broken" in line]
-    assert re.match(r"near, max +50 layouts \(50 fresh\)  0 broken  worst -.* m, .* rad$", near)
-    assert re.match(r"beside in another's frame +50 layouts \(50 fresh\)  0 broken  worst 2.0e-05 m", beside)
-    assert total.startswith("2 words, 0 broken")
+    lines = {line["word"]: line for line in map(json.loads, capsys.readouterr().out.splitlines()[-2:])}
+    assert set(lines) == {"near, max", "beside in another's frame"}
+    assert [(line["layouts"], line["fresh"], line["broken"]) for line in lines.values()] == [(50, 50, 0)] * 2
+    assert lines["near, max"]["worst_m"] < 0.0
+    assert 1e-5 < lines["beside in another's frame"]["worst_m"] < 2.1e-5
     assert status == 0
