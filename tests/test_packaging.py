@@ -35,9 +35,9 @@ def run(*command: str | Path, cwd: Path) -> str:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the sdist of the tree, and the wheel that was built from it."""
     tree = tmp_path_factory.mktemp("tree")
-    for name in ("sceniris_gym", *MAPPED):
+    for name in ("sceniris_gym", *MAPPED, "tests"):
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tree)
     run(sys.executable, "-m", "build", "--no-isolation", cwd=tree)
     return tree / "dist"
@@ -96,7 +96,7 @@ def test_every_dependency_is_pinned():
 
 @pytest.mark.slow
 def test_wheel_and_sdist_hold_all_modules_scenes_and_assets(built: Path):
-    """Files of the tree are in both; tests and caches are not in the wheel."""
+    """Files of the tree are in both; tests and caches are in neither."""
     wheel = set(zipfile.ZipFile(next(built.glob("*.whl"))).namelist())
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         sdist = {name.partition("/")[2] for name in archive.getnames()}
@@ -113,7 +113,7 @@ def test_wheel_and_sdist_hold_all_modules_scenes_and_assets(built: Path):
     assert [str(path) for path in files if str(path) not in sdist] == []
     inside = ["/".join(["sceniris_gym", *p.parts] if p.parts[0] in MAPPED else p.parts) for p in files]
     assert [path for path in inside if path not in wheel] == []
-    assert [path for path in wheel if path.startswith("tests") or path.endswith(".pyc")] == []
+    assert [path for path in wheel | sdist if path.startswith("tests") or path.endswith(".pyc")] == []
 
 
 @pytest.mark.slow
