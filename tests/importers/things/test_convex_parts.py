@@ -133,7 +133,7 @@ def test_a_smooth_fruit_is_not_refused(height: float):
 def test_the_shipped_apple_is_not_refused():
     """Its visual mesh, which has few faces."""
     pytest.importorskip("coacd", reason="coacd is not installed (extra 'import')")
-    (mesh,) = trimesh.load_scene(str(files("sceniris_gym") / "assets/meshes/apple.obj")).dump()
+    (mesh,) = trimesh.load_scene(str(files("sceniris_gym.assets") / "meshes/apple.obj")).dump()
     assert isinstance(mesh, trimesh.Trimesh)
     parts = convex_parts(repair([surface(mesh)], "apple"), "apple")
     assert parts.fit.error <= parts.tolerance
