@@ -9,6 +9,13 @@ from typing import Any
 SCENES = ("mid", "mid_16k", "hard", "hard_plus", "table_top", "kitchen", "clutter", "drawer_pick")
 TASKS = ("TabletopReach-v0", "DrawerPick-v0", "ClutterPush-v0", "KitchenReset-v0")
 ARMS = ("panda", "ur5e", "heron")
+GPU_RATES = (
+    *("mid:4096", "kitchen:4096", "clutter:4096", "drawer_pick:4096", "tabletop_lift:4096"),
+    *("mid:16384", "mid_16k:16384", "hard:16384", "hard_plus:16384", "table_top:16384"),
+    *("mid:65536", "mid_16k:65536", "mid:524288"),
+)
+CPU_RATES = ("mid:4096", "mid_16k:1024", "hard:1024", "hard_plus:1024", "table_top:1024", "kitchen:256", "clutter:256")
+"""Scenes and numbers of worlds; `run.sh` reads these lists, too."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +36,17 @@ class Run:
         return self.measurements["about"][0]
 
     def line(self, measurement: str, **where: object) -> Mapping[str, Any]:
-        """Return the last line of a measurement that has these values.
+        """Return the last line of a measurement that has these values; see `_last`."""
+        return _last(self.measurements[measurement], where)
 
-        Raises:
-            LookupError: the run has none
-        """
-        return [line for line in self.measurements[measurement] if where.items() <= line.items()][-1]
+
+def _last(lines: Sequence[Mapping[str, Any]], where: Mapping[str, object], has: str = "") -> Mapping[str, Any]:
+    """Return the last line with these values, and with something under the key `has` if one is given.
+
+    Raises:
+        LookupError: there is none
+    """
+    return [line for line in lines if where.items() <= line.items() and (not has or line.get(has))][-1]
 
 
 @dataclass(frozen=True)
@@ -74,19 +86,15 @@ def sections() -> dict[str, list[Figure]]:
 
 
 def _rates() -> Iterator[Figure]:
-    targets = {("mid", 4096): "0.4 ms", ("mid", 16384): "4,000,000/s", ("mid", 65536): "15,000,000/s"}
-    targets |= {("mid_16k", 65536): "4,000,000/s", ("kitchen", 4096): "1,500,000/s", ("clutter", 4096): "800,000/s"}
-    asked = [(scene, 4096) for scene in ("mid", "kitchen", "clutter", "drawer_pick", "tabletop_lift")]
-    asked += [(scene, 16384) for scene in ("mid", "mid_16k", "hard", "hard_plus", "table_top")]
-    asked += [("mid", 65536), ("mid_16k", 65536), ("mid", 524288)]
-    asked += [(scene, 1024) for scene in ("mid_16k", "hard", "hard_plus", "table_top")]
-    asked += [(scene, 256) for scene in ("kitchen", "clutter")]
-    for scene, worlds in asked:
+    targets = {"mid:4096": "0.4 ms", "mid:16384": "4,000,000/s", "mid:65536": "15,000,000/s"}
+    targets |= {"mid_16k:65536": "4,000,000/s", "kitchen:4096": "1,500,000/s", "clutter:4096": "800,000/s"}
+    for pair in dict.fromkeys((*GPU_RATES, *CPU_RATES)):
+        scene, _, worlds = pair.partition(":")
         yield Figure(
-            f"`{scene}`, {worlds:,} worlds: valid layouts/s; time for all; for 2% of the worlds",
-            f"python -m benchmarks.generator_rates {scene}:{worlds} --device DEVICE",
-            lambda run, at={"scene": scene, "num_envs": worlds}: _rate(run.line("rates", **at)),
-            targets.get((scene, worlds), ""),
+            f"`{scene}`, {int(worlds):,} worlds: valid layouts/s; time for all; for 2% of the worlds",
+            f"python -m benchmarks.generator_rates {pair} --device DEVICE",
+            lambda run, at={"scene": scene, "num_envs": int(worlds)}: _rate(run.line("rates", **at)),
+            targets.get(pair, ""),
         )
     yield Figure(
         "`hard_plus` relative to `mid`: valid layouts/s times placed objects, 16,384 worlds",
@@ -154,8 +162,8 @@ def _systems() -> Iterator[Figure]:
             command,
             lambda run, worlds=worlds: "; ".join(
                 (
-                    f"{_system(run, 'Mid, warm', worlds)['valid_per_s']:,.0f}",
-                    f"{_system(run, 'Mid, cold, kernel cache kept', worlds)['cold_s']:.1f} s",
+                    f"{_system(run, 'Mid, warm', worlds=worlds)['valid_per_s']:,.0f}",
+                    f"{_system(run, 'Mid, cold, kernel cache kept', worlds=worlds)['cold_s']:.1f} s",
                 )
             ),
         )
@@ -165,11 +173,11 @@ def _systems() -> Iterator[Figure]:
         lambda run: _colliding(_system(run, "Mid, valid ones that FCL finds in collision")),
         "0",
     )
-    for processes in ("one process", "one process a core"):
+    for processes, level in (("one process", "one process"), ("one process a core", "one a core")):
         yield Figure(
             f"Scene Synthesizer, the same scene, {processes}: valid scenes/s; those in which FCL finds a collision",
             command,
-            lambda run, processes=processes: _synthesizer(run, alone=processes == "one process"),
+            lambda run, level=level: _peer(_system(run, "Scene Synthesizer, Mid", level=level)),
         )
     yield Figure(
         "the same candidates without checks: scenes/s; those in which FCL finds a collision",
@@ -178,16 +186,9 @@ def _systems() -> Iterator[Figure]:
     )
 
 
-def _system(run: Run, experiment: str, worlds: int | None = None) -> Mapping[str, float]:
+def _system(run: Run, experiment: str, **where: object) -> Mapping[str, float]:
     """Return what the suite measured in an experiment; raise LookupError if nothing."""
-    rows = run.line("paper")["rows"]
-    found = [row["measured"] for row in rows if row["experiment"] == experiment and worlds in (None, row["worlds"])]
-    return [measured for measured in found if measured][-1]
-
-
-def _synthesizer(run: Run, alone: bool) -> str:
-    rows = [row["measured"] for row in run.line("paper")["rows"] if row["experiment"] == "Scene Synthesizer, Mid"]
-    return _peer([row for row in rows if row and (row["processes"] == 1) == alone][-1])
+    return _last(run.line("paper")["rows"], {"experiment": experiment, **where}, "measured")["measured"]
 
 
 def _peer(measured: Mapping[str, float]) -> str:
@@ -249,7 +250,7 @@ def _reach() -> Iterator[Figure]:
         yield Figure(
             f"{arm}: lookups in its map; map in memory; file",
             f"python -m benchmarks.reach --arms {arm} --tiers map --device DEVICE",
-            lambda run, arm=arm: _map(next(line for line in run.measurements["reach"] if line["arm"] == arm)),
+            lambda run, arm=arm: _map(_last(run.measurements["reach"], {"arm": arm}, "lookups_per_s")),
             "1e9/s; 16 MB; 8 MB",
         )
 

@@ -17,15 +17,10 @@ measure() { # NAME COMMAND...
   if "$@" 2>>"$folder/errors.log" >"$out.tmp"; then mv "$out.tmp" "$out"; else echo "failed: $*" >&2; fi
 }
 cli() { python3 -m sceniris_gym "$@" --device "$device" --json; }
+list() { python3 -c "from benchmarks import figures; print(*figures.$1)"; }
 
-worlds="mid:4096 mid:16384 mid:65536 mid:524288 mid_16k:16384 mid_16k:65536 hard:16384 hard_plus:16384 table_top:16384
-  kitchen:4096 clutter:4096 drawer_pick:4096 tabletop_lift:4096"
-tasks="TabletopReach-v0 DrawerPick-v0 ClutterPush-v0 KitchenReset-v0"
-paper="--peer uniform --peer scene_synthesizer"
-if [ "$device" = cpu ]; then
-  worlds="mid:4096 mid_16k:1024 hard:1024 hard_plus:1024 table_top:1024 kitchen:256 clutter:256"
-  tasks="" paper=--quick
-fi
+worlds=$(list GPU_RATES) tasks=$(list TASKS) paper="--peer uniform --peer scene_synthesizer"
+[ "$device" = cpu ] && worlds=$(list CPU_RATES) tasks="" paper=--quick
 
 measure about python3 -m benchmarks.machine "$device" "${COMMIT:-$(git describe --always --dirty --abbrev=7)}"
 measure rates python3 -m benchmarks.generator_rates $worlds --device "$device"
@@ -37,7 +32,7 @@ for task in $tasks; do
 done
 [ "$device" = cpu ] || measure reset python3 -m benchmarks.reset_step mid --arm --device "$device"
 measure paper python3 -m benchmarks.paper $paper --device "$device" --json
-for scene in mid mid_16k hard hard_plus table_top kitchen clutter drawer_pick; do
+for scene in $(list SCENES); do
   measure "audit_$scene" cli audit "$scene" --layouts "$layouts" --rejected "$layouts" &
 done
 measure audit_mid_on_support cli audit mid --layouts "$layouts" --rejected 0 --set objects.apple.ratio_on_support=1 \

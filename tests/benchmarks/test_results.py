@@ -52,6 +52,25 @@ def test_a_run_on_a_cpu_has_a_column_of_its_own():
     assert "| 5,000; 0.25 ms; 0.125 ms | 70; 0.25 ms; 0.125 ms |" in text
 
 
+def test_figures_of_what_was_not_measured_are_left_out():
+    """Of an arm, a peer or a rate that the run lacks, while those of others are there."""
+    panda = {"arm": "panda", "lookups_per_s": 2e9, "map_bytes": 3e6, "file_bytes": 4e6}
+    alone = {"valid_per_s": 1.5, "colliding": 0.0, "judged": 60}
+    rows = [
+        {"experiment": "Scene Synthesizer, Mid", "level": "one process", "measured": alone},
+        {"experiment": "Scene Synthesizer, Mid", "level": "one a core", "measured": None},
+    ]
+    tier = {"arm": "panda", "set": "A", "tier": "map", "accuracy": 0.5, "false_positives": 0.25}
+    measured = {"about": [ABOUT], "reach": [panda, tier], "paper": [{"rows": rows}]}
+    text = results.page([Run(measured, "a")])
+    assert "| panda: lookups in its map; map in memory; file | 1e9/s; 16 MB; 8 MB | 2e+09/s; 3.0 MB; 4.0 MB |" in text
+    assert "| panda, set A, `map`: right; false positives |  | 50.00%; 25.000% |" in text
+    assert "one process: valid scenes/s; those in which FCL finds a collision |  | 1.5; 0.0% of 60 |" in text
+    assert "ur5e" not in text
+    assert "a core" not in text
+    assert "## Layouts" not in text
+
+
 def test_what_run_sh_left_is_kept_as_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """By date, card and commit; lines that are not JSON are not taken."""
     monkeypatch.setattr(results, "HERE", tmp_path)
