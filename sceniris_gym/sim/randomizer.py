@@ -277,15 +277,16 @@ def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -
     nrow = layouts.qpos.shape[0]
     # without a mocap body Layouts have one unused column
     nmocap = layouts.mocap_pos.shape[1] if m.nmocap == 0 else m.nmocap
-    columns = (("qpos", m.nq, wp.float32), ("mocap_pos", nmocap, wp.vec3), ("mocap_quat", nmocap, wp.quat))
+    columns = (("qpos", (m.nq,), wp.float32), ("mocap_pos", (nmocap, 3), wp.vec3), ("mocap_quat", (nmocap, 4), wp.quat))
     arrays = []
-    for name, width, dtype in columns:
+    for name, shape, dtype in columns:
         array = getattr(layouts, name)
-        if array.shape[:2] != (nrow, width):
-            raise SceneMismatchError(
-                f"layouts.{name} has shape {tuple(array.shape)} and should have {nrow} rows of {width} columns. Give "
-                "layouts of this scene."
-            )
         on_device = isinstance(array, wp.array)
+        # a Warp array of vectors has no axis for their elements
+        found = (*array.shape, *shape[1:]) if on_device and array.dtype is dtype else tuple(array.shape)
+        if found != (nrow, *shape):
+            raise SceneMismatchError(
+                f"layouts.{name} has shape {found} and should have shape {(nrow, *shape)}. Give layouts of this scene."
+            )
         arrays.append(array.to(device) if on_device else wp.array(array, dtype=dtype, ndim=2, device=device))
     return Poses(*arrays)

@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program
+from sceniris_gym.program.device import Program, copied
 from sceniris_gym.scene.layout_table import LayoutTable
 
 
@@ -50,9 +50,7 @@ def unchecked(compiled: CompiledScene) -> CompiledScene:
 
     Reach is still checked, so give it a scene without `reachable` for placement without any check.
     """
-    program = Program()
-    for name in Program.vars:
-        setattr(program, name, getattr(compiled.program, name))
+    program = copied(Program, compiled.program)
     program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)
     program.obj_broadnum = wp.zeros_like(compiled.program.obj_broadnum)
     return replace(compiled, program=program)
