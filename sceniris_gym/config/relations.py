@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterable, Mapping
+from enum import IntEnum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -71,6 +72,15 @@ class Distance(Section):
         return self
 
 
+class RelationType(IntEnum):
+    """The shape of the region that a relation describes."""
+
+    SECTOR = 0
+    BETWEEN = 1
+    BESIDE = 2
+    JOINED = 3
+
+
 class Relation(Section):
     """The base of all relations, with the answers of a kind that does not say otherwise.
 
@@ -78,6 +88,7 @@ class Relation(Section):
 
     Attributes:
         one_of: The words of the kind.
+        type: The shape of its region.
         least_anchors: Number of anchors that have to be present for the relation to apply.
         reference_frame: The frame of its heading: 'support', 'world' or the name of an object.
         half_angle: Greatest angle between the heading and the direction from the anchor to the object [rad].
@@ -86,6 +97,7 @@ class Relation(Section):
         has_own_width: Whether the region is as wide as the object itself.
     """
 
+    type: ClassVar[RelationType]
     least_anchors: ClassVar[int] = 1
     reference_frame: ClassVar[str] = "world"
     half_angle: ClassVar[float] = math.pi
@@ -147,6 +159,7 @@ class Relation(Section):
 class Sector(Relation):
     """The base of the relations that leave a sector of the plane around one anchor, or a ring."""
 
+    type = RelationType.SECTOR
     if TYPE_CHECKING:
         distance: Distance | None
         measure: str
@@ -263,6 +276,7 @@ class Between(Relation):
     """
 
     one_of = ("between",)
+    type = RelationType.BETWEEN
     least_anchors = 2
     between: Annotated[Names, Field(min_length=2, max_length=MAX_ANCHORS)]
     width: Width | None = None
@@ -295,6 +309,7 @@ class Joined(Relation):
     """Joined to an object at a site of each; the sites are `gap` [m] (0) apart along the x axis of the other one."""
 
     one_of = ("beside",)
+    type = RelationType.JOINED
     misplaced = dict.fromkeys(("side", "frame"), "should be left out where 'beside' names sites, which say where it is")
     anchor_key: ClassVar[str] = "beside.of"
     beside: Connection
@@ -315,6 +330,7 @@ class Beside(Relation):
     """Side by side with an object: bounds are `gap` [m] apart, and the narrower ones within the span of the wider."""
 
     one_of = ("beside",)
+    type = RelationType.BESIDE
     by_bounds = True
     beside: str
     frame: str = "anchor"

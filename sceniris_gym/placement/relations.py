@@ -10,6 +10,7 @@ import math
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS
+from sceniris_gym.config.relations import RelationType
 from sceniris_gym.device.angles import angle_of, unit_circle
 from sceniris_gym.placement.placed import (
     Placed,
@@ -22,7 +23,7 @@ from sceniris_gym.placement.placed import (
     turned,
 )
 from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2, half_plane
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program, RelationType
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program
 
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)

@@ -49,15 +49,6 @@ REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
 """The causes of failing to reach: the map, inverse kinematics, or an obstacle."""
 
 
-class RelationType(IntEnum):
-    """The shape of the region that a relation describes."""
-
-    SECTOR = 0
-    BETWEEN = 1
-    BESIDE = 2
-    JOINED = 3
-
-
 class OrientationType(IntEnum):
     """The law of an orientation: a yaw on top of one of the object's poses, uniform over SO(3), or facing an object."""
 

@@ -11,13 +11,12 @@ import pytest
 from scipy import stats
 
 from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.config.relations import KINDS, RelationType
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.placement import relations
-from sceniris_gym.program.device import RelationType
-from sceniris_gym.program.pack import relations as pack_relations
 from tests.layout.related import ONE_ANCHOR, Shapes, judged, near_middle, related, scene, table_of
 from tests.versions import since_4
 
@@ -317,7 +316,7 @@ def test_every_type_of_relation_has_a_case_in_the_kernels():
     }
     assert set(RelationType) - named["resolve"] == {RelationType.BESIDE}
     assert named["write_sides"] == named["relation_holds"] == {RelationType.SECTOR}
-    assert set(pack_relations._TYPES.values()) == set(RelationType)
+    assert {kind.type for kind in KINDS} == set(RelationType)
 
 
 def test_a_region_that_is_always_empty_is_infeasible(shapes: Shapes):

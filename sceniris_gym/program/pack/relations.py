@@ -7,18 +7,11 @@ import math
 import numpy as np
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
-from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.geometry.ragged import columns, ranges
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind, RelationType
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind
 from sceniris_gym.program.pack.joining import JoinedSites, joined_sites
 from sceniris_gym.program.plan import PlacedObject, Plan
 
-_TYPES = {
-    Sector: RelationType.SECTOR,
-    Between: RelationType.BETWEEN,
-    Beside: RelationType.BESIDE,
-    Joined: RelationType.JOINED,
-}
 _NO_LIMIT = 1.0e30
 # Slices of a ring have at most 30 degrees, and less if the ring is thin: the chord and the tangent of a slice enclose
 # about radius * angle^2 / 4 more than its width, which should be less than the width itself.
@@ -38,13 +31,12 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         "obj_reladr": reladr,
         "obj_retry_if_empty": np.array([_insists(o) for o in plan.objects]),
         "obj_relnum": relnum,
-        "rel_type": np.array([_type(r) for r in relations], int),
         "rel_anchoradr": anchoradr,
         "rel_anchornum": anchornum,
         "rel_anchor": np.array(anchors, int),
         "rel_frame": np.array([frames[r.reference_frame] for r in relations], int),
         "rel_heading": np.array([r.heading(plan.scene.config.all_robots) for r in relations], float),
-        **columns("rel", relations, half_angle=1, low=1),
+        **columns("rel", relations, type=1, half_angle=1, low=1),
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
         "rel_bounds": np.array([r.by_bounds for r in relations], int),
         "rel_width": np.array([r.width or -1.0 if isinstance(r, Between) else -1.0 for r in relations], float),
@@ -107,12 +99,3 @@ def _insists(o: PlacedObject) -> bool:
     varies = len(o.variants) > 1 or bool(o.joint_ranges) or o.orientation == "any"
     by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in relations_of(o))
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
-
-
-def _type(relation: Relation) -> RelationType:
-    """Return the type of a relation; kernels would take one that they do not know for `beside`."""
-    for kind, found in _TYPES.items():
-        if isinstance(relation, kind):
-            return found
-    known = ", ".join(kind.__name__ for kind in _TYPES)
-    raise ArgumentTypeError(f"relation '{type(relation).__name__}' should be of a kind that can be packed: {known}.")
