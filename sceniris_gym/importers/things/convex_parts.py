@@ -47,6 +47,7 @@ _SIMPLER = 0.2
 _LOST = 2.0  # times that: vertices that are farther from the simplified mesh were lost by it
 # Shares of the tolerance: for each piece, while parts are merged, and in the final check. Samples miss a little.
 _REST, _MERGED, _SURE = 0.9, 0.9, 0.95
+_SPLITS = (_REST, 0.45, 0.2)  # the same, up to which parts of a solid stick out; finer ones if the final check fails
 # A share of the previous error: a cut that leaves more is followed by one twice as fine, and the third such in a row is
 # the last.
 _BETTER, _WORSE = 0.95, 2
@@ -88,14 +89,19 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
     cuts = [_of_piece(piece, solid.closed, _REST * allowed) for piece in _pieces(solid.mesh)]
     found, methods = [part for cut in cuts for part in cut.parts], [cut.method for cut in cuts]
     method = ", ".join(f"{methods.count(word)} x {word}" for word in sorted(set(methods)))
+    exact = Measure(solid.mesh, allowed, _EXACT)
     if solid.closed:
-        excess = Excess(union_of([cut.solid for cut in cuts]), solid.mesh, _REST * allowed)
-        whole, found = found, split(found, excess, _MOST_SPLIT)
+        whole, near, tried = found, union_of([cut.solid for cut in cuts]), []
+        for share in _SPLITS:
+            excess = Excess(near, solid.mesh, share * allowed)
+            found = split(whole, excess, _MOST_SPLIT)
+            tried.append(_merged(found, excess.beyond, exact, allowed))
+            if tried[-1][1].error <= allowed or len(tried[-1][0]) > MOST_PARTS:
+                break
+        parts, fit = min(tried, key=_rank)
         method += ", split" if len(found) > len(whole) else ""
-        beyond = excess.beyond
     else:
-        beyond = Measure(solid.mesh, allowed).beyond
-    parts, fit = _merged(found, beyond, Measure(solid.mesh, allowed, _EXACT), allowed)
+        parts, fit = _merged(found, Measure(solid.mesh, allowed).beyond, exact, allowed)
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise PartsError(
             f"{where}: its best convex parts, {len(parts)} by {method}, are {1000.0 * fit.error:.2g} mm off its "
@@ -121,7 +127,12 @@ def _merged(
         tried.append((parts, fit))
         aimed *= _MERGED * allowed / fit.error
     tried.append((found, exact.fit(found)))
-    return min(tried, key=lambda each: (len(each[0]) > MOST_PARTS, each[1].error))
+    return min(tried, key=_rank)
+
+
+def _rank(found: tuple[list[trimesh.Trimesh], Fit]) -> tuple[bool, float]:
+    """Return the key by which parts are compared: few enough ones come first, then those that fit best."""
+    return len(found[0]) > MOST_PARTS, found[1].error
 
 
 @dataclass(frozen=True)

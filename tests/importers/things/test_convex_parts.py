@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.resources import files
 
 import numpy as np
@@ -13,6 +14,7 @@ from sceniris_gym.errors import PartsError
 from sceniris_gym.importers.things.convex_parts import _simpler, convex_parts, small_hull
 from sceniris_gym.importers.things.fit import Fit, Measure, tolerance_of
 from sceniris_gym.importers.things.repair import Solid, repair
+from sceniris_gym.importers.things.splitting import Excess, split
 from tests.importers.things.shapes import apple, box, cup, surface
 
 
@@ -52,6 +54,23 @@ def test_a_solid_that_is_not_cut_well_is_split(monkeypatch: pytest.MonkeyPatch):
     parts = convex_parts(repair([surface(cup())], "cup"), "cup")
     assert parts.fit.error <= parts.tolerance
     assert parts.method == "1 x hull, split"
+
+
+def test_a_solid_is_split_further_before_it_is_refused(monkeypatch: pytest.MonkeyPatch):
+    """A first split that the final check rejects is followed by one that is twice as fine."""
+    module = "sceniris_gym.importers.things.convex_parts"
+    aimed: list[float] = []
+
+    def fails_first(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> Sequence[trimesh.Trimesh]:
+        aimed.append(excess.allowed)
+        return parts if len(aimed) == 1 else split(parts, excess, most)
+
+    monkeypatch.setattr(f"{module}._cut", lambda *arguments: [])
+    monkeypatch.setattr(f"{module}.split", fails_first)
+    corner = trimesh.boolean.union([box(), box().apply_translation(0.5 * box().extents)])
+    parts = convex_parts(repair([surface(corner)], "corner"), "corner")
+    assert parts.fit.error <= parts.tolerance
+    assert aimed == pytest.approx([0.9 * parts.tolerance, 0.45 * parts.tolerance])
 
 
 def test_where_nothing_fits_the_best_is_told(monkeypatch: pytest.MonkeyPatch):
