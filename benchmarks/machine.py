@@ -28,7 +28,7 @@ def main(device: str, commit: str) -> None:
     """Print the line."""
     about = {
         "commit": commit,
-        "date": time.strftime("%Y-%m-%d"),
+        "date": time.strftime("%Y-%m-%d %H:%M"),
         "device": device,
         "processor": processor(),
         "cores": len(os.sched_getaffinity(0)),

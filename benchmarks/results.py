@@ -45,15 +45,15 @@ def keep(folder: Path) -> Path:
     if about["commit"].endswith("dirty"):
         raise SystemExit(f"{folder} was measured with changes that are in no commit. Commit them, and run it again.")
     where = "cpu" if about["device"] == "cpu" else about["card"].replace(" ", "_").lower()
-    file = HERE / "runs" / f"{about['date']}_{where}_{about['commit']}.json"
+    file = HERE / "runs" / f"{about['date'][:10]}_{where}_{about['commit']}.json"
     file.write_text(json.dumps(lines, indent=0) + "\n", encoding="utf-8")
     return file
 
 
 def runs(folder: Path) -> list[Run]:
     """Return the runs of a folder, latest first."""
-    files = sorted(folder.glob("*.json"), reverse=True)
-    return [Run(json.loads(file.read_text(encoding="utf-8")), file.stem) for file in files]
+    found = [Run(json.loads(file.read_text(encoding="utf-8")), file.stem) for file in folder.glob("*.json")]
+    return sorted(found, key=lambda run: run.about["date"], reverse=True)
 
 
 def page(kept: Sequence[Run]) -> str:

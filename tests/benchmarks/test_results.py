@@ -12,7 +12,7 @@ from benchmarks.figures import Run
 
 ABOUT = {
     "commit": "abc1234",
-    "date": "2026-01-02",
+    "date": "2026-01-02 03:04",
     "device": "cuda:0",
     "processor": "P",
     "cores": 4,
@@ -81,6 +81,14 @@ def test_what_run_sh_left_is_kept_as_one_file(tmp_path: Path, monkeypatch: pytes
     assert file.name == "2026-01-02_nvidia_h100_abc1234.json"
     (kept,) = results.runs(file.parent)
     assert kept.line("rates", scene="mid") == RATE
+
+
+def test_runs_of_one_day_are_ordered_by_their_times(tmp_path: Path):
+    """Whatever their commits are called."""
+    for commit, time in (("bbb", "03:04"), ("aaa", "15:16")):
+        about = ABOUT | {"commit": commit, "date": f"2026-01-02 {time}"}
+        (tmp_path / f"2026-01-02_{commit}.json").write_text(json.dumps({"about": [about]}))
+    assert [found.about["commit"] for found in results.runs(tmp_path)] == ["aaa", "bbb"]
 
 
 @pytest.mark.parametrize(("commit", "told"), [("", "has no about.jsonl"), ("abc1234-dirty", "are in no commit")])
