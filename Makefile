@@ -7,6 +7,7 @@ OLDEST := .venv-oldest
 OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
 
+# What the first import compiles is kept for all others.
 unexport PYTHONDONTWRITEBYTECODE
 MJLAB := .venv-mjlab
 
@@ -14,8 +15,8 @@ MJLAB := .venv-mjlab
 
 setup: $(STAMP)
 
-# torch comes first and alone: the others would choose a build of it for themselves. A quarter of all modules is ever
-# imported, so that modules are compiled when they are, not here; they have to be kept then.
+# torch comes first and alone: the others would choose a build of it for themselves. Modules are compiled when they are
+# first imported, which is a quarter of them.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --no-compile "$$(grep '^torch==' constraints.txt)"
