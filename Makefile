@@ -6,10 +6,10 @@ STAMP := $(VENV)/.setup-done
 OLDEST := .venv-oldest
 OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
+MJLAB := .venv-mjlab
 
 # What the first import compiles is kept for all others.
 unexport PYTHONDONTWRITEBYTECODE
-MJLAB := .venv-mjlab
 
 .PHONY: setup test test-marked-oldest test-oldest lint types docs test-recipes test-mjlab demo bench clean
 
