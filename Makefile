@@ -8,17 +8,19 @@ OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
 MJLAB := .venv-mjlab
 
+# What the first import compiles is kept for all others.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: setup test test-marked-oldest test-oldest lint types docs test-recipes test-mjlab demo bench clean
 
 setup: $(STAMP)
 
-# torch comes first and alone: the others would choose a build of it for themselves. All is compiled at the end, on two
-# cores; what some packages hold as templates is no Python, and fails there.
+# torch comes first and alone: the others would choose a build of it for themselves. Modules are compiled when they are
+# first imported, which is a quarter of them.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --no-compile "$$(grep '^torch==' constraints.txt)"
 	$(BIN)/python -m pip install --no-compile -e '.[dev]' -c constraints.txt
-	$(BIN)/python -m compileall -qq -j 2 $(VENV)/lib || true
 	touch $@
 
 # The oldest versions that are supported, over everything else that .venv has.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import atexit
+import functools
 import gc
+import importlib.metadata
 import os
 import shutil
 import signal
@@ -19,6 +21,9 @@ COMPILING = {"collide", "config", "device", "geometry", "grasping", "layout", "p
 
 # Processes that tests start hear Ctrl-C, also where a shell runs the tests in the background, with SIGINT ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# MuJoCo-Warp asks for MuJoCo's version three times for each model, which parses 8 ms of metadata.
+importlib.metadata.version = functools.cache(importlib.metadata.version)
 
 os.environ[CACHE] = "off"  # the cache in the home folder is never used, not even during collection
 if "PYTEST_XDIST_WORKER" not in os.environ:

@@ -7,6 +7,7 @@ piece has a convex form, which represents it where only extents and shadows matt
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -197,7 +198,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) ->
         pos = pos + matrix(quat) @ middle
         vertices = vertices - middle
         if mesh is None:
-            mesh = convex_hull(vertices + middle)
+            mesh = _known_hull((vertices + middle).tobytes()).copy(include_cache=True)
         mesh.apply_transform(pose_matrix(mjm.geom_pos[geom], quat))
     elif kind != mujoco.mjtGeom.mjGEOM_PLANE:
         mesh = _primitive(kind, mjm.geom_size[geom])
@@ -224,6 +225,12 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
     import trimesh
 
     return trimesh.convex.convex_hull(points)
+
+
+@functools.lru_cache(maxsize=512)
+def _known_hull(points: bytes) -> trimesh.Trimesh:
+    """Return the convex hull of a mesh, found once for all its geoms; the caller copies it before changing it."""
+    return convex_hull(np.frombuffer(points).reshape(-1, 3))
 
 
 def mesh_vertices(mjm: mujoco.MjModel, mesh: int) -> np.ndarray:

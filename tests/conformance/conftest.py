@@ -35,7 +35,7 @@ def env_id() -> Iterator[str]:
     del gymnasium.registry[ENV_ID]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_own(reach_scene: CompiledScene) -> Callable[..., SyncVectorEnv]:
     """Return a function that makes Gymnasium's own vector environment of one-world views."""
 

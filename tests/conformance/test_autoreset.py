@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -36,6 +38,17 @@ def pair(make_env, make_own, mode: AutoresetMode) -> tuple:
     """Make our environment and Gymnasium's, of the same worlds."""
     ours = make_env(NUM_ENVS, output="numpy", autoreset_mode=mode, max_episode_steps=MAX_STEPS)
     return ours, make_own(NUM_ENVS, mode, max_episode_steps=MAX_STEPS)
+
+
+@pytest.fixture(scope="module")
+def made(make_env, make_own) -> Callable[[AutoresetMode], tuple]:
+    """Return a function that gives the pair of a mode and a twin of ours, made once: each test begins with a reset."""
+
+    def make(mode: AutoresetMode) -> tuple:
+        twin = make_env(NUM_ENVS, output="numpy", autoreset_mode=mode, max_episode_steps=MAX_STEPS)
+        return *pair(make_env, make_own, mode), twin
+
+    return cache(make)
 
 
 @MODES
@@ -89,9 +102,9 @@ def test_spaces_and_types_are_those_of_gymnasiums_vector_environment(make_env, m
 
 @MODES
 @pytest.mark.parametrize("seed", [7, [7, 70, 700], (2, None, 5)], ids=str)
-def test_seeds_mean_what_they_mean_to_gymnasium(make_env, make_own, mode, seed):
+def test_seeds_mean_what_they_mean_to_gymnasium(made, mode, seed):
     """An integer counts up, a list is taken as it is, and no seed (in a list, too) goes on."""
-    ours, own = pair(make_env, make_own, mode)
+    ours, own, _ = made(mode)
     for envs in (ours, own):
         envs.reset(seed=[40, 50, 60])
     for again in (seed, None, seed):
@@ -135,10 +148,9 @@ def test_an_ended_world_that_is_reset_by_hand_is_not_reset_again(make_env, make_
     ],
     ids=repr,
 )
-def test_a_wrong_reset_mask_fails_as_with_gymnasium(make_env, make_own, mode, mask):
+def test_a_wrong_reset_mask_fails_as_with_gymnasium(made, mode, mask):
     """The same kind of exception, and the worlds are as they were: they go on as a twin does that was not asked."""
-    ours, own = pair(make_env, make_own, mode)
-    twin = make_env(NUM_ENVS, output="numpy", autoreset_mode=mode, max_episode_steps=MAX_STEPS)
+    ours, own, twin = made(mode)
     for envs in (ours, own, twin):
         envs.reset(seed=0)
     with pytest.raises((TypeError, ValueError)) as theirs:
@@ -153,9 +165,9 @@ def test_a_wrong_reset_mask_fails_as_with_gymnasium(make_env, make_own, mode, ma
 
 @MODES
 @pytest.mark.parametrize("seed", [[1, 2], [1, 2, 3, 4], []], ids=str)
-def test_too_few_or_too_many_seeds_fail_as_with_gymnasium(make_env, make_own, mode, seed):
+def test_too_few_or_too_many_seeds_fail_as_with_gymnasium(made, mode, seed):
     """One for each world."""
-    for envs in pair(make_env, make_own, mode):
+    for envs in made(mode):
         with pytest.raises(ValueError, match=r"3"):
             envs.reset(seed=seed)
 

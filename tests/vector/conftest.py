@@ -77,7 +77,7 @@ def reach_scene() -> CompiledScene:
     return compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cpu")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_env(reach_scene: CompiledScene) -> Callable[..., SceneVectorEnv]:
     """Return a function that makes environments of the reaching task."""
 
