@@ -93,7 +93,8 @@ def _row(figure: Figure, columns: Sequence[Sequence[Run]]) -> str:
         return ""
     old = [_value(figure, column[1]) if len(column) > 1 else "" for column in columns]
     cells = [f"{new} ({was})" if was not in ("", new) else new for new, was in zip(values, old, strict=True)]
-    command = figure.command.replace("DEVICE", columns[0][0].about["device"])
+    measured = next(column[0] for column, value in zip(columns, values, strict=True) if value)
+    command = figure.command.replace("DEVICE", measured.about["device"])
     return f"| {figure.what} | {figure.target} | {' | '.join(cells)} | `{command}` |\n"
 
 

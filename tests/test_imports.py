@@ -90,6 +90,34 @@ def test_imports_go_one_way(path: Path):
             assert parts[1] == own or ORDER[parts[1]] < ORDER[own], f"{path} imports {name}"
 
 
+def rooms() -> dict[str, int]:
+    """Return the rooms of CONTRIBUTING's table by the number of their line, as 'layout/wave' or 'errors'."""
+    table = (ROOT / "CONTRIBUTING.md").read_text().split("## The rooms")[1].split("\n## ")[0]
+    lines = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
+    names = [re.findall(r"`([^`]+)`", line) for line in lines]
+    return {name.rstrip("/").removesuffix(".py"): i for i, line in enumerate(names) for name in line}
+
+
+def test_rooms_import_what_stands_above_them_in_the_table():
+    """Themselves, rooms inside of them, and rooms above: the order inside of `program/` and `layout/` counts, too."""
+    rank, found = rooms(), []
+
+    def room(name: str) -> str:
+        parts = name.split(".")[1:]
+        while parts and "/".join(parts) not in rank:
+            parts.pop()
+        return "/".join(parts)
+
+    for path in (path for path in SOURCES if path.name != "__init__.py" and part(path) not in OUTSIDE):
+        own = room(".".join(path.relative_to(ROOT).with_suffix("").parts))
+        assert own, f"{path} is in no room"
+        for name in imports(path):
+            other = room(name) if name.startswith("sceniris_gym.") else own
+            if other not in ("", own) and not other.startswith(f"{own}/") and rank[other] >= rank[own]:
+                found.append(f"{path} imports {name}")
+    assert found == []
+
+
 def test_no_file_imports_itself_by_way_of_others():
     """There is no cycle among the files, also where only a type is needed."""
     modules = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in SOURCES}

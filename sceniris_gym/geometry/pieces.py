@@ -70,7 +70,7 @@ class Piece:
         size: MuJoCo's sizes [m] of a primitive, shape (3,).
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3); empty for primitives.
         mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated,
-            for flat faces, outlines and roofs; with `geometry: physics` nothing else is taken from it.
+            for flat faces, outlines and covers; with `geometry: physics` nothing else is taken from it.
         contact_class: Its class in `ContactRules`.
     """
 

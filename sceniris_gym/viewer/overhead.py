@@ -11,12 +11,12 @@ from sceniris_gym.program.device import Cover
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
 
-_OVER = 1e-4  # m above a surface that a roof begins, as when layouts are made
+_OVER = 1e-4  # m above a surface that a cover begins, as when layouts are made
 _THIN = 1e-9  # m2; what is smaller is seen edge-on
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return what of a region of the world, seen from above, at a height [m] has the roof that an object asks for."""
+    """Return what of a region of the world, seen from above, at a height [m] has the cover that an object asks for."""
     if placed.cover == Cover.EITHER or region.is_empty:
         return region
     cover = cover_over(world, placed, height)

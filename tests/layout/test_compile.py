@@ -365,7 +365,7 @@ def test_a_support_that_leans_carries_nothing(tmp_path: Path, crate: dict):
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_planes_stand_still(tmp_path: Path, crate: dict, geometry: str):
-    """A plane in something that is placed is refused; in something that stays it carries things, and is no roof."""
+    """A plane in something that is placed is refused; in something that stays it carries things, and covers none."""
     body = '<geom type="plane" size="1 1 .1"/><geom type="box" size=".2 .2 .05" pos="0 0 .05"/>'
     ground = {"asset": write_mjcf(tmp_path, "ground", body)}
     fixed = {**ground, "kind": "fixture", "region": {"box": ANYWHERE}}

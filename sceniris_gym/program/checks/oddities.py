@@ -107,7 +107,7 @@ def _sunk(plan: Plan) -> Iterator[str]:
     if still:
         yield (
             f"geoms that never move overlap: {_some(still)}. Nothing moves them apart; correct their positions (for "
-            "the robot `robot.base`), or exclude the pair if that is meant."
+            "a robot its `base`), or exclude the pair if that is meant."
         )
     if pushed:
         yield (
@@ -156,7 +156,7 @@ def _cure(scene: SceneModel, geom: int) -> str:
     name, mjm = _owner(scene, geom), scene.mjm
     root = int(mjm.body_rootid[mjm.geom_bodyid[geom]])
     robot = scene.config.all_robots.get(name)
-    if robot is not None and root == scene.bodies[name]:
+    if robot is not None and robot.in_model is None and root == scene.bodies[name]:
         return f"Correct the robot's keyframe or `{robot.section}.base`"
     if mjm.body_dofnum[root] != 6:
         return f"Correct the position of '{name}' or the start pose of its joints"

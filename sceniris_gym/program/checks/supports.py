@@ -1,4 +1,4 @@
-"""Check of supports: they stand upright, have the roof that 'inside' asks for, and end somewhere."""
+"""Check of supports: they stand upright, have the cover that 'inside' asks for, and end somewhere."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def check_supports(plan: Plan) -> None:
         word, parent, region = o.config.support.word, o.config.support.parent, o.config.region
         where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.home.xmat[o.support.body][8]
         if o.support.is_floor and word == "inside":
-            raise SceneKeyError(f"{where}: the floor has no roof. Write 'on: floor'.")
+            raise SceneKeyError(f"{where}: nothing covers the floor. Write 'on: floor'.")
         if up < UPRIGHT:
             lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
             raise NotSupportedError(

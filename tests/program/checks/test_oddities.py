@@ -190,6 +190,17 @@ def test_a_link_of_the_robot_is_told_apart_from_its_base(reach: float, number: i
         assert PUSHED in text
 
 
+def test_a_robot_of_the_model_is_moved_in_the_model(tmp_path: Path):
+    """It has neither a base nor a keyframe of its own in the scene."""
+    arm = '<body name="arm"><geom name="trunk" type="box" size=".1 .1 .1" pos="0 0 .1"/>{}</body>'
+    finger = '<body pos="0 0 .3"><joint axis="0 0 1"/><geom name="finger" type="box" size=".3 .02 .02"/></body>'
+    wall = '<body name="wall" pos=".35 0 .3"><geom name="block" type="box" size=".1 .1 .1"/></body>'
+    (tmp_path / "own.xml").write_text(f"<mujoco><worldbody>{wall}{arm.format(finger)}</worldbody></mujoco>")
+    (text,) = warned({"wall": STATIC}, model=tmp_path / "own.xml", robots={"left": {"in_model": "arm"}})
+    assert "geom 'finger' of 'left'" in text
+    assert "Correct the position of 'left' or the start pose of its joints" in text
+
+
 WALL = """<mujoco><worldbody>
   <body name="wall" pos="{at} 3 .5"><geom name="wall" type="box" size="{half} .05 .5"/></body>
   <body name="crate"><freejoint/><geom type="box" size=".05 .05 .05" margin="{margin}"/></body></worldbody></mujoco>"""

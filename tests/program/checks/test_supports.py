@@ -1,4 +1,4 @@
-"""Supports that lean, that have no roof or that never end are refused, each with what would be right."""
+"""Supports that lean, that have no cover or that never end are refused, each with what would be right."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ REFUSED: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "inside the floor": (
         {"inside": "floor"},
         SceneKeyError,
-        r"crate\.inside: the floor has no roof\. Write 'on: floor'",
+        r"crate\.inside: nothing covers the floor\. Write 'on: floor'",
     ),
 }
 
