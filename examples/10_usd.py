@@ -37,7 +37,9 @@ def main(
     seed = stage.GetPrimAtPath("/World").GetAttribute("layout:seed").Get(frames[-1])
     meshes = sum(prim.IsA(UsdGeom.Mesh) for prim in stage.Traverse())
     print(f"usd: {len(frames)} frames, the last of seed {seed}; {meshes} meshes; poses within {1e6 * off:.1f} um")
-    frozen(stage, row, folder / f"layout-{row}.usda")
+    path = folder / f"layout-{row}.usda"
+    frozen(stage, row, path)
+    print(f"row {row} as a stage of its own: {path}")
 
 
 def frozen(moving: Usd.Stage, row: int, path: Path) -> None:
