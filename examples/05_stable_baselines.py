@@ -14,9 +14,9 @@ from sceniris_gym.adapters.sb3 import SB3VecEnv
 ENV_ID = "sceniris_gym:sceniris_gym/TabletopReachEasy-v0"
 SETTINGS = {
     "n_steps": 10,
-    "gamma": 0.9,
     "learning_rate": 2e-3,
-    "use_sde": True,  # noise that lasts for a whole rollout moves an arm further
+    "use_sde": True,  # noise that lasts for several steps moves an arm further
+    "sde_sample_freq": 10,
     "policy_kwargs": {"log_std_init": -1.0},
     "device": "cpu",  # small networks, and SB3 exchanges numpy arrays
 }
@@ -42,7 +42,7 @@ def main(
 ) -> None:
     """Train, evaluate before and after, and save what `sceniris-gym view --policy` plays."""
     envs = VecNormalize(SB3VecEnv(gym.make_vec(ENV_ID, num_envs=num_envs, device=device)), gamma=0.9)
-    model = PPO("MlpPolicy", envs, batch_size=5 * num_envs, seed=0, **SETTINGS)
+    model = PPO("MlpPolicy", envs, gamma=0.9, batch_size=5 * num_envs, seed=0, **SETTINGS)
     print("before:", judge(model, envs, device))
     for _ in range(10):
         model.learn(steps // 10, reset_num_timesteps=False)
