@@ -31,11 +31,9 @@ def main(
 
 def look(folder: Path) -> None:
     """Load the layouts into stock MuJoCo, measure contacts, and let the first one settle for half a second."""
-    about = json.loads((folder / "dataset.json").read_text())
     layouts = np.concatenate([np.load(part) for part in sorted(folder.glob("layouts-*.npy"))])
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data = mujoco.MjData(model)
-    names = about["object_names"]  # objects of the scene; their bodies have the same names
     deepest = 0.0
     for qpos, pos, quat in zip(layouts["qpos"], layouts["mocap_pos"], layouts["mocap_quat"], strict=True):
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = qpos, pos, quat
@@ -44,10 +42,10 @@ def look(folder: Path) -> None:
     print(f"{len(layouts)} layouts, {layouts['valid'].mean():.1%} of them fresh and valid")
     print(f"deepest contact in MuJoCo before the first step: {1000.0 * deepest:.3f} mm")
 
-    mujoco.mj_resetData(model, data)
     data.qpos[:], data.mocap_pos[:] = layouts["qpos"][0], layouts["mocap_pos"][0]
     data.mocap_quat[:] = layouts["mocap_quat"][0]
-    mujoco.mj_kinematics(model, data)
+    mujoco.mj_forward(model, data)
+    names = json.loads((folder / "dataset.json").read_text())["object_names"]
     start = {name: data.body(name).xpos.copy() for name in names}
     while data.time < 0.5:
         mujoco.mj_step(model, data)

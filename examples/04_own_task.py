@@ -22,29 +22,24 @@ class TouchOrange(Task):
     action_size = 7
 
     def bind(self, s: State) -> None:
-        """Find the arm: the only robot of the scene, so it needs no name."""
-        self.arm = ArmController(s)
+        self.arm = ArmController(s)  # of the only robot of the scene, so it needs no name
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Change the targets of the seven joints."""
         self.arm.move_joints(s, action)
 
     def observe(self, s: State) -> dict[str, dict[str, Tensor]]:
-        """Return joint positions and velocities, and the vector from the fingers to the orange [m]."""
-        way = s.site("orange/grasp")[:, :3] - self.arm.tool(s)[:, :3]
-        return {"policy": {"arm_qpos": self.arm.qpos(s), "arm_qvel": self.arm.qvel(s), "way": way}}
+        return {"policy": {"arm_qpos": self.arm.qpos(s), "arm_qvel": self.arm.qvel(s), "way": self.way(s)}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Reward short distances, with a small penalty on large actions."""
-        return {"near": 1.0 - torch.tanh(5.0 * self.distance(s)), "effort": -0.01 * action.square().mean(dim=1)}
+        near = 1.0 - torch.tanh(5.0 * self.way(s).norm(dim=1))
+        return {"near": near, "effort": -0.01 * action.square().mean(dim=1)}
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the fingers are at the orange."""
-        return self.distance(s) < 0.06
+        return self.way(s).norm(dim=1) < 0.06
 
-    def distance(self, s: State) -> Tensor:
-        """Return the distance from the fingers to the orange [m], shape (num_envs,)."""
-        return (s.site("orange/grasp")[:, :3] - self.arm.tool(s)[:, :3]).norm(dim=1)
+    def way(self, s: State) -> Tensor:
+        """Return the vector from the fingertips to the orange [m], shape (num_envs, 3)."""
+        return s.site("orange/grasp")[:, :3] - self.arm.tool(s)[:, :3]
 
 
 def main(num_envs: int = 64, steps: int = 100, device: str | None = None) -> None:

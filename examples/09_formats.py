@@ -4,7 +4,6 @@
 """
 
 import json
-from collections.abc import Iterable
 from pathlib import Path
 
 import mujoco
@@ -25,41 +24,35 @@ def main(scene: str = "mid", n: int = 64, folder: Path = Path("layouts/formats")
     """
     where = [] if device is None else ["--device", device]
     cli.main(["generate", scene, "-n", str(n), "-o", str(folder), "--format", "npz,json", *where])
-    read_json(folder)
-    read_npz(folder)
-
-
-def read_json(folder: Path) -> None:
-    """Put every layout into stock MuJoCo by its `qpos`, and compare the poses of bodies with `poses`."""
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
+    bodies = {model.body(i).name for i in range(model.nbody)}  # `poses` also has the robot
+    read_json(folder, model, bodies)
+    read_npz(folder, model, bodies)
+
+
+def read_json(folder: Path, model: mujoco.MjModel, bodies: set[str]) -> None:
+    """Put every layout into stock MuJoCo by its `qpos`, and compare the poses of bodies with `poses`."""
     data, off, joints = mujoco.MjData(model), 0.0, 0
     layouts = json.loads((folder / "layouts-00000.json").read_text())
     for layout in layouts:
         data.qpos[:] = layout["qpos"]
         data.mocap_pos.flat, data.mocap_quat.flat = np.ravel(layout["mocap_pos"]), np.ravel(layout["mocap_quat"])
         mujoco.mj_kinematics(model, data)
-        for name in bodies(model, layout["poses"]):
+        for name in bodies & layout["poses"].keys():
             off = max(off, float(np.abs(data.body(name).xpos - layout["poses"][name][:3]).max()))
         joints += sum(np.allclose(data.joint(name).qpos, position) for name, position in layout["joints"].items())
     print(f"json: {len(layouts)} layouts, poses within {1e6 * off:.1f} um, {joints} joint positions")
 
 
-def bodies(model: mujoco.MjModel, names: Iterable[str]) -> list[str]:
-    """Return the names that bodies of the model have; a robot, or an object with a `body`, has another name there."""
-    return [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0]
-
-
-def read_npz(folder: Path) -> None:
-    """Put free objects at their poses by name, whatever their addresses in `qpos` are."""
-    model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
+def read_npz(folder: Path, model: mujoco.MjModel, bodies: set[str]) -> None:
+    """Put free objects at their poses in the last layout by name, whatever their addresses in `qpos` are."""
     data, layouts = mujoco.MjData(model), np.load(folder / "layouts-00000.npz")
-    named = bodies(model, [key.removeprefix("pose/") for key in layouts if key.startswith("pose/")])
-    free = [name for name in named if model.body(name).dofnum == 6]
-    for i in range(len(layouts["qpos"])):
-        for name in free:
-            data.joint(int(model.body(name).jntadr[0])).qpos[:] = layouts[f"pose/{name}"][i]
+    names = [key.removeprefix("pose/") for key in layouts if key.removeprefix("pose/") in bodies]
+    for name in names:
+        if model.body(name).dofnum == 6:
+            data.joint(int(model.body(name).jntadr[0])).qpos[:] = layouts[f"pose/{name}"][-1]
     same = np.allclose(data.qpos[model.nq - 7 :], layouts["qpos"][-1, -7:], atol=1e-6)
-    print(f"npz: poses of {', '.join(named)}; set by name, qpos is as written: {same}")
+    print(f"npz: poses of {', '.join(names)}; set by name, qpos is as written: {same}")
 
 
 if __name__ == "__main__":

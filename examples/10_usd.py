@@ -37,13 +37,13 @@ def main(
     seed = stage.GetPrimAtPath("/World").GetAttribute("layout:seed").Get(frames[-1])
     meshes = sum(prim.IsA(UsdGeom.Mesh) for prim in stage.Traverse())
     print(f"usd: {len(frames)} frames, the last of seed {seed}; {meshes} meshes; poses within {1e6 * off:.1f} um")
-    print(f"row {row} as a stage of its own: {frozen(folder / 'layouts-00000.usdc', row)}")
+    path = folder / f"layout-{row}.usda"
+    frozen(stage, row, path)
+    print(f"row {row} as a stage of its own: {path}")
 
 
-def frozen(part: Path, row: int) -> Path:
-    """Write one row as a stage without time, for simulators and renderers of single scenes."""
-    moving = Usd.Stage.Open(str(part))
-    path = part.with_name(f"layout-{row}.usda")
+def frozen(moving: Usd.Stage, row: int, path: Path) -> None:
+    """Write one row as a stage without time, beside `scene.usdc`, for simulators and renderers of single scenes."""
     stage = Usd.Stage.CreateNew(str(path))
     stage.GetRootLayer().subLayerPaths.append("./scene.usdc")
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -53,7 +53,6 @@ def frozen(part: Path, row: int) -> Path:
         prim.CreateAttribute(attribute.GetName(), attribute.GetTypeName()).Set(attribute.Get(row))
     stage.SetDefaultPrim(stage.GetPrimAtPath("/World"))
     stage.Save()
-    return path
 
 
 if __name__ == "__main__":

