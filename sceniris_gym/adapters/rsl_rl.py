@@ -77,9 +77,11 @@ class RslRlVecEnv(VecEnv):
         """The wrapped environment."""
         return self.env
 
-    def reset(self, seed: int | None = None) -> tuple[TensorDict, dict[str, Any]]:
-        """Reset all worlds; rsl-rl's runners never call this."""
-        observation, info = self.env.reset(seed=seed)
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[TensorDict, dict[str, Any]]:
+        """Reset worlds as SceneVectorEnv.reset does; rsl-rl's runners never call this."""
+        observation, info = self.env.reset(seed=seed, options=options)
         self._observation = self._as_tensordict(observation)
         return self._observation, info
 

@@ -29,8 +29,10 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
+    LAYOUTS,
     as_action,
     as_autoreset_mode,
+    as_chosen_layouts,
     as_compiled_scene,
     as_groups,
     as_reset_mask,
@@ -214,7 +216,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Give worlds a fresh layout.
+        """Give worlds fresh layouts, or chosen ones.
 
         Args:
             seed: World i gets seed + i and starts at episode 0; a list of num_envs seeds is taken as it is. With None,
@@ -222,11 +224,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 None in a list draws a seed.
             options: {"reset_mask": mask} resets, and reseeds, only the masked worlds; the others do not change. The
                 mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
+                {"layouts": ids} gives world i the layout with id `ids[i]`, or its next one where that is None; a single
+                id is for all worlds, and {"seed": ..., "episode": ...} takes `layout_seed` and `layout_episode` of an
+                `info`. The world goes on from that episode.
 
         Raises:
             ArgumentTypeError: The options are no mapping.
+            ArgumentError: Both a seed and layouts, or layouts that are not one per world.
             SeedError: Not integers from 0 to 2^64 - 1, or not one per world.
-            UnknownNameError: An option other than reset_mask.
+            LayoutIdError, SceneMismatchError: A malformed layout id, or one of another scene or split.
+            UnknownNameError: An option other than these two.
             MaskTypeError: The mask is not an array of booleans.
             MaskError: The mask has the wrong shape, or is false everywhere.
             ResetNeeded: The first reset has a mask.
@@ -235,6 +242,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         mask = as_reset_mask(options, self.num_envs)
         if not self._ready and mask is not None:
             raise gymnasium.error.ResetNeeded("The first reset() should be of all worlds. Leave out the reset_mask.")
+        chosen = as_chosen_layouts((options or {}).get(LAYOUTS), self.num_envs, self.compiled.hash, self.split)
+        if chosen is not None and seed is not None:
+            raise ArgumentError(
+                "reset should have a seed or options['layouts'], not both: an id has a seed of its own."
+            )
         if seed is None and not self._ready:
             # it is -1 after a generator was assigned to np_random
             seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
@@ -249,6 +261,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                     self._np_random, self._np_random_seed = seeding.np_random(int(seed))
                 elif given.any():
                     self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
+            if chosen is not None:
+                numbers, episodes, given = chosen
+                given = given if mask is None else given & mask
+                self.randomizer.reseed(numbers, given, episodes)
+                self.np_random = np.random.default_rng(numbers)
             due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
             others = ~due
             self._reset_worlds(due)
