@@ -33,8 +33,8 @@ from sceniris_gym.vector.task import Task
 
 _MOST_PIXELS = 1 << 14  # along an edge
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
-LAYOUTS = "layouts"
-RESET_OPTIONS = (RESET_MASK, LAYOUTS)
+LAYOUTS, STATE = "layouts", "state"
+RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE)
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
