@@ -62,9 +62,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
 
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
-    each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it also has `final_obs` and
-    `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks
-    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
+    each world, and after a step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has
+    `final_obs` and `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as
+    torch lacks uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64`
+    is the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
     processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
@@ -78,8 +79,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     `compiled`, `randomizer` and the like cannot be exchanged: captured steps and resets, also in graphs of the
     caller's, use the arrays of the scene that the environment was made with. Make another environment instead.
 
-    A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED, a
-    finished world keeps running until it is reset.
+    A world whose positions or velocities are no longer finite is `broken`: it is terminated, with reward 0, and
+    `statistics` counts it. With autoreset DISABLED, a finished world keeps running until it is reset.
 
     Args:
         task: A Task, its class, or "module:Class".
@@ -370,9 +371,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             check_outcome(task, terms, success, terminated, self.num_envs)
             self._stepped = True
         success = success.clone()  # the task may write to it in a reset
-        finite = s.finite
-        gained = torch.where(finite, torch.stack(list(terms.values())), 0.0).float()
-        terminated = terminated | ~finite
+        broken = ~s.finite
+        gained = torch.where(broken, 0.0, torch.stack(list(terms.values()))).float()
+        terminated = terminated | broken
         truncated = torch.zeros_like(terminated)
         if self.max_episode_steps is not None:
             truncated = s.elapsed >= self.max_episode_steps
@@ -380,17 +381,17 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             # worlds that ended in the last step are reset by this one, in which nothing counts for them
             due = self._autoreset.clone()
-            gained, success = torch.where(due, 0.0, gained), success & ~due
+            gained, success, broken = torch.where(due, 0.0, gained), success & ~due, broken & ~due
             terminated, truncated = terminated & ~due, truncated & ~due
             self._reset_worlds(due)
             self._autoreset.copy_(terminated | truncated)
         reward, terms = gained.sum(dim=0), dict(zip(terms, gained, strict=True))
         done = terminated | truncated
-        self.statistics.add(tuple(terms), gained, success, done, s.elapsed)
-        info: dict[str, Any] = {"success": success, "reward_terms": terms}
+        self.statistics.add(tuple(terms), gained, success, broken, done, s.elapsed)
+        info: dict[str, Any] = {"success": success, "broken": broken, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            info["final_obs"] = self._observe(1)
-            info["final_info"] = {"success": success, "reward_terms": dict(terms), **self._layout_info()}
+            final = {**info, "reward_terms": dict(terms), **self._layout_info()}
+            info["final_obs"], info["final_info"] = self._observe(1), final
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._reset_worlds(done)
         info |= self._layout_info()
