@@ -17,13 +17,13 @@ wp.set_module_options({"enable_backward": False})
 def _request(
     seed_in: wp.array2d[wp.uint32],
     episode_in: wp.array[int],
-    # Layouts out: seed, episode
+    # Layouts out: next_seed, next_episode
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
     high, low = wp.uint64(seed_in[worldid, 0]), wp.uint64(seed_in[worldid, 1])
-    layouts.seed[worldid] = (high << wp.uint64(32)) | low
-    layouts.episode[worldid] = episode_in[worldid] - 1
+    layouts.next_seed[worldid] = (high << wp.uint64(32)) | low
+    layouts.next_episode[worldid] = episode_in[worldid]
 
 
 @wp.kernel

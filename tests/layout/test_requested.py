@@ -72,7 +72,7 @@ def test_layouts_are_those_of_a_generator(stand: CompiledScene, split: str):
 
 
 def test_the_others_get_the_start_pose(stand: CompiledScene):
-    """Where the mask is false, also after an earlier call made a layout there."""
+    """In rows outside the mask, also after an earlier call made a layout there."""
     requested = RequestedLayouts(stand, len(SEEDS))
     ask(requested, stand, [True] * 5)
     mask = [True, False, False, True, False]
