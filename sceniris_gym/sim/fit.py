@@ -25,6 +25,14 @@ _MEASURES = {
     "geom": ("geom_size", "geom_pos", "geom_quat"),
     "vertex": ("mesh_vert",),
 }
+_SIZES_OF = {
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): 1,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): 2,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): 2,
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): 3,
+    int(mujoco.mjtGeom.mjGEOM_BOX): 3,
+}
+"""How many numbers of its size a geom collides with: planes are endless, and meshes have vertices."""
 _TOLERANCE = 1.0e-6
 """Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
 _CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."
@@ -112,7 +120,10 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, kind: str, 
         wanted, found = wanted[mjm.jnt_qposadr], found.reshape(-1, mjm.nq)[:, mjm.jnt_qposadr]
     wanted = wanted.reshape(len(wanted), -1)
     found = found.reshape(-1, *wanted.shape)
-    differs = (np.abs(found - wanted) > tolerance).any(axis=2)
+    apart = np.abs(found - wanted) > tolerance
+    if field == "geom_size":
+        apart &= np.arange(3) < np.array([_SIZES_OF.get(int(shape), 0) for shape in mjm.geom_type])[:, None]
+    differs = apart.any(axis=2)
     if field in ("body_pos", "body_quat"):
         differs &= ~_placed_anew(mjm, len(found))
     if field == "qpos0":  # the reference of a free or ball joint moves nothing
