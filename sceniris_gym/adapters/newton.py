@@ -10,7 +10,7 @@ import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
-from sceniris_gym.errors import NotSupportedError, SceneMismatchError, check_type, import_extra
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type, import_extra
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask, fill_mask
@@ -135,7 +135,7 @@ class NewtonRandomizer(StaysHere):
         layouts: The latest layout of each world.
 
     Raises:
-        NotSupportedError: The solver runs on MuJoCo C, or has all worlds of the model in one.
+        ArgumentError: The solver runs on MuJoCo C, or has all worlds of the model in one.
         SceneMismatchError: The scene is not that of the model, worlds differ, or joints start elsewhere.
     """
 
@@ -155,7 +155,7 @@ class NewtonRandomizer(StaysHere):
         check_type(compiled, CompiledScene, "NewtonRandomizer: compiled")
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
         if data is None or solver.use_mujoco_cpu or data.nworld != nworld:
-            raise NotSupportedError(
+            raise ArgumentError(
                 "NewtonRandomizer: solver should be a SolverMuJoCo with use_mujoco_cpu=False and a world of its own "
                 f"for each of the {nworld} worlds of the model, as newton.ModelBuilder.replicate makes them."
             )

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import MaskError, NotSupportedError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, MaskError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -245,7 +245,7 @@ def test_other_models_are_refused():
     with pytest.raises(SceneMismatchError, match=r"joint 'worldbody/chest/door/hinge' starts at \[0\.5\].* \[0\.0\]"):
         NewtonRandomizer(small, model, solver, model.state())
     on_cpu = newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True, separate_worlds=True)
-    with pytest.raises(NotSupportedError, match="use_mujoco_cpu=False"):
+    with pytest.raises(ArgumentError, match="use_mujoco_cpu=False"):
         NewtonRandomizer(compiled, model, on_cpu, model.state())
     model, solver = room()
     with pytest.raises(MaskError, match=r"shape \(5,\)"):
