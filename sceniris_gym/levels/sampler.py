@@ -114,9 +114,9 @@ class LevelSampler(LayoutSource):
     def _column(self, name: str, values: Any, dtype: type) -> wp.array:
         """Return a column on the device, seeds as the 64 bits that they are."""
         numbers = values.detach().contiguous() if hasattr(values, "detach") else np.asarray(values)
-        given = wp.array(numbers, device=self._device) if isinstance(numbers, np.ndarray) else wp.from_torch(numbers)
-        if given.ndim != 1:
-            raise ArgumentError(f"LevelSampler.update: {name} should have shape (n,), got {given.shape}.")
+        if numbers.ndim != 1:
+            raise ArgumentError(f"LevelSampler.update: {name} should have shape (n,), got {tuple(numbers.shape)}.")
+        given = wp.array(numbers) if isinstance(numbers, np.ndarray) else wp.from_torch(numbers)
         given = given.to(self._device)
         if dtype is wp.uint64 and given.dtype in (wp.int64, wp.uint64):
             return given.view(wp.uint64)
