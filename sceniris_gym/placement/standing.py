@@ -24,12 +24,10 @@ MOST_DIRECTIONS = 32
 # A convex part of a support adds a corner for each of its sides.
 _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
-# Contacts that sink by more than this [m] are too soft, and a fall by more than that is one that shakes too much.
+# Contacts that sink by more than this [m] are too soft, and the uppermost object is to come to rest nearer than that.
 _SINK = wp.constant(5.0e-3)
-_FALL = wp.constant(9.0e-3)
+_MOVE = wp.constant(9.0e-3)
 _ROUNDS = 6
-# Most contacts of two boxes, and of any other two geoms.
-_CONTACTS = wp.constant(wp.vec2i(8, 4))
 
 
 @wp.struct
@@ -49,7 +47,7 @@ class Level:
     sink: float
     lean: wp.vec2
     gap: float
-    law: wp.vec3
+    law: wp.vec2
 
 
 @wp.func
@@ -193,7 +191,7 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
             margin = wp.min(margin, cross2(side, at - patch[i]) / length)
     if corners < 3:
         margin = -1.0
-    most = wp.where(statics.obj_law[obj][0] > 0.0, _CONTACTS[1], _CONTACTS[0])
+    most = wp.where(statics.obj_four[obj], 4, 8)
     level.middle = middle
     level.margin = margin
     level.sink = _sink(statics.obj_spring[obj], level.load[0] / float(wp.clamp(corners, 1, most)))
@@ -201,7 +199,7 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
     level.softness = size * wp.mat22(yy, -xy, -xy, xx)
     if statics.variant_curved[variant]:  # it rolls as it leans, and stays wherever it does not roll off
         level.softness = wp.mat22(0.0, 0.0, 0.0, 0.0)
-        level.law = wp.vec3(0.0, 0.0, level.law[2])
+        level.law = wp.vec2(0.0)
     return level
 
 
@@ -244,9 +242,9 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
     for k in range(num):
         j = num - 1 - k
         level = levels[j]
-        level = levels[j]
         fall += level.gap + level.sink
-        needed = level.law[0] + level.law[1] * wp.sqrt(wp.max(fall * level.load[3], 0.0))
+        share = level.law[0] + level.law[1] * wp.length(level.lean)
+        needed = share * wp.sqrt(wp.max(fall * level.load[3], 0.0))
         if not (level.margin - wp.length(shift[j]) > needed) or level.sink > _SINK:
             return False
-    return fall < _FALL and wp.length(moved[0]) < levels[0].law[2]
+    return fall * fall + wp.dot(moved[0], moved[0]) < _MOVE * _MOVE

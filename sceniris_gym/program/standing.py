@@ -30,18 +30,16 @@ class Law:
     """The margin that keeps a load from falling; `placement/standing.py` has the formula and its measurement.
 
     Attributes:
-        margin: The least distance [m] of its centre from the edge of what carries it.
-        shake: What its fall adds to that, as a share of the root of fall times height.
-        move: The greatest move [m] of the uppermost object while it comes to rest.
+        shake: The margin as a share of the root of fall times height.
+        lean: What each radian by which the load leans adds to that share.
     """
 
-    margin: float
     shake: float
-    move: float
+    lean: float
 
 
-BOXES, OTHERS = Law(0.0, 0.17, 0.016), Law(5.0e-4, 0.3, 9.25e-3)
-"""The laws of boxes on boxes or planes, and of all other contacts, of which MuJoCo finds fewer points."""
+BOXES, OTHERS = Law(0.33, 0.0), Law(0.2, 20.0)
+"""The laws of boxes on boxes or planes, and of all other contacts, whose points change as they lean."""
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_whole": np.array([s.is_whole for s in known], bool),
         "obj_four": np.array([s.has_four for s in known], bool),
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
-        "obj_law": np.reshape([(s.law.margin, s.law.shake, s.law.move) for s in known], (-1, 3)),
+        "obj_law": np.reshape([(s.law.shake, s.law.lean) for s in known], (-1, 2)),
         "variant_curved": np.array([f.is_curved for f in feet], bool),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
