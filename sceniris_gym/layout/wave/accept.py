@@ -67,6 +67,9 @@ def _place(
         layouts.bounds[row, slot] = search.bounds[c]
     elif program.obj_measured[obj] != 0:
         layouts.bounds[row, slot] = search.bounds[c]
+    if search.row_surface.shape[1] > 0:
+        search.row_surface[row, obj] = search.surface[c]
+        search.row_variant[row, obj] = search.turn[c].variant
     if reach.obj_reach.shape[0] > 0:
         column = reach.obj_reach[obj]
         if column >= 0:
