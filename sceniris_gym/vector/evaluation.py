@@ -103,11 +103,9 @@ def reset_to(envs: VectorEnv, inner: SceneVectorEnv, ids: Sequence[LayoutId]) ->
 
 def _own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
     """Parse an id, and refuse one of another scene or split than the environment's."""
-    found = LayoutId.parse(text)
-    if (found.scene, found.split) != (envs.compiled.hash, split):
-        raise SceneMismatchError(
-            f"evaluate: layout '{text}' should be of scene {envs.compiled.hash} and split '{split}', as envs is."
-        )
+    found = LayoutId.of_scene(text, envs.compiled.scene, "Give ids of the scene of envs.")
+    if found.split != split:
+        raise SceneMismatchError(f"evaluate: layout '{text}' should be of split '{split}', as envs is.")
     return found
 
 
