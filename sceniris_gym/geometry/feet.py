@@ -10,7 +10,7 @@ from sceniris_gym.geometry.resting_poses import ROCKING
 
 # Points this far [m] above the lowest one are on the same level.
 _FLAT = 2.0e-4
-# A foot whose level part is smaller than this share of it is curved.
+# A foot that shrinks to less than this share of its area as it leans by a fifth of the angle is curved.
 _SHARE = 0.5
 
 
@@ -33,16 +33,16 @@ def foot(pieces: list[np.ndarray], height: float) -> tuple[list[np.ndarray], boo
     owner = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
     bottom = points[:, 2].min() + _FLAT
     touching = _touching(points)
+    level, whole = (MultiPoint(points[found, :2]).convex_hull.area for found in (_touching(points, 0.2), touching))
     carrying = {*owner[touching].tolist(), *owner[points[:, 2] < bottom].tolist()}
-    level, whole = (MultiPoint(p).convex_hull.area for p in (points[points[:, 2] < bottom, :2], points[touching, :2]))
     if level > _SHARE * whole:
         return [_corners(pieces[i]) for i in sorted(carrying)], False
     return [points[touching, :2] + height * np.sin(np.radians(ROCKING)) * around(MAX_FOOT)], True
 
 
-def _touching(points: np.ndarray) -> np.ndarray:
-    """Return the numbers of the points that are lowest as they lean in `MAX_FOOT` directions."""
-    lean = np.radians(ROCKING)
+def _touching(points: np.ndarray, share: float = 1.0) -> np.ndarray:
+    """Return the numbers of the points that are lowest as they lean by a share of the angle in all directions."""
+    lean = np.radians(share * ROCKING)
     return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
 
 

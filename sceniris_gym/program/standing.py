@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry import MultiPoint, Point
 
 from sceniris_gym.geometry.feet import foot
-from sceniris_gym.geometry.pieces import PieceType, extract_pieces
+from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.placed_object import PlacedObject
@@ -21,8 +21,8 @@ from sceniris_gym.program.resting import touch_distances
 if TYPE_CHECKING:
     from sceniris_gym.program.plan import Plan
 
-# Pieces that begin this far [m] above the lowest one carry nothing.
-_LOW = 5.0e-4
+# A piece whose top is as near as this [m] to the height of a surface is part of it.
+_NEAR = 5.0e-4
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Law:
     soft: float
 
 
-BOXES, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.0), Law(0.2, 20.0, 7.0e-3, 1.5)
+BOXES, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.0), Law(0.3, 20.0, 7.0e-3, 2.0)
 """The laws of boxes on boxes or planes, and of all other contacts, whose points change as they lean."""
 
 
@@ -137,7 +137,10 @@ def _stance(plan: Plan, o: PlacedObject, number: dict[str, int]) -> Stance:
     pieces = extract_pieces(scene.mjm, "physics", set(o.bodies))
     touch = touch_distances(scene, pieces, support.body)
     own = [p for p, distance in zip(pieces, touch, strict=True) if distance is not None and p.mesh is not None]
-    below = [p for p in plan.pieces if p.body == support.body and support.geom in (None, p.geom)]
+    heights = {s.height for surfaces in o.surfaces for s in surfaces}
+    below = [
+        p for p in plan.pieces if p.body == support.body and support.geom in (None, p.geom) and _ends_at(p, heights)
+    ]
     shape = HomeShape(plan.home, o.bodies[0], own)
     points, center = shape.points(), shape.center_of_mass
     feet = [_foot(_in_pose([*points, center[None]], v)) if own else NO_FOOT for v in o.variants]
@@ -154,6 +157,11 @@ def _stance(plan: Plan, o: PlacedObject, number: dict[str, int]) -> Stance:
         has_four=not are_boxes and len(own) == len(below) == 1,
         meets=bool(own),
     )
+
+
+def _ends_at(piece: Piece, heights: Iterable[float]) -> bool:
+    """Return whether a piece of a support has its top at one of its surfaces."""
+    return piece.type == PieceType.PLANE or any(abs(piece.bounds()[1][2] - z) < _NEAR for z in heights)
 
 
 def _in_pose(pieces: list[np.ndarray], variant: Variant) -> list[np.ndarray]:

@@ -14,6 +14,7 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight
 from sceniris_gym.program.standing import Stance, levels_of
+from sceniris_gym.program.surfaces import UPRIGHT
 
 # Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds things there.
 _TILT = 1.0
@@ -102,10 +103,13 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     surfaces = [s for own in o.surfaces for s in own]
     bounds = np.array([s.region.bounds for s in surfaces])
     low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    for state in ends:
+    for state in ({}, *ends):
         for x, y in np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(2, -1).T:
             data.qpos[:] = plan.home.qpos
             data.qpos[list(state)] = list(state.values())
+            mujoco.mj_kinematics(model, data)
+            if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there
+                break
             fall = _fall(model, data, o.ground, np.array([x, y, surfaces[0].height]), plan.scene.home_ctrl, load)
             if fall > _GIVES:
                 names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
