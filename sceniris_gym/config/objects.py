@@ -118,7 +118,7 @@ class ObjectConfig(Section):
 
     @property
     def has_to_stand(self) -> bool:
-        """True if it has to stay where it is put: free, put down from at most `STANDING_GAP`, and not in any orientation."""
+        """True if it is to stay where it is put: free, put down from `STANDING_GAP` at most, not in any orientation."""
         is_put_down = self.kind == "free" and self.support is not None and self.gap <= STANDING_GAP
         return self.stands and is_put_down and self.drawn_orientation.kind != "any"
 

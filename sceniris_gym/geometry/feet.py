@@ -3,37 +3,54 @@
 from __future__ import annotations
 
 import numpy as np
-from shapely.geometry import MultiPoint, Polygon
+from shapely.geometry import MultiPoint
 
 from sceniris_gym.config.limits import MAX_FOOT
 from sceniris_gym.geometry.resting_poses import ROCKING
 
-# Points this far [m] above the lowest one are on the same flat face.
+# Points this far [m] above the lowest one are on the same level.
 _FLAT = 2.0e-4
-# A foot whose flat part is smaller than this share of it is curved.
+# A foot whose level part is smaller than this share of it is curved.
 _SHARE = 0.5
 
 
-def foot(points: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the foot of a shape on level ground, and whether it is curved, so that it rolls as it leans.
+def foot(pieces: list[np.ndarray], height: float) -> tuple[list[np.ndarray], bool]:
+    """Return the foot of convex pieces on level ground, and whether it is curved, so that it rolls as it leans.
 
-    The corners of a foot are the points that touch the ground as the shape leans by the angle that a stable pose may
-    rock by, in all directions: those of a flat face, and those around the lowest point of a curved one.
+    A piece has a foot if it reaches the ground, also as the whole leans by the angle that a stable pose may rock by.
+    Its corners are the points that touch the ground as it leans by that in all directions. A curved foot is one part,
+    and wider by the way that the centre of mass may be off as it leans.
 
     Args:
-        points: Vertices of the shape [m], z up, shape (n, 3).
+        pieces: Vertices of each piece [m], z up, shape (n, 3).
+        height: Height of the centre of mass over the ground [m].
 
     Returns:
-        Corners [m], counter-clockwise, `MAX_FOOT` of them at most, shape (m, 2); and True for a curved foot.
+        For each piece with a foot its corners [m], counter-clockwise, `MAX_FOOT` at most, shape (m, 2); and True for a
+        curved foot.
     """
+    points = np.concatenate(pieces)
+    owner = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    bottom = points[:, 2].min() + _FLAT
+    touching = _touching(points)
+    carrying = {*owner[touching].tolist(), *owner[points[:, 2] < bottom].tolist()}
+    level, whole = (MultiPoint(p).convex_hull.area for p in (points[points[:, 2] < bottom, :2], points[touching, :2]))
+    if level > _SHARE * whole:
+        return [_corners(pieces[i]) for i in sorted(carrying)], False
+    return [points[touching, :2] + height * np.sin(np.radians(ROCKING)) * around(MAX_FOOT)], True
+
+
+def _touching(points: np.ndarray) -> np.ndarray:
+    """Return the numbers of the points that are lowest as they lean in `MAX_FOOT` directions."""
     lean = np.radians(ROCKING)
-    across = np.sin(lean) * around(MAX_FOOT)
-    heights = points[:, 2:] * np.cos(lean) - points[:, :2] @ across.T
-    touching = points[heights.argmin(axis=0), :2]
-    kept = touching[(touching != np.roll(touching, 1, axis=0)).any(axis=1)]
-    corners = kept if len(kept) else touching[:1]
-    flat = MultiPoint(points[points[:, 2] < points[:, 2].min() + _FLAT, :2]).convex_hull
-    return corners, bool(len(corners) < 3 or flat.area < _SHARE * Polygon(corners).convex_hull.area)
+    return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
+
+
+def _corners(points: np.ndarray) -> np.ndarray:
+    """Return the corners of the foot of one piece."""
+    found = points[_touching(points), :2]
+    kept = found[(found != np.roll(found, 1, axis=0)).any(axis=1)]
+    return kept if len(kept) else found[:1]
 
 
 def around(number: int) -> np.ndarray:

@@ -100,27 +100,27 @@ class HomeShape:
         """Return the radius [m] of a ball inside the hull; the bounds are at least twice as wide in any orientation."""
         if not self._pieces:
             return 0.0
-        hull = convex_hull(self.points())
+        hull = convex_hull(np.concatenate(self.points()))
         to_faces = hull.triangles[:, 0] - hull.center_mass
         return max(float((to_faces * hull.face_normals).sum(axis=1).min()), 0.0)
 
     def hull(self, body: int) -> Piece:
         """Return all pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
-        vertices = convex_hull(self.points()).vertices
+        vertices = convex_hull(np.concatenate(self.points())).vertices
         middle = vertices.mean(axis=0)
         unit = np.array([1.0, 0.0, 0.0, 0.0])
         return Piece(-1, body, PieceType.HULL, middle, unit, np.zeros(3), vertices - middle, None, 0)
 
-    def points(self) -> np.ndarray:
-        """Return the vertices of all pieces in the root's frame [m], shape (n, 3)."""
+    def points(self) -> list[np.ndarray]:
+        """Return the vertices of each piece in the root's frame [m], shape (n, 3) each."""
         placed = zip(self._pieces, self._mats, self._at, strict=True)
-        return np.concatenate([at + p.mesh.vertices @ mat.T for p, mat, at in placed if p.mesh is not None])
+        return [at + p.mesh.vertices @ mat.T for p, mat, at in placed if p.mesh is not None]
 
     def _carried_points(self) -> np.ndarray:
         """Return the same; faces of pieces with larger margins than others are moved out by the difference."""
         more = self.margins - self.margins.min()
         if not more.any():
-            return self.points()
+            return np.concatenate(self.points())
         points = []
         for p, mat, at, by in zip(self._pieces, self._mats, self._at, more, strict=True):
             if p.mesh is not None:

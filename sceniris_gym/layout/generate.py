@@ -100,7 +100,15 @@ class LayoutGenerator(Fixed, LayoutSource):
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
-            compiled.program, compiled.statics, compiled.related, reaches, SPLITS[split], size, self.layouts.view, search, compiled.device
+            compiled.program,
+            compiled.statics,
+            compiled.related,
+            reaches,
+            SPLITS[split],
+            size,
+            self.layouts.view,
+            search,
+            compiled.device,
         )
         self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and reaching.staged else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave

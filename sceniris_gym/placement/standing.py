@@ -5,8 +5,8 @@ its centre of mass is inside of the patch, the hull of its foot as far as that i
 give way: the load sinks by d, and if its centre is e away from that of the patch it leans by d K^-1 e, where K is the
 mean of the outer products of the patch's corners around their mean, as each corner is a spring. All that is above moves
 with it, so leaning is worked out in passes; what is top-heavy does not come to rest. A load that falls by f until it is
-carried is shaken, so that the margin is to be above m + t sqrt(f h), with h the height of its centre. `program.standing`
-has m and t, found as the least for which of 28,890 stacks none fell in half a second of MuJoCo C.
+carried is shaken, so that the margin is to be above m + t sqrt(f h), with h the height of its centre. `Law` has m
+and t, found as the least for which of 28,890 stacks none fell in half a second of MuJoCo C.
 """
 
 import warp as wp
@@ -24,12 +24,10 @@ MOST_DIRECTIONS = 32
 # A convex part of a support adds a corner for each of its sides.
 _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
-# Contacts that sink by more than this [m] are too soft, and a fall by more than that is one that shakes too much.
+# Contacts that sink by more than this [m] are too soft, and the uppermost object is to come to rest nearer than that.
 _SINK = wp.constant(5.0e-3)
-_FALL = wp.constant(9.0e-3)
+_MOVE = wp.constant(9.0e-3)
 _ROUNDS = 6
-# Most contacts of two boxes, and of any other two geoms.
-_CONTACTS = wp.constant(wp.vec2i(8, 4))
 
 
 @wp.struct
@@ -49,7 +47,7 @@ class Level:
     sink: float
     lean: wp.vec2
     gap: float
-    law: wp.vec3
+    law: wp.vec2
 
 
 @wp.func
@@ -108,17 +106,19 @@ def find_patch(
     points = wp.zeros(shape=(wp.static(_MOST_CORNERS),), dtype=wp.vec2)
     x = unit_circle(heading)
     y = wp.vec2(-x[1], x[0])
-    adr = statics.variant_footadr[variant]
-    feet = statics.variant_footnum[variant]
     for i in range(statics.direction.shape[0]):
         best[i] = -1.0e30
     parts = statics.surface_partnum[surface]
     if statics.obj_whole[obj]:
         parts = 1
-    for part in range(parts):
-        for k in range(feet):
-            points[k] = statics.foot[adr + k][0] * x + statics.foot[adr + k][1] * y
-        num = int(feet)
+    feet = statics.variant_footnum[variant]
+    for i in range(parts * feet):
+        part = i // feet
+        foot = statics.variant_footadr[variant] + i % feet
+        num = int(statics.foot_cornernum[foot])
+        for k in range(num):
+            corner = statics.corner[statics.foot_corneradr[foot] + k]
+            points[k] = corner[0] * x + corner[1] * y
         if not statics.obj_whole[obj]:
             number = statics.surface_partadr[surface] + part
             for s in range(statics.part_sidenum[number]):
@@ -129,7 +129,40 @@ def find_patch(
                     outward = wp.vec2(b[1] - a[1], a[0] - b[0])
                     num = clip(points, num, half_plane(outward, wp.vec2(a[0], a[1]), 0.0))
         _widen(statics, points, num, best, patch)
-    return best[0] > -1.0e30
+    if best[0] == -1.0e30:
+        return False
+    if statics.obj_four[obj]:
+        _take_four(patch, statics.direction.shape[0], points)
+        for i in range(statics.direction.shape[0]):
+            best[i] = -1.0e30
+        _widen(statics, points, 4, best, patch)
+    return True
+
+
+@wp.func
+def _take_four(patch: wp.array[wp.vec2], num: int, four: wp.array[wp.vec2]):
+    """Write the four of a patch's corners that span the largest area, which is what MuJoCo keeps of many contacts."""
+    most = float(-1.0)
+    for i in range(num - 2):
+        a = patch[i]
+        left = int(i + 3)
+        right = int(i + 1)
+        for k in range(i + 2, num):
+            diagonal = patch[k] - a
+            while right + 1 < k and cross2(diagonal, patch[right + 1] - a) <= cross2(diagonal, patch[right] - a):
+                right += 1
+            left = wp.max(left, k + 1)
+            while left + 1 < num + i and cross2(diagonal, patch[(left + 1) % num] - a) >= cross2(
+                diagonal, patch[left % num] - a
+            ):
+                left += 1
+            area = cross2(diagonal, patch[left % num] - a) - cross2(diagonal, patch[right] - a)
+            if area > most:
+                most = area
+                four[0] = a
+                four[1] = patch[right]
+                four[2] = patch[k]
+                four[3] = patch[left % num]
 
 
 @wp.func
@@ -158,14 +191,15 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
             margin = wp.min(margin, cross2(side, at - patch[i]) / length)
     if corners < 3:
         margin = -1.0
-    most = wp.where(statics.obj_law[obj][0] > 0.0, _CONTACTS[1], _CONTACTS[0])
+    most = wp.where(statics.obj_four[obj], 4, 8)
     level.middle = middle
     level.margin = margin
     level.sink = _sink(statics.obj_spring[obj], level.load[0] / float(wp.clamp(corners, 1, most)))
     size = float(num) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
     level.softness = size * wp.mat22(yy, -xy, -xy, xx)
-    if statics.variant_curved[variant]:  # it rolls as it leans
+    if statics.variant_curved[variant]:  # it rolls as it leans, and stays wherever it does not roll off
         level.softness = wp.mat22(0.0, 0.0, 0.0, 0.0)
+        level.law = wp.vec2(0.0)
     return level
 
 
@@ -208,9 +242,9 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
     for k in range(num):
         j = num - 1 - k
         level = levels[j]
-        level = levels[j]
         fall += level.gap + level.sink
-        needed = level.law[0] + level.law[1] * wp.sqrt(wp.max(fall * level.load[3], 0.0))
+        share = level.law[0] + level.law[1] * wp.length(level.lean)
+        needed = share * wp.sqrt(wp.max(fall * level.load[3], 0.0))
         if not (level.margin - wp.length(shift[j]) > needed) or level.sink > _SINK:
             return False
-    return fall < _FALL and wp.length(moved[0]) < levels[0].law[2]
+    return fall * fall + wp.dot(moved[0], moved[0]) < _MOVE * _MOVE

@@ -25,6 +25,7 @@ from sceniris_gym.program.checks.oddities import warn_of_oddities
 from sceniris_gym.program.checks.parking import check_parking
 from sceniris_gym.program.checks.reach import check_reach
 from sceniris_gym.program.checks.relations import check_relations
+from sceniris_gym.program.checks.standing import check_standing
 from sceniris_gym.program.checks.supports import check_supports
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.device import Program, fill_struct
@@ -48,6 +49,7 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     check_distances,
     check_pairs_fit,
     check_relations,
+    check_standing,
     check_parking,
     warn_of_oddities,
     check_reach,

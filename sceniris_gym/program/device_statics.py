@@ -17,12 +17,15 @@ class Statics:
     obj_leveladr: wp.array[int]
     obj_levelnum: wp.array[int]  # 0: it needs no test
     obj_whole: wp.array[bool]  # all of its foot is on its support
+    obj_four: wp.array[bool]  # MuJoCo keeps four contacts at most
     obj_spring: wp.array[wp.vec4]  # see `Stance.spring`
-    obj_law: wp.array[wp.vec3]  # see `Law`
+    obj_law: wp.array[wp.vec2]  # see `Law`
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
     variant_curved: wp.array[bool]
-    foot: wp.array[wp.vec2]  # corners around the pivot, at heading 0
+    foot_corneradr: wp.array[int]  # a foot has convex parts
+    foot_cornernum: wp.array[int]
+    corner: wp.array[wp.vec2]  # around the pivot, at heading 0, counter-clockwise
 
     # Levels, the object itself first: the object of each, and the others that it carries beside the levels above.
     level_obj: wp.array[int]

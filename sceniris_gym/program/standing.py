@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 import shapely
+from shapely.geometry import MultiPoint, Point
 
 from sceniris_gym.geometry.feet import foot
-from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
+from sceniris_gym.geometry.pieces import PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.placed_object import PlacedObject
@@ -29,18 +30,31 @@ class Law:
     """The margin that keeps a load from falling; `placement/standing.py` has the formula and its measurement.
 
     Attributes:
-        margin: The least distance [m] of its centre from the edge of what carries it.
-        shake: What its fall adds to that, as a share of the root of fall times height.
-        move: The greatest move [m] of the uppermost object while it comes to rest.
+        shake: The margin as a share of the root of fall times height.
+        lean: What each radian by which the load leans adds to that share.
     """
 
-    margin: float
     shake: float
-    move: float
+    lean: float
 
 
-BOXES, OTHERS = Law(0.0, 0.17, 0.016), Law(5.0e-4, 0.3, 9.25e-3)
-"""The laws of boxes on boxes or planes, and of all other contacts, of which MuJoCo finds fewer points."""
+BOXES, OTHERS = Law(0.33, 0.0), Law(0.2, 20.0)
+"""The laws of boxes on boxes or planes, and of all other contacts, whose points change as they lean."""
+
+
+@dataclass(frozen=True)
+class Foot:
+    """The foot of an object in one of its variants, seen from above around its pivot at heading 0.
+
+    Attributes:
+        parts: Corners [m] of its convex parts; see `geometry.feet.foot`.
+        is_curved: Whether it rolls as it leans.
+        margin: Distance [m] of the object's own centre of mass from the edge of its foot; negative outside.
+    """
+
+    parts: list[np.ndarray]
+    is_curved: bool
+    margin: float
 
 
 @dataclass(frozen=True)
@@ -49,28 +63,37 @@ class Stance:
 
     Attributes:
         carrier: The object that carries it, as its number in `Plan.objects`, if that is free; else None.
-        feet: Its foot in each of its variants, corners around its pivot [m] at heading 0, and whether it is curved.
+        feet: Its foot in each of its variants.
         spring: Of its contacts: sink under a weight of 1 kg on one rigid contact [m], and the least and the greatest
             impedance and the depth between them [m], as in MuJoCo's solimp.
         law: The margin that it needs.
         is_whole: Whether all of its foot is on its support.
+        has_four: Whether MuJoCo keeps four contacts of it at most: those of two convex shapes which are not both boxes.
         meets: Whether it collides with its support at all.
     """
 
     carrier: int | None
-    feet: list[tuple[np.ndarray, bool]]
+    feet: list[Foot]
     spring: np.ndarray
     law: Law
     is_whole: bool
+    has_four: bool
     meets: bool
 
     @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed, so that only what is put on it needs a test."""
-        return self.carrier is None and self.is_whole
+        return self.carrier is None and self.is_whole and all(f.margin > 0.0 for f in self.feet)
+
+    @property
+    def margin(self) -> float:
+        """The margin [m] of the object by itself in the best of its poses."""
+        return max((f.margin for f in self.feet), default=0.0)
 
 
-NO_STANCE = Stance(None, [], np.array([0.0, 0.9, 0.95, 1e-3]), BOXES, is_whole=True, meets=True)
+NO_FOOT = Foot([np.zeros((1, 2))], is_curved=True, margin=0.0)
+"""The foot of what does not collide with its support."""
+NO_STANCE = Stance(None, [], np.array([0.0, 0.9, 0.95, 1e-3]), BOXES, is_whole=True, has_four=False, meets=True)
 """The stance of what need not stand."""
 
 
@@ -81,6 +104,17 @@ def stances(plan: Plan) -> list[Stance | None]:
         _stance(plan, o, number) if o.config is not None and o.config.has_to_stand and o.heap is None else None
         for o in plan.objects
     ]
+
+
+def levels_of(found: list[Stance | None], number: int) -> list[int]:
+    """Return the levels below an object, as numbers of objects, itself first; none if it need not stand."""
+    chain: list[int] = []
+    at: int | None = number if found[number] is not None else None
+    while at is not None:
+        chain.append(at)
+        stance = found[at]
+        at = None if stance is None else stance.carrier
+    return chain
 
 
 def carrier_of(o: PlacedObject, objects: Iterable[PlacedObject]) -> int | None:
@@ -101,30 +135,42 @@ def _stance(plan: Plan, o: PlacedObject, number: dict[str, int]) -> Stance:
     own = [p for p, distance in zip(pieces, touch, strict=True) if distance is not None and p.mesh is not None]
     below = [p for p in plan.pieces if p.body == support.body and support.geom in (None, p.geom)]
     shape = HomeShape(plan.home, o.bodies[0], own)
-    feet = [foot(_in_pose(shape.points(), v)) if own else (np.zeros((1, 2)), True) for v in o.variants]
+    points, center = shape.points(), shape.center_of_mass
+    feet = [_foot(_in_pose([*points, center[None]], v)) if own else NO_FOOT for v in o.variants]
     whole = support.is_floor or all(s.is_endless for surfaces in o.surfaces for s in surfaces)
     boxes = {PieceType.BOX, PieceType.PLANE}
     owner = scene.config.objects.get(support.owner or "")
+    are_boxes = {p.type for p in (*own, *below)} <= boxes
     return Stance(
         carrier=number.get(support.owner or "") if owner is not None and owner.has_to_stand else None,
         feet=feet,
         spring=_softest(scene.mjm, [p.geom for p in own], [p.geom for p in below]),
-        law=BOXES if {p.type for p in (*own, *below)} <= boxes else OTHERS,
-        is_whole=whole or o.config.ratio_on_support == 1.0 or _lies_inside(o, [corners for corners, _ in feet]),
+        law=BOXES if are_boxes else OTHERS,
+        is_whole=whole or o.config.ratio_on_support == 1.0 or _lies_inside(o, [f.parts for f in feet]),
+        has_four=not are_boxes and len(own) == len(below) == 1,
         meets=bool(own),
     )
 
 
-def _in_pose(points: np.ndarray, variant: Variant) -> np.ndarray:
-    """Return points of the root's frame [m] around the pivot of a pose, shape (n, 3)."""
-    return (points - variant.pivot) @ matrix(variant.quat).T
+def _in_pose(pieces: list[np.ndarray], variant: Variant) -> list[np.ndarray]:
+    """Return points of the root's frame [m] around the pivot of a pose, shape (n, 3) each."""
+    return [(points - variant.pivot) @ matrix(variant.quat).T for points in pieces]
 
 
-def _lies_inside(o: PlacedObject, feet: list[np.ndarray]) -> bool:
+def _foot(points: list[np.ndarray]) -> Foot:
+    """Return the foot of an object from the points of its pieces and, at last, its centre of mass."""
+    *pieces, center = points
+    parts, curved = foot(pieces, float(center[0, 2]))
+    hull = MultiPoint(np.concatenate(parts)).convex_hull
+    at = Point(center[0, :2])
+    return Foot(parts, curved, hull.boundary.distance(at) if hull.contains(at) else -hull.distance(at))
+
+
+def _lies_inside(o: PlacedObject, feet: list[list[np.ndarray]]) -> bool:
     """Return whether the foot lies on its support in any heading, wherever in its region the pivot is."""
     return all(
-        s.outline.contains(shapely.buffer(s.region, np.linalg.norm(corners, axis=1).max()))
-        for surfaces, corners in zip(o.surfaces, feet, strict=True)
+        s.outline.contains(shapely.buffer(s.region, np.linalg.norm(np.concatenate(parts), axis=1).max()))
+        for surfaces, parts in zip(o.surfaces, feet, strict=True)
         for s in surfaces
     )
 
@@ -152,7 +198,9 @@ def _spring(mjm: mujoco.MjModel, a: int, b: int) -> np.ndarray:
     least, most = np.clip(imp[:2], mujoco.mjMINIMP, mujoco.mjMAXIMP)
     stiff = -ref[0] / most**2
     if ref[0] > 0.0:
-        time = ref[0] if mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE else max(ref[0], 2 * mjm.opt.timestep)
+        time = (
+            ref[0] if mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE else max(ref[0], 2 * mjm.opt.timestep)
+        )
         stiff = 1.0 / (most * time * ref[1]) ** 2
     weight = mjm.body_invweight0[mjm.geom_bodyid[[a, b]], 0].sum()
     gravity = np.linalg.norm(mjm.opt.gravity)

@@ -194,8 +194,8 @@ def _accept(
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
     # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
-    #   rows_left, source, rows, cause, turn, place, bounds, grasp, qpos, body_pos, body_quat
-    # Search out: best, row_object, row_trial, row_attempts, queue, rows_left, candidates
+    #   rows_left, source, rows, cause, turn, surface, place, bounds, grasp, qpos, body_pos, body_quat
+    # Search out: best, row_object, row_trial, row_attempts, queue, row_surface, row_variant, rows_left, candidates
     search: Search,
 ):
     block, lane = wp.tid()

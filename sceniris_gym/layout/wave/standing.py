@@ -28,7 +28,14 @@ def _moments(load: wp.vec4, by: wp.vec3) -> wp.vec4:
 
 @wp.func
 def _level_of(
-    program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int, number: int, above: Level
+    program: Program,
+    statics: Statics,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    row: int,
+    number: int,
+    above: Level,
 ) -> Level:
     """Return level `number` of `Statics`, on which `above` stands, without what its patch says."""
     obj = statics.level_obj[number]
@@ -87,7 +94,10 @@ def _test_standing(
     program: Program,
     statics: Statics,
     lanes: int,
+    # Layouts in: present, place, body_pos, body_quat
     layouts: LayoutsView,
+    # Search in: row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos, body_quat
+    # Search out: cause
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):

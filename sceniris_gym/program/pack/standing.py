@@ -10,25 +10,13 @@ from sceniris_gym.geometry.feet import around
 from sceniris_gym.geometry.ragged import addressed
 from sceniris_gym.geometry.resting_poses import weights
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
-from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.device import fill_struct
+from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.standing import NO_STANCE, Stance, carrier_of
+from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, carrier_of, levels_of
 
 _DIRECTIONS = 32
-_NO_FOOT = np.zeros((0, 2)), True
-
-
-def levels_of(found: list[Stance | None], number: int) -> list[int]:
-    """Return the levels below an object, as numbers of objects, itself first; none if it need not stand."""
-    chain: list[int] = []
-    at: int | None = number if found[number] is not None else None
-    while at is not None:
-        chain.append(at)
-        stance = found[at]
-        at = None if stance is None else stance.carrier
-    return chain
 
 
 def pack_statics(plan: Plan, device: str) -> Statics | None:
@@ -43,19 +31,21 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     level, of_objects = addressed("obj_level", chains)
     load, of_levels = addressed("level_load", (part for i, c in enumerate(chains) for part in _loads(c, carriers, i)))
     known = [NO_STANCE if stance is None else stance for stance in found]
-    feet = [f for o, s in zip(objects, known, strict=True) for f in s.feet or [_NO_FOOT] * len(o.variants)]
-    foot, of_variants = addressed("variant_foot", (corners for corners, _ in feet))
+    feet = [f for o, s in zip(objects, known, strict=True) for f in s.feet or [NO_FOOT] * len(o.variants)]
+    foot, of_variants = addressed("variant_foot", (f.parts for f in feet))
+    corner, of_feet = addressed("foot_corner", foot)
     parts, of_surfaces = addressed("surface_part", (_convex_parts(s) for s in surfaces_of_regions(objects)))
     side, of_parts = addressed("part_side", parts)
     statics = Statics()
     arrays = {
-        **{**of_objects, **of_levels, **of_variants, **of_surfaces, **of_parts},
+        **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
         "direction": around(_DIRECTIONS),
         "obj_whole": np.array([s.is_whole for s in known], bool),
+        "obj_four": np.array([s.has_four for s in known], bool),
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
-        "obj_law": np.reshape([(s.law.margin, s.law.shake, s.law.move) for s in known], (-1, 3)),
-        "variant_curved": np.array([curved for _, curved in feet], bool),
-        "foot": np.reshape(foot, (-1, 2)),
+        "obj_law": np.reshape([(s.law.shake, s.law.lean) for s in known], (-1, 2)),
+        "variant_curved": np.array([f.is_curved for f in feet], bool),
+        "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),
         "side": np.reshape(side, (-1, 4)),
@@ -79,12 +69,12 @@ def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[li
 
 
 def _convex_parts(surface: SupportSurface) -> list[np.ndarray]:
-    """Return convex polygons that cover a surface, the ends of their edges [m], counter-clockwise, shape (n, 4) each."""
+    """Return convex polygons that make up a surface: ends of their edges [m], counter-clockwise, shape (n, 4) each."""
     hull = surface.outline.convex_hull
     if hull.area - surface.outline.area > 1e-9:
         corners = list(triangulate(surface.outline))
     else:
-        ring = shapely.get_coordinates(shapely.geometry.polygon.orient(hull).exterior)[:-1]
+        ring = shapely.get_coordinates(hull)[:-1]
         corners = [ring if len(ring) <= MAX_FOOT else ring[np.unique((ring @ around(MAX_FOOT).T).argmax(axis=0))]]
     rings = [np.asarray(shapely.geometry.polygon.orient(shapely.Polygon(c)).exterior.coords)[:, :2] for c in corners]
     return [np.hstack([ring[:-1], ring[1:]]) for ring in rings]
