@@ -24,9 +24,10 @@ MOST_DIRECTIONS = 32
 # A convex part of a support adds a corner for each of its sides.
 _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
-# Contacts that sink by more than this [m] are too soft, and the uppermost object is to come to rest nearer than that.
+# Contacts that sink by more than this [m] are too soft.
 _SINK = wp.constant(5.0e-3)
-_MOVE = wp.constant(9.0e-3)
+# MuJoCo sees two faces up to 5.1 degrees as parallel, and keeps fewer contacts beyond.
+_LEAN = wp.constant(0.089)
 _ROUNDS = 6
 
 
@@ -47,7 +48,7 @@ class Level:
     sink: float
     lean: wp.vec2
     gap: float
-    law: wp.vec2
+    law: wp.vec4
 
 
 @wp.func
@@ -195,11 +196,11 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
     level.middle = middle
     level.margin = margin
     level.sink = _sink(statics.obj_spring[obj], level.load[0] / float(wp.clamp(corners, 1, most)))
-    size = float(num) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
+    size = level.law[3] * float(num) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
     level.softness = size * wp.mat22(yy, -xy, -xy, xx)
     if statics.variant_curved[variant]:  # it rolls as it leans, and stays wherever it does not roll off
         level.softness = wp.mat22(0.0, 0.0, 0.0, 0.0)
-        level.law = wp.vec2(0.0)
+        level.law = wp.vec4(0.0, 0.0, level.law[2], 1.0)
     return level
 
 
@@ -213,6 +214,17 @@ def _sink(spring: wp.vec4, load: float) -> float:
         d = spring[1] + share * (spring[2] - spring[1])
         depth = 0.5 * (depth + spring[0] * load * (1.0 - d) / (d * d))
     return depth
+
+
+@wp.func
+def _leans(level: Level, off: wp.vec2) -> wp.vec2:
+    """Return the lean [rad] of a load whose centre is `off` [m] from the middle of its patch.
+
+    Beyond `far` = 1 a corner of a rectangle is lifted, so that the load rests on three.
+    """
+    lean = level.softness * off
+    far = wp.sqrt(2.0 * wp.max(wp.dot(lean, off), 0.0) / wp.max(level.sink, 1.0e-30))
+    return lean * wp.max(1.0, 3.0 - 2.0 / wp.max(far, 1.0e-3))
 
 
 @wp.func
@@ -236,15 +248,22 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
             load += level.own[0] * moved[j]
             off = load / level.load[0] - shift[j]
             shift[j] = off
-            level.lean = level.softness * (wp.vec2(level.load[1], level.load[2]) + off - level.middle)
+            level.lean = _leans(level, wp.vec2(level.load[1], level.load[2]) + off - level.middle)
             levels[j] = level
     fall = float(0.0)
+    drop = float(0.0)
+    move = float(1.0)
+    lean = wp.vec2(0.0)
     for k in range(num):
         j = num - 1 - k
         level = levels[j]
         fall += level.gap + level.sink
+        lean += level.lean
+        move = wp.min(move, level.law[2])
+        drop += wp.dot(level.lean, wp.vec2(level.load[1], level.load[2]) - level.middle)
         share = level.law[0] + level.law[1] * wp.length(level.lean)
         needed = share * wp.sqrt(wp.max(fall * level.load[3], 0.0))
         if not (level.margin - wp.length(shift[j]) > needed) or level.sink > _SINK:
             return False
-    return fall * fall + wp.dot(moved[0], moved[0]) < _MOVE * _MOVE
+    drop += fall
+    return drop * drop + wp.dot(moved[0], moved[0]) < move * move and wp.length(lean) < _LEAN

@@ -19,7 +19,7 @@ class Statics:
     obj_whole: wp.array[bool]  # all of its foot is on its support
     obj_four: wp.array[bool]  # MuJoCo keeps four contacts at most
     obj_spring: wp.array[wp.vec4]  # see `Stance.spring`
-    obj_law: wp.array[wp.vec2]  # see `Law`
+    obj_law: wp.array[wp.vec4]  # see `Law`
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
     variant_curved: wp.array[bool]

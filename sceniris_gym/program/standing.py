@@ -32,13 +32,17 @@ class Law:
     Attributes:
         shake: The margin as a share of the root of fall times height.
         lean: What each radian by which the load leans adds to that share.
+        move: The greatest move [m] of the uppermost object until it is at rest.
+        soft: What the lean is multiplied by.
     """
 
     shake: float
     lean: float
+    move: float
+    soft: float
 
 
-BOXES, OTHERS = Law(0.33, 0.0), Law(0.2, 20.0)
+BOXES, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.0), Law(0.2, 20.0, 7.0e-3, 1.5)
 """The laws of boxes on boxes or planes, and of all other contacts, whose points change as they lean."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import shapely
 
@@ -43,7 +45,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_whole": np.array([s.is_whole for s in known], bool),
         "obj_four": np.array([s.has_four for s in known], bool),
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
-        "obj_law": np.reshape([(s.law.shake, s.law.lean) for s in known], (-1, 2)),
+        "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
         "variant_curved": np.array([f.is_curved for f in feet], bool),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
