@@ -14,7 +14,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_FOOT, MAX_LEVELS
 from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
-from sceniris_gym.placement.polygons import clip, cross2, half_plane
+from sceniris_gym.placement.polygons import area, clip, cross2, half_plane
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import Statics
 
@@ -24,11 +24,15 @@ MOST_DIRECTIONS = 32
 # A convex part of a support adds a corner for each of its sides.
 _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
+# A part of a foot of which less than this share is on the support has one contact there, which it may lose.
+_SLIVER = wp.constant(0.3)
 # Contacts that sink by more than this [m] are too soft.
 _SINK = wp.constant(5.0e-3)
 # MuJoCo sees two faces up to 5.1 degrees as parallel, and keeps fewer contacts beyond.
 _LEAN = wp.constant(0.089)
 _ROUNDS = 6
+# With more corners than this a foot is round.
+_ROUND = wp.constant(8)
 
 
 @wp.struct
@@ -83,6 +87,30 @@ def _widen(statics: Statics, points: wp.array[wp.vec2], num: int, best: wp.array
 
 
 @wp.func
+def _turn_foot(statics: Statics, foot: int, heading: float, points: wp.array[wp.vec2]) -> int:
+    """Write the corners of one part of a foot at a heading, and return their number."""
+    x = unit_circle(heading)
+    num = statics.foot_cornernum[foot]
+    for k in range(num):
+        corner = statics.corner[statics.foot_corneradr[foot] + k]
+        points[k] = corner[0] * x + corner[1] * wp.vec2(-x[1], x[0])
+    return num
+
+
+@wp.func
+def _cut_foot(statics: Statics, part: int, ground: Pose, points: wp.array[wp.vec2], num: int) -> int:
+    """Cut a part of a foot to one part of a surface, and return the number of corners that are left."""
+    left = int(num)
+    for s in range(statics.part_sidenum[part]):
+        ends = statics.side[statics.part_sideadr[part] + s]
+        a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
+        b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
+        if left > 0:
+            left = clip(points, left, half_plane(wp.vec2(b[1] - a[1], a[0] - b[0]), wp.vec2(a[0], a[1]), 0.0))
+    return left
+
+
+@wp.func
 def find_patch(
     statics: Statics,
     obj: int,
@@ -105,31 +133,26 @@ def find_patch(
     """
     best = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=float)
     points = wp.zeros(shape=(wp.static(_MOST_CORNERS),), dtype=wp.vec2)
-    x = unit_circle(heading)
-    y = wp.vec2(-x[1], x[0])
     for i in range(statics.direction.shape[0]):
         best[i] = -1.0e30
     parts = statics.surface_partnum[surface]
     if statics.obj_whole[obj]:
         parts = 1
     feet = statics.variant_footnum[variant]
-    for i in range(parts * feet):
-        part = i // feet
-        foot = statics.variant_footadr[variant] + i % feet
-        num = int(statics.foot_cornernum[foot])
-        for k in range(num):
-            corner = statics.corner[statics.foot_corneradr[foot] + k]
-            points[k] = corner[0] * x + corner[1] * y
-        if not statics.obj_whole[obj]:
-            number = statics.surface_partadr[surface] + part
-            for s in range(statics.part_sidenum[number]):
-                ends = statics.side[statics.part_sideadr[number] + s]
-                a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
-                b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
-                if num > 0:
-                    outward = wp.vec2(b[1] - a[1], a[0] - b[0])
-                    num = clip(points, num, half_plane(outward, wp.vec2(a[0], a[1]), 0.0))
-        _widen(statics, points, num, best, patch)
+    for i in range(feet):
+        foot = statics.variant_footadr[variant] + i
+        least = float(0.0)
+        if feet > 1:
+            least = _SLIVER * area(points, _turn_foot(statics, foot, heading, points))
+        on = float(0.0)
+        for k in range(2 * parts):  # first how much of it is on the surface, then where
+            num = _turn_foot(statics, foot, heading, points)
+            if not statics.obj_whole[obj]:
+                num = _cut_foot(statics, statics.surface_partadr[surface] + k % parts, ground, points, num)
+            if k < parts:
+                on += area(points, num)
+            elif on >= least:
+                _widen(statics, points, num, best, patch)
     if best[0] == -1.0e30:
         return False
     if statics.obj_four[obj]:
@@ -157,9 +180,9 @@ def _take_four(patch: wp.array[wp.vec2], num: int, four: wp.array[wp.vec2]):
                 diagonal, patch[left % num] - a
             ):
                 left += 1
-            area = cross2(diagonal, patch[left % num] - a) - cross2(diagonal, patch[right] - a)
-            if area > most:
-                most = area
+            size = cross2(diagonal, patch[left % num] - a) - cross2(diagonal, patch[right] - a)
+            if size > most:
+                most = size
                 four[0] = a
                 four[1] = patch[right]
                 four[2] = patch[k]
@@ -180,6 +203,7 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
     yy = float(0.0)
     corners = int(0)
     margin = float(1.0e30)
+    inner = float(1.0e30)
     for i in range(num):
         r = patch[i] - middle
         xx += r[0] * r[0]
@@ -190,6 +214,9 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
         if length > 1.0e-6:
             corners += 1
             margin = wp.min(margin, cross2(side, at - patch[i]) / length)
+            inner = wp.min(inner, cross2(side, middle - patch[i]) / length)
+    if statics.obj_four[obj] and statics.foot_cornernum[statics.variant_footadr[variant]] > _ROUND:
+        margin = wp.min(margin, inner - wp.length(at - middle))  # any four around it
     if corners < 3:
         margin = -1.0
     most = wp.where(statics.obj_four[obj], 4, 8)
