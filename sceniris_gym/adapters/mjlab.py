@@ -107,7 +107,7 @@ class PlaceLayouts(ManagerTermBase):
             )
         by_env = dict(zip(wanted, ids, strict=True))
         chosen = as_chosen_layouts(
-            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.hash, self._generator.split
+            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.scene, self._generator.split
         )
         assert chosen is not None
         seeds, episodes, given = chosen

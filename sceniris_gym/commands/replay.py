@@ -10,7 +10,7 @@ import numpy as np
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
@@ -27,6 +27,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
     Raises:
         UnknownNameError: No scene has this hash.
+        SceneMismatchError: A scene had it in a version with other layouts.
     """
     configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
     known = {}
@@ -34,6 +35,8 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
         model = build_model(candidate)
         if model.hash == scenehash:
             return model
+        if model.former_hash == scenehash:
+            raise SceneMismatchError(f"replay: this layout of '{candidate.name}' {model.mismatch(scenehash, '')}")
         known[model.hash] = candidate.name
     valid = [f"{h} ({name})" for h, name in known.items()]
     more = ["or that of a scene that --scene names"] if config is None else []  # sorted after hexadecimal digits

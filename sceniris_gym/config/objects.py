@@ -14,6 +14,7 @@ from typing import Any, Literal
 from pydantic import ConfigDict, Field, model_validator
 
 from sceniris_gym.config import fields
+from sceniris_gym.config.bounds import STANDING_GAP
 from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
 from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
@@ -94,6 +95,7 @@ class ObjectConfig(Section):
     joints: dict[str, JointConfig] = Field(default_factory=dict)
     clearance: fields.Clearance = 0.001
     gap: fields.Gap = 0.0005
+    stands: bool = True
     reachable: fields.Reachable = False
     by: str = ROBOT
     grasp: str | None = None
@@ -113,6 +115,12 @@ class ObjectConfig(Section):
     def is_placed(self) -> bool:
         """True if a reset draws its pose; otherwise it stays in the pose of the model."""
         return self.kind != "static" and (self.support is not None or self.region is not None)
+
+    @property
+    def has_to_stand(self) -> bool:
+        """True if it is to stay where it is put: free, put down from `STANDING_GAP` at most, not in any orientation."""
+        is_put_down = self.kind == "free" and self.support is not None and self.gap <= STANDING_GAP
+        return self.stands and is_put_down and self.drawn_orientation.kind != "any"
 
     @property
     def joined_to(self) -> str | None:

@@ -19,6 +19,7 @@ from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
+from sceniris_gym.config.stacks import StackConfig, with_chains, without_chains
 from sceniris_gym.config.validation import SceneNames, check_names
 
 AUTO = "auto"
@@ -66,6 +67,7 @@ class SceneConfig(Section):
     objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
+    stacks: dict[ObjectName, StackConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
     attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
@@ -92,7 +94,8 @@ class SceneConfig(Section):
         if isinstance(scene, SceneConfig):
             if overrides is None:
                 return scene
-            data, where, name = scene.model_dump(by_alias=True, exclude_unset=True), scene.where, scene.name
+            words = scene.model_dump(by_alias=True, exclude_unset=True)
+            data, where, name = without_chains(words), scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
@@ -187,8 +190,8 @@ class SceneConfig(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _heaps_are_placed(cls, data: Any) -> Any:
-        return with_places(data)
+    def _heaps_and_stacks_are_placed(cls, data: Any) -> Any:
+        return with_chains(with_places(data))
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:
@@ -197,6 +200,7 @@ class SceneConfig(Section):
             self.groups,
             {name: robot.placing for name, robot in self.all_robots.items()},
             self.heaps,
+            self.stacks,
             has_floor=self.floor is not None,
             has_model=self.model is not None,
         )

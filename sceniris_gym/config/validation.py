@@ -11,6 +11,7 @@ from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import PLACING, HeapConfig
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
+from sceniris_gym.config.stacks import StackConfig
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
 
 
@@ -23,6 +24,7 @@ class SceneNames:
         groups: The groups by name.
         robots: The robots by name, 'robot' for the only one: the words that a drawn base is placed by, else None.
         heaps: The heaps by name.
+        stacks: The stacks by name.
         has_floor, has_model: Whether the scene has a floor, a model of its own.
     """
 
@@ -30,6 +32,7 @@ class SceneNames:
     groups: Mapping[str, GroupConfig]
     robots: Mapping[str, ObjectConfig | None]
     heaps: Mapping[str, HeapConfig]
+    stacks: Mapping[str, StackConfig]
     has_floor: bool
     has_model: bool
 
@@ -49,6 +52,7 @@ def check_names(scene: SceneNames, where: str) -> None:
         NoSupportError: An object is placed on a marker.
         CycleError: Objects are placed relative to each other in a cycle.
     """
+    _check_members(scene, where)
     _check_bodies(scene, where)
     for name, part in scene.objects.items():
         _check_body(scene, name, part, where)
@@ -59,9 +63,9 @@ def check_names(scene: SceneNames, where: str) -> None:
             _check_parent(scene, f"{where}: {key}.{part.support.word}", name, part.support.parent)
         for path, other in part.references:
             _check_reference(scene, f"{where}: {key}.{path}", name, other)
-    _check_members(scene, where)
     _check_groups(scene, where)
     _check_heaps(scene, where)
+    _check_stacks(scene, where)
     _check_cycles(scene, where)
 
 
@@ -146,9 +150,9 @@ def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> No
 
 
 def _check_members(scene: SceneNames, where: str) -> None:
-    """Check that the members of groups and heaps are objects, each in one of them at most."""
+    """Check that the members of groups, heaps and stacks are objects, each in one of them at most."""
     owners: dict[str, str] = {}
-    for kind, parts in (("group", scene.groups), ("heap", scene.heaps)):
+    for kind, parts in (("group", scene.groups), ("heap", scene.heaps), ("stack", scene.stacks)):
         for label, part in parts.items():
             path = f"{where}: {kind}s.{label}.of"
             for name in part.of:
@@ -215,6 +219,17 @@ def _check_heaps(scene: SceneNames, where: str) -> None:
                 f"{where}: objects.{owner}.orientation: should keep it upright, since the heap '{heap}' fills it. Give "
                 "it a yaw, or 'fixed'."
             )
+
+
+def _check_stacks(scene: SceneNames, where: str) -> None:
+    """Check that the things of stacks have no other support."""
+    for stack, part in scene.stacks.items():
+        for name, below in zip(part.of, (part.on, *part.of), strict=False):
+            if scene.objects[name].on != below:
+                raise SceneKeyError(
+                    f"{where}: objects.{name}: should have no support of its own (on, inside, in), as the stack "
+                    f"'{stack}' puts it on '{below}'."
+                )
 
 
 def _check_cycles(scene: SceneNames, where: str) -> None:

@@ -43,6 +43,7 @@ class Cause(IntEnum):
     NO_IK = 7
     BLOCKED = 8
     UNSOUND = 9
+    FALLS = 10
 
 
 REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)

@@ -26,6 +26,7 @@ from sceniris_gym.program.obstacles import obstacles
 from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.reach import Reaching, plan_reaching
 from sceniris_gym.program.resting import stable_poses
+from sceniris_gym.program.standing import Stance, stances
 from sceniris_gym.program.surfaces import may_lean, surfaces_of
 from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
@@ -59,6 +60,11 @@ class Plan:
     def reaching(self) -> Reaching | None:
         """The arms of the scene and what they are to reach, planned when it is asked for; see `plan_reaching`."""
         return plan_reaching(self.scene, self.objects, self.pieces, self.home)
+
+    @cached_property
+    def stances(self) -> list[Stance | None]:
+        """How each object stands, None for all that need not; worked out when it is asked for."""
+        return stances(self)
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
@@ -43,15 +44,25 @@ _ARRAYS = (
     *("wrap_type", "wrap_objid", "wrap_prm"),
 )
 """Arrays of a MjModel that shape layouts."""
+_LAW = "standing 1"
+"""Version of the law by which free objects stand; raise it where the same words come to mean other layouts."""
+_LAW_ARRAYS = (
+    *("geom_solref", "geom_solimp", "geom_solmix", "geom_priority", "pair_solref", "pair_solimp", "body_inertia"),
+    *("jnt_stiffness", "qpos_spring", "dof_frictionloss", "dof_armature", "actuator_gainprm", "actuator_biasprm"),
+)
+"""Arrays of a MjModel that this law reads as well."""
 _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
 
 
-def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> str:
+def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[str, str | None]:
     """Return the hash of a scene, equal for equal scenes in every process and folder: 16 hexadecimal digits.
+
+    Beside it is the hash that version 0.1.0 gave to the scene if that had layouts in which objects could fall, else
+    None.
 
     It covers the words of the scene that differ from their defaults, the files of its model and its assets, the
     reachability map of its arm where that matters, and rows of heaps; but neither names of files, cameras, lights and
-    appearance, nor solver options.
+    appearance, nor solver options, except those that say how objects stand where some could fall.
 
     Args:
         config: The scene as written.
@@ -76,7 +87,29 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         for robot in config.all_robots.values():
             path = map_of(robot)  # the reach of the arm shapes the layouts, too
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
-    return digest.hexdigest()[:16]
+    former = digest.hexdigest()[:16]
+    if not _could_fall(config):
+        return former, None
+    digest.update(_LAW.encode())
+    least, time = 2.0 * mjm.opt.timestep, mjm.geom_solref[:, 0]  # MuJoCo raises the time constants of contacts to that
+    raised = least if ((time > 0.0) & (time < least)).any() else 0.0
+    option = np.hstack([raised, mjm.opt.o_solref, mjm.opt.o_solimp])
+    for array in (option, *(getattr(mjm, name) for name in _LAW_ARRAYS if config.has_model_in_memory)):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16], former
+
+
+def _could_fall(config: SceneConfig) -> bool:
+    """Return whether some object has to stand on a free object, or may reach over the edge of what it stands on."""
+    filling = {name for heap in config.heaps.values() for name in heap.of}
+    for name, part in config.objects.items():
+        if part.support is None or not part.has_to_stand or name in filling:
+            continue
+        owner = config.objects.get(part.support.parent.split("/")[0])
+        is_floor = part.support.parent == FLOOR and config.floor is not None
+        if (owner is not None and owner.kind == "free") or (part.ratio_on_support < 1.0 and not is_floor):
+            return True
+    return False
 
 
 def map_of(robot: RobotConfig) -> Path | None:

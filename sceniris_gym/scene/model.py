@@ -57,6 +57,7 @@ class SceneModel:
         couplings: Joints that follow others, drivers first; a joint that is drawn by its name drives the one that it
             would follow, where that one is not drawn and the coupling is a straight line.
         apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
+        former_hash: Its hash in version 0.1.0, None where that is the same.
     """
 
     config: SceneConfig
@@ -70,6 +71,21 @@ class SceneModel:
     tcps: Mapping[str, str] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     apart: Mapping[str, SceneModel] = field(default_factory=dict)
+    former_hash: str | None = None
+
+    def mismatch(self, found: str, cure: str) -> str:
+        """Return the words of an error for something of another scene, or of this one before its layouts changed.
+
+        Args:
+            found: The hash of the scene that it is of.
+            cure: The last sentence of the error if that is another scene.
+        """
+        if found == self.former_hash:
+            return (
+                "was made by version 0.1.0 or before: since then free objects have to stand, and layouts of this scene "
+                f"differ. Its hash was {found}, and is {self.hash}. Use that version, or make it anew."
+            )
+        return f"is of scene {found}, and this one is {self.hash}. {cure}"
 
     def home_of(self, robot: str) -> tuple[SceneModel, str]:
         """Return the model that a robot stands in, and its name there: this one, or one of its own."""
@@ -294,9 +310,10 @@ def _scene(
     """Return the scene of a compiled model, after a look-up of all names that the scene refers to."""
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
-    identity = scene_hash(config, mjm, qpos)
+    identity, former = scene_hash(config, mjm, qpos)
     apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
-    scene = SceneModel(config, spec, mjm, bodies, _keyframe(mjm, config), qpos, ctrl, identity, tcps, couplings, apart)
+    keyframe = _keyframe(mjm, config)
+    scene = SceneModel(config, spec, mjm, bodies, keyframe, qpos, ctrl, identity, tcps, couplings, apart, former)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:

@@ -226,9 +226,8 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         scene = layouts.scene if isinstance(layouts, LayoutTable) else layouts.compiled.hash
         if scene not in ("", self.compiled.hash):
-            raise SceneMismatchError(
-                f"layouts are of scene {scene} and should be of {self.compiled.hash}. Give layouts of this scene."
-            )
+            mismatch = self.compiled.scene.mismatch(scene, "Give layouts of this scene.")
+            raise SceneMismatchError(f"layouts: each of them {mismatch}")
         poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):

@@ -32,6 +32,11 @@ def read_config(folder: Path) -> tuple[str, Settings]:
         raise ArgumentError(f"{folder / CONFIG}: should be as 'sceniris-gym train' writes it: {error}.") from None
 
 
+def scene_of_run(folder: Path) -> str | None:
+    """Return the hash of the scene of the run in a folder; None for one of version 0.1.0, which wrote none."""
+    return json.loads((folder / CONFIG).read_text()).get("scene", {}).get("hash")
+
+
 def evaluations(folder: Path) -> list[dict[str, Any]]:
     """Return the lines of the evaluations in the log of the run in a folder, in their order."""
     lines = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]

@@ -30,6 +30,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json, replacing
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.choice import Levels
+from sceniris_gym.scene.model import build_model
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, evaluations, without_layouts
@@ -125,7 +126,8 @@ class Run:
 
     def _config(self) -> dict[str, Any]:
         sources = {"hash": source_hash(*_own_sources(self.options.task))}
-        return {"options": asdict(self.options), "settings": asdict(self.settings), "sources": sources}
+        scene = {"hash": build_model(scene_of(self.options.task, reachable=True)).hash}
+        return {"options": asdict(self.options), "settings": asdict(self.settings), "sources": sources, "scene": scene}
 
     def _check_same(self) -> None:
         """Compare with the run that made the checkpoint."""

@@ -256,7 +256,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
             )
-        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.compiled.hash, self.split)
+        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.compiled.scene, self.split)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)

@@ -21,6 +21,7 @@ from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import KINDS, Connection, Distance
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.config.scene import Floor, SceneConfig
+from sceniris_gym.config.stacks import StackConfig
 from sceniris_gym.program.checks import oddities
 from sceniris_gym.program.device import Cause
 from tests.oracle.hostile_judge import KICK
@@ -28,7 +29,7 @@ from tests.oracle.hostile_judge import KICK
 EXAMPLES = read_examples(*PAGES)
 TEXT = "".join(page.read_text(encoding="utf-8") for page in PAGES)
 PARTS = (
-    *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig),
+    *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig, StackConfig),
     *(*KINDS, Connection, Distance, Orientation, Stable),
 )
 NOT_EXPLAINED = {"name", "objects", "asset"}  # what is no matter of placement

@@ -15,6 +15,7 @@ from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.config.section import Section
+from sceniris_gym.config.stacks import StackConfig
 
 PAGE = Path(__file__).parents[2] / "docs" / "language" / "words.md"
 MODELS: dict[str, type[BaseModel]] = {
@@ -32,6 +33,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "robot": robot.RobotConfig,
     "tcp": robot.TcpConfig,
     "group": GroupConfig,
+    "stack": StackConfig,
     "heap": HeapConfig,
 }
 """The models, by their names in the table."""
