@@ -27,6 +27,35 @@ class Poses(NamedTuple):
     mocap_quat: wp.array
 
 
+class Addresses(NamedTuple):
+    """Addresses of the poses of bodies.
+
+    Attributes:
+        qposadr: Their positions in `qpos`.
+        dofadr: Their velocities in `qvel`.
+        mocapid: Their mocap bodies.
+        elements: The controls, and after all of these the activations, that hold one of these positions.
+    """
+
+    qposadr: np.ndarray
+    dofadr: np.ndarray
+    mocapid: np.ndarray
+    elements: np.ndarray
+
+
+def addresses_of(mjm: mujoco.MjModel, bodies: Sequence[int], rest: RestMap) -> Addresses:
+    """Return where the poses of these bodies are kept, each array in ascending order."""
+    chosen = np.isin(np.arange(mjm.nbody), bodies)
+    joints = np.flatnonzero(chosen[mjm.jnt_bodyid])
+    widths = np.array([(7, 6), (4, 3), (1, 1), (1, 1)])[mjm.jnt_type[joints]]  # in qpos and in qvel, by type
+    qposadr = _spread(mjm.jnt_qposadr[joints], widths[:, 0])
+    dofadr = _spread(mjm.jnt_dofadr[joints], widths[:, 1])
+    first, held = rest.rowadr.numpy(), np.isin(rest.qposadr.numpy(), qposadr)
+    elements = [e for e in range(len(first) - 1) if held[first[e] : first[e + 1]].any()]
+    mocapid = np.sort(mjm.body_mocapid[chosen & (mjm.body_mocapid >= 0)])
+    return Addresses(qposadr, dofadr, mocapid, np.array(elements, int))
+
+
 @wp.kernel
 def _write_state(
     # Lists of what is written:
@@ -122,22 +151,18 @@ class StateWriter:
         plastic: np.ndarray | None = None,
     ) -> None:
         whole = bodies is None
-        chosen = np.ones(mjm.nbody, bool) if whole else np.isin(np.arange(mjm.nbody), bodies)
-        joints = np.flatnonzero(chosen[mjm.jnt_bodyid])
-        widths = np.array([(7, 6), (4, 3), (1, 1), (1, 1)])[mjm.jnt_type[joints]]  # in qpos and in qvel, by type
-        qposadr = _spread(mjm.jnt_qposadr[joints], widths[:, 0])
-        free = mjm.jnt_qposadr[joints[mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_FREE]]
+        places = addresses_of(mjm, range(mjm.nbody) if bodies is None else bodies, rest)
+        free = mjm.jnt_qposadr[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
         axis = np.full(mjm.nq, -1)  # coordinate of the origin that is added
         axis[_spread(free, np.full(len(free), 3))] = np.tile(np.arange(3), len(free))
-        first, held = rest.rowadr.numpy(), np.isin(rest.qposadr.numpy(), qposadr)
-        elements = [e for e in range(len(first) - 1) if whole or held[first[e] : first[e + 1]].any()]
+        elements = np.arange(mjm.nu + mjm.na) if whole else places.elements
         sampleadr, sampled = history_samples(mjm)
         delayed = np.isin(sampled, elements)
         lists = [
-            qposadr,
-            axis[qposadr],
-            _spread(mjm.jnt_dofadr[joints], widths[:, 1]) if not whole else [],
-            mjm.body_mocapid[chosen & (mjm.body_mocapid >= 0)],
+            places.qposadr,
+            axis[places.qposadr],
+            places.dofadr if not whole else [],
+            places.mocapid,
             elements,
             sampleadr[delayed],
             sampled[delayed],

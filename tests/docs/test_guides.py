@@ -18,7 +18,7 @@ DOCS = ROOT / "docs"
 WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "levels")
 PAGES = (
     *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
-    *("libraries", "mjlab", "training", "reach"),
+    *("libraries", "mjlab", "jax", "newton", "training", "reach"),
 )
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 
