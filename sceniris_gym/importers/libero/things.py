@@ -39,6 +39,7 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
 def stand_in(kind: Kind) -> mujoco.MjSpec:
     """Return boxes of the stated sizes in place of a model."""
     spec = mujoco.MjSpec()
+    spec.compiler.degree = False
     inner = spec.worldbody.add_body().add_body(name=INNER)
     x, y, z = kind.size
     for box in kind.boxes or (Box((0.0, 0.0, 0.5 * z), (x, y, z)),):
