@@ -136,6 +136,8 @@ def read_problem(path: str | Path) -> Problem:
         for name in predicate.names:
             if name not in known:
                 raise UnknownNameError("thing or region", name, f"{problem.where(predicate.line)}: {predicate}", known)
+            if name in regions and (target := regions[name].target) not in problem.things:
+                raise UnknownNameError("thing", target, f"{problem.where(regions[name].line)}: :target", problem.things)
     return problem
 
 
@@ -195,12 +197,12 @@ def _regions(groups: Group, file: Path) -> Iterator[Region]:
         target = given.get(":target", ())
         if len(target) != 1 or not isinstance(target[0], Word):
             raise SceneKeyError(f"{where}: {group[0]}: should have a '(:target THING)' with one name.")
-        numbers = {key: _numbers(given.get(key, []), size, where) for key, size in ((":ranges", 4), (":yaw_rotation", 2))}
-        for box in numbers[":ranges"]:
+        boxes = _numbers(given.get(":ranges", []), 4, where)
+        for box in boxes:
             if box[0] > box[2] or box[1] > box[3]:
                 raise SceneKeyError(f"{where}: {group[0]}: {box} should be (low x, low y, high x, high y).")
-        low, high = (numbers[":yaw_rotation"] or [(0.0, 0.0)])[-1]
-        yield Region(target[0], group[0], tuple(numbers[":ranges"]), (min(low, high), max(low, high)), group.line)
+        low, high = (_numbers(given.get(":yaw_rotation", []), 2, where) or [(0.0, 0.0)])[-1]
+        yield Region(target[0], group[0], tuple(boxes), (min(low, high), max(low, high)), group.line)
 
 
 def _numbers(value: list, size: int, where: str) -> list[tuple[float, ...]]:
