@@ -7,12 +7,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from shapely import Point
 
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.supports import level_surfaces
 from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, WORKSPACES, Kind, Workspace
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.importers.libero.things import INNER
@@ -20,7 +21,8 @@ from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.support import subtree
 
 _AROUND = 0.1  # clutter keeps within this distance [m] of the rectangles of the file
-_RADIUS = 0.035  # radius [m] by which most of LIBERO's objects keep from the edge of a site
+_GAP = 0.0005  # height above what a thing stands on [m]
+_RADIUS = 0.025  # radius [m] by which most of LIBERO's objects keep from the edge of a site
 
 
 def kinds_of(problem: Problem) -> dict[str, Kind]:
@@ -36,7 +38,7 @@ def kinds_of(problem: Problem) -> dict[str, Kind]:
     return found
 
 
-def _rounded(values: ArrayLike) -> list:
+def _rounded(values: Any) -> list:
     """Return lengths [m] or angles [degrees] as a scene file shows them."""
     return (np.round(values, 6) + 0.0).tolist()
 
@@ -99,13 +101,19 @@ class Places:
         return self._words(name, yaw) | {"on": self._surface, "region": {"box": _rounded(corners)}}
 
     def _on_thing(self, name: str, target: str) -> dict[str, Any]:
-        """Return the words of a thing that stands on the middle of another one, or anywhere on the surface."""
+        """Return the words of a thing over the middle of another one, above its rim, or anywhere on the surface."""
         yaw = self._kinds[name].yaw
         if target == self._surface:
             return self._words(name, yaw) | {"on": target}
-        yaw = self._relative(yaw, target)
+        yaw, support = self._relative(yaw, target), self._mjm.body(f"{target}/{INNER}").id
         point = self._pivot(name, yaw)
-        return self._words(name, yaw) | {"on": f"{target}/{INNER}", "region": {"points": _rounded([point])}}
+        pieces = [p for p in self._pieces if p.body == support]
+        levels = level_surfaces(support, pieces, open_above=True)
+        carrying = [level.height for level in levels if level.region.intersects(Point(point))]
+        top = max(piece.bounds()[1][2] for piece in pieces)
+        gap = {"gap": round(top - carrying[-1] + _GAP, 6)} if carrying else {}
+        support_words = {"on": f"{target}/{INNER}", "region": {"points": _rounded([point])}}
+        return self._words(name, yaw) | support_words | gap
 
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
         """Return the words of a thing on or in a site, which keeps its radius from the edge of half of it."""
@@ -113,7 +121,7 @@ class Places:
         yaw = self._relative(self._kinds[name].yaw, region.target)
         radius = self._spec.site(f"{name}/horizontal_radius_site")
         turned = np.abs(matrix(np.asarray(site.quat)) @ site.size)
-        away = np.linalg.norm(radius.pos[:2]) if radius is not None else _RADIUS
+        away = radius.pos[0] if radius is not None else _RADIUS
         half = np.abs(0.5 * turned[:2] - away)
         middle = site.pos[:2] + self._pivot(name, yaw)
         support = {"On": "on", "In": "in"}[word]
