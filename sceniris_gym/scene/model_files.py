@@ -53,7 +53,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
             spec = mujoco.MjSpec.from_file(str(path))
         else:
             spec = mujoco.MjSpec.from_string(repaired(path.read_text(encoding="utf-8")))
-    except ValueError as error:
+    except (ValueError, ElementTree.ParseError) as error:
         raise SceneFileError(
             f"{where}: MuJoCo cannot read '{path}': {' '.join(str(error).split())}. It should be an MJCF or URDF file."
         ) from None

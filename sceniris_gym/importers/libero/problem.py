@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -117,19 +118,18 @@ def read_problem(path: str | Path) -> Problem:
         why = "it does not exist" if not file.is_file() else str(error)
         raise SceneFileError(f"read_bddl: '{file}' cannot be read: {why}. Give a problem file (.bddl).") from None
     sections = _sections(_parsed(text, file), file)
-    regions = {f"{region.target}_{region.name}": region for region in _regions(sections["regions"], file)}
-    lines: dict[str, int] = {}
-    fixtures, objects = (_typed(sections[key], file, lines) for key in ("fixtures", "objects"))
+    regions = {f"{r.target}_{r.name}": r for r in (_region(group, file) for group in sections["regions"])}
+    fixtures, objects = (dict(_typed(sections[key], file)) for key in ("fixtures", "objects"))
     problem = Problem(
         file,
         " ".join(_words(sections["language"], file)),
         regions,
-        fixtures,
-        objects,
+        {str(name): kind for name, kind in fixtures.items()},
+        {str(name): kind for name, kind in objects.items()},
         tuple(_words(sections["obj_of_interest"], file)),
         tuple(_predicate(group, file) for group in sections["init"]),
         tuple(_goal(sections["goal"], file)),
-        lines,
+        {str(name): name.line for name in (*fixtures, *objects)},
     )
     known = [*problem.things, *regions]
     for predicate in (*problem.init, *problem.goal):
@@ -169,72 +169,60 @@ def _sections(group: Group, file: Path) -> dict[str, Group]:
     """Return the sections by name without ':', those that are not in the file empty."""
     found = {name: Group() for name in _SECTIONS}
     for part in group[1:]:
-        head = part[0] if isinstance(part, Group) and part and isinstance(part[0], Word) else ""
-        if head == "problem":
-            continue
-        name = head.removeprefix(":")
-        if name not in found or not head.startswith(":"):
+        head = str(part[0]) if isinstance(part, Group) and part else str(part)
+        if head not in ("problem", *(f":{name}" for name in _SECTIONS)):
             raise UnknownNameError("section", head, f"{file}:{part.line}", [f":{name}" for name in _SECTIONS])
-        found[name] += part[1:]
-        found[name].line = part.line
+        found.setdefault(head.removeprefix(":"), Group()).extend(part[1:])
     for name in ("fixtures", "init", "goal"):
         if not found[name]:
             raise SceneKeyError(f"{file}: a problem should have a section '(:{name} ...)', which is missing or empty.")
     return found
 
 
-def _regions(groups: Group, file: Path) -> Iterator[Region]:
-    for group in groups:
-        where = f"{file}:{group.line}"
-        if not isinstance(group, Group) or not group or not isinstance(group[0], Word):
-            raise SceneKeyError(f"{where}: {short(group)} should be a region, such as (NAME (:target TABLE)).")
-        given = {}
-        for part in group[1:]:
-            if not isinstance(part, Group) or not part or part[0] not in _ATTRIBUTES:
-                head = str(part[0] if isinstance(part, Group) and part else part)
-                raise UnknownNameError("attribute of a region", head, f"{where}: {group[0]}", _ATTRIBUTES)
-            given[part[0]] = part[1:]
-        target = given.get(":target", ())
-        if len(target) != 1 or not isinstance(target[0], Word):
-            raise SceneKeyError(f"{where}: {group[0]}: should have a '(:target THING)' with one name.")
-        boxes = _numbers(given.get(":ranges", []), 4, where)
-        for box in boxes:
-            if box[0] > box[2] or box[1] > box[3]:
-                raise SceneKeyError(f"{where}: {group[0]}: {box} should be (low x, low y, high x, high y).")
-        low, high = (_numbers(given.get(":yaw_rotation", []), 2, where) or [(0.0, 0.0)])[-1]
-        yield Region(target[0], group[0], tuple(boxes), (min(low, high), max(low, high)), group.line)
-
-
-def _numbers(value: list, size: int, where: str) -> list[tuple[float, ...]]:
-    """Return the rows of `((a b ...) (a b ...))`, each of `size` numbers."""
-    rows = value[0] if len(value) == 1 and isinstance(value[0], Group) else value
+def _region(group: Group, file: Path) -> Region:
+    where = f"{file}:{group.line}"
     try:
-        found = [tuple(float(word) for word in row) for row in rows]
-    except (TypeError, ValueError):
-        found = [()]
-    if any(len(row) != size for row in found):
-        raise SceneKeyError(f"{where}: {short(value)} should be a list of lists of {size} numbers.")
+        name, *parts = group
+        given = {str(part[0]): part[1:] for part in parts}
+        (target,) = given.pop(":target")
+        boxes = _rows(given.pop(":ranges", []), 4)
+        low, high = (_rows(given.pop(":yaw_rotation", []), 2) or [(0.0, 0.0)])[-1]
+        given.pop(":rgba", None)
+        if any(box[0] > box[2] or box[1] > box[3] for box in boxes) or not isinstance(name, Word):
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        raise SceneKeyError(
+            f"{where}: {short(group)} should be a region: a name, '(:target THING)', and for one on the work surface "
+            "'(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', with '(:yaw_rotation ((LEAST GREATEST)))' if it is turned."
+        ) from None
+    for word in given:
+        raise UnknownNameError("attribute of a region", word, f"{where}: {name}", _ATTRIBUTES)
+    return Region(str(target), name, tuple(boxes), (min(low, high), max(low, high)), group.line)
+
+
+def _rows(value: list, size: int) -> list[tuple[float, ...]]:
+    """Return the rows of `((a b ...) (a b ...))`, each of `size` finite numbers; raise ValueError for others."""
+    found = [tuple(float(word) for word in row) for row in (value[0] if value else [])]
+    if not all(len(row) == size and all(map(math.isfinite, row)) for row in found):
+        raise ValueError
     return found
 
 
-def _typed(group: Group, file: Path, lines: dict[str, int]) -> dict[str, str]:
-    """Return the class of each name of `a b - class c - class`, and note its line."""
-    found: dict[str, str] = {}
+def _typed(group: Group, file: Path) -> Iterator[tuple[Word, str]]:
+    """Yield each name of `a b - class c - class` with its class."""
     names: list[Word] = []
     words = iter(_words(group, file))
     for word in words:
-        if word != "-":
+        kind = str(next(words, "")) if word == "-" else None
+        if kind is None:
             names.append(word)
-            continue
-        kind = next(words, None)
-        if kind is None or not names:
+        elif kind and names:
+            yield from ((name, kind) for name in names)
+            names = []
+        else:
             raise SceneKeyError(f"{file}:{word.line}: '-' should stand between names and their class.")
-        found.update(dict.fromkeys(map(str, names), str(kind)))
-        lines.update({str(name): name.line for name in names})
-        names = []
-    if names:
-        raise SceneKeyError(f"{file}:{names[0].line}: '{names[0]}' should be followed by '- CLASS'.")
-    return found
+    for name in names:
+        raise SceneKeyError(f"{file}:{name.line}: '{name}' should be followed by '- CLASS'.")
 
 
 def _words(group: Group, file: Path) -> list[Word]:
@@ -255,11 +243,10 @@ def _goal(groups: Group, file: Path) -> Iterator[Predicate]:
 
 def _predicate(group: Group | Word, file: Path) -> Predicate:
     where = f"{file}:{group.line}"
-    words = [str(word) for word in group] if isinstance(group, Group) else [str(group)]
-    word = {name.lower(): name for name in PREDICATES}.get((words or [""])[0].lower())
-    if word is None or not isinstance(group, Group):
-        raise UnknownNameError("predicate", (words or [""])[0], where, [*PREDICATES, "And"])
-    names = tuple(words[1:])
-    if len(names) != PREDICATES[word] or any(isinstance(part, Group) for part in group):
-        raise SceneKeyError(f"{where}: ({' '.join(words)}) should name {PREDICATES[word]} things or regions.")
-    return Predicate(word, names, group.line)
+    head, *names = [str(word) for word in group] if isinstance(group, Group) and group else [str(group)]
+    word = {name.lower(): name for name in PREDICATES}.get(head.lower())
+    if word is None:
+        raise UnknownNameError("predicate", head, where, [*PREDICATES, "And"])
+    if len(names) != PREDICATES[word] or not isinstance(group, Group):
+        raise SceneKeyError(f"{where}: {short(group)} should be ({word}) with {PREDICATES[word]} things or regions.")
+    return Predicate(word, tuple(names), group.line)

@@ -14,6 +14,12 @@ from sceniris_gym.scene.model_files import load_model
 
 INNER = "object"
 """The body of a model that LIBERO places, below the root."""
+_FILES = (
+    "articulated_objects/{0}.xml",
+    "stable_hope_objects/{0}/{0}.xml",
+    "stable_scanned_objects/{0}/{0}.xml",
+    "turbosquid_objects/{0}/{0}.xml",
+)
 _WALL = 0.004  # thickness of walls [m]
 _DENSITY = 300.0  # kg/m^3
 _SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -25,8 +31,8 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
     Raises:
         SceneFileError: MuJoCo cannot read it, or a file that it refers to is missing.
     """
-    file = assets / kind.file.format(name)
-    if not file.is_file():
+    file = next((file for path in _FILES if (file := assets / path.format(name)).is_file()), None)
+    if file is None:
         return None
     spec = load_model(file, where, _with_unique_names)
     spec.njmax = spec.nconmax = -1  # sizes of a scene are its own
@@ -41,8 +47,8 @@ def stand_in(kind: Kind) -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     inner = spec.worldbody.add_body().add_body(name=INNER)
-    x, y, z = kind.size
-    for box in kind.boxes or (Box((0.0, 0.0, 0.5 * z), (x, y, z)),):
+    whole = Box((0.0, 0.0, 0.5 * kind.size[2]), kind.size, "+z" if kind.inside else "", kind.inside)
+    for box in kind.boxes or (whole,):
         body, at = inner, np.array(box.pos)
         if box.joint is not None:
             body, at = inner.add_body(name=box.joint.name, pos=box.joint.anchor), at - box.joint.anchor
