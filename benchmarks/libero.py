@@ -7,8 +7,9 @@ compiled, and layouts are made by the generator and by a sampler written after L
 rectangle again until its circle is clear of all circles before, 5,000 times at most; fixtures are never checked; things
 start a little above their support. Both are drawn with the same models and headings. MuJoCo C judges both: a layout
 penetrates if parts of two different things overlap. Contacts with the work surface do not count in LIBERO's layouts, as
-it sinks some fixtures into it. Prints a line of JSON for each file, then the sums. Lines that the file has already are
-kept.
+it sinks some fixtures into it. With `--states`, LIBERO's folder `init_files`, the states that it stores for evaluation
+are judged too, objects against objects, as these files do not say where fixtures are. Prints a line of JSON for each
+file, then the sums. Lines that the file has already are kept.
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ import json
 import math
 import time
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+import torch
 import tyro
+from scipy.spatial.transform import Rotation
 
 from sceniris_gym.errors import ModelWarning, ScenirisError
-from sceniris_gym.importers.libero.kinds import OBJECTS, WORKSPACES
+from sceniris_gym.importers.libero.kinds import OBJECTS, TURN, WORKSPACES
 from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -36,6 +40,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 
 TRIES = 5000
 DEEP = 0.001  # m; penetrations of more than this are also counted
+_COUNTED = ("layouts", "penetrate", "deep")
 _REPEATS = 5  # batches of layouts that are timed
 _LIFT = 0.01  # height over its support at which LIBERO lets go of a thing [m]
 _SINK = {"living_room_table": -0.014, "floor": -0.025}  # the same of fixtures, where it is not -4 cm
@@ -49,6 +54,7 @@ class Options:
     Attributes:
         files: folder with problem files
         assets: folder of LIBERO's models; without it, boxes
+        states: folder with LIBERO's stored states
         layouts: layouts of each scene and kind
         every: read every file, and compile only each N-th
         seed: seed of the first layout
@@ -58,6 +64,7 @@ class Options:
 
     files: tyro.conf.Positional[Path]
     assets: Path | None = None
+    states: Path | None = None
     layouts: int = 1000
     every: int = 1
     seed: int = 0
@@ -203,16 +210,37 @@ def _turned(pos: np.ndarray, yaw: float) -> np.ndarray:
     return np.array([c * pos[0] - s * pos[1], s * pos[0] + c * pos[1], pos[2]])
 
 
-def penetrations(mjm: mujoco.MjModel, tables: list[LayoutTable], surface: str = "") -> dict[str, Any]:
+def stored_states(task: LiberoTask, mjm: mujoco.MjModel, file: Path) -> LayoutTable:
+    """Return the states of a file of LIBERO's `init_files`, with all fixtures out of the way.
+
+    A row has the time, nine joints of the arm, and the poses of objects by class, in the order of the problem file.
+    """
+    states = np.asarray(torch.load(file, weights_only=False))
+    by_class: dict[str, list[str]] = {}
+    for name, kind in task.problem.objects.items():
+        by_class.setdefault(kind, []).append(name)
+    qpos = np.tile(mjm.qpos0, (len(states), 1))
+    for number, name in enumerate(name for names in by_class.values() for name in names):
+        pose = states[:, 10 + 7 * number : 17 + 7 * number]
+        turn = Rotation.from_quat(TURN[OBJECTS[task.problem.objects[name]].up], scalar_first=True)
+        upright = Rotation.from_quat(pose[:, 3:], scalar_first=True) * turn.inv()
+        adr = int(mjm.jnt_qposadr[mjm.body(name).jntadr[0]])
+        qpos[:, adr : adr + 7] = np.hstack([pose[:, :3], upright.as_quat(scalar_first=True)])
+    away, unit = np.array([0.0, 0.0, -50.0]), np.array([1.0, 0.0, 0.0, 0.0])
+    mocap = np.tile(away, (len(states), mjm.nmocap, 1)), np.tile(unit, (len(states), mjm.nmocap, 1))
+    return LayoutTable.from_states(qpos, *mocap, np.ones((len(states), len(task.scene.objects)), bool))
+
+
+def penetrations(mjm: mujoco.MjModel, tables: list[LayoutTable], things: Iterable[str] = ()) -> dict[str, Any]:
     """Return how many layouts have two things in each other by MuJoCo C, and the pair that most of them have.
 
     Args:
         mjm: The model.
         tables: Layouts.
-        surface: A body whose contacts do not count.
+        things: The bodies whose contacts count; all if empty.
     """
     data, root = mujoco.MjData(mjm), mjm.body_rootid[mjm.geom_bodyid]
-    ignored = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, surface) if surface else -1
+    bodies = [mjm.body(name).id for name in things] or range(mjm.nbody)
     found = {"penetrate": 0, "deep": 0}
     pairs: dict[str, int] = {}
     for table in tables:
@@ -221,9 +249,7 @@ def penetrations(mjm: mujoco.MjModel, tables: list[LayoutTable], surface: str = 
             mujoco.mj_kinematics(mjm, data)
             mujoco.mj_collision(mjm, data)
             ends = root[data.contact.geom]
-            counts = (ends[:, 0] != ends[:, 1]) & ~(ends == ignored).any(axis=1) & (data.contact.dist < 0.0)
-            if surface == "floor":
-                counts &= (ends > 0).all(axis=1)
+            counts = (ends[:, 0] != ends[:, 1]) & np.isin(ends, bodies).all(axis=1) & (data.contact.dist < 0.0)
             found["penetrate"] += bool(counts.any())
             found["deep"] += bool((data.contact.dist[counts] < -DEEP).any())
             for pair in {tuple(sorted(pair)) for pair in ends[counts].tolist()}:
@@ -269,8 +295,12 @@ def measure(file: Path, options: Options, compiles: bool) -> dict[str, Any]:
     found["circles"] = {
         "layouts": len(theirs),
         "no_place": failed,
-        **penetrations(compiled.mjm, theirs, sampler.surface),
+        **penetrations(compiled.mjm, theirs, task.scene.objects),
     }
+    if options.states is not None:
+        stored = stored_states(task, compiled.mjm, options.states / file.parent.name / f"{file.stem}.pruned_init")
+        judged = penetrations(compiled.mjm, [stored], task.problem.objects)
+        found["stored"] = {"layouts": len(stored), **judged}
     return {**found, "rate": round(rate), "circle_rate": round(their_rate)}
 
 
@@ -304,7 +334,10 @@ def summary(found: list[dict[str, Any]]) -> dict[str, Any]:
         "refused": {one["file"]: one["refused"] for one in found if "refused" in one},
         "ours": {key: total("ours", key) for key in ("layouts", "valid", "penetrate", "deep")},
         "circles": {key: total("circles", key) for key in ("layouts", "no_place", "penetrate", "deep")},
-        "scenes_with_penetrating_circles": sum(one["circles"]["penetrate"] > 0 for one in made),
+        "stored": {key: sum(one["stored"][key] for one in made if "stored" in one) for key in _COUNTED},
+        "penetrating_scenes": {
+            kind: sum(one[kind]["penetrate"] > 0 for one in made if kind in one) for kind in ("circles", "stored")
+        },
         "rate_median": float(np.median([one["rate"] for one in made])) if made else None,
         "circle_rate_median": float(np.median([one["circle_rate"] for one in made])) if made else None,
     }
