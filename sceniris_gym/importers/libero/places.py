@@ -21,6 +21,7 @@ from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.support import subtree
 
 _AROUND = 0.1  # clutter keeps within this distance [m] of the rectangles of the file
+_EVERYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
 _GAP = 0.0005  # height above what a thing stands on [m]
 _RADIUS = 0.025  # radius [m] by which most of LIBERO's objects keep from the edge of a site
 
@@ -66,10 +67,11 @@ class Places:
             if predicate.word not in ("On", "In"):
                 name, joints = self._state(predicate)
                 found.get(name, {}).setdefault("joints", {}).update(joints)
-        boxes = np.array([b for r in self._problem.regions.values() for b in r.boxes if r.target == self._surface])
+        regions = self._problem.regions.values()
+        boxes = [box for r in regions for box in r.boxes if r.target == self._surface] or [_EVERYWHERE]
         for name in added:
-            around = (*(boxes[:, :2].min(0) - _AROUND), *(boxes[:, 2:].max(0) + _AROUND))
-            found[name] = self._on_surface(name, around, self._kinds[name].yaw)
+            low, high = np.min(boxes, axis=0)[:2] - _AROUND, np.max(boxes, axis=0)[2:] + _AROUND
+            found[name] = self._on_surface(name, np.array([low, high]), self._kinds[name].yaw) | {"ratio_on_support": 1}
         for name in self._kinds:
             if name not in found:
                 line = self._problem.where(self._problem.lines[name])
@@ -85,20 +87,24 @@ class Places:
         region = self._problem.regions.get(target)
         yaw = self._kinds[name].yaw if region is None or name in self._problem.objects else np.degrees(region.yaw)
         if region is not None and region.target == self._surface:
-            if not region.boxes:
-                raise SceneKeyError(f"{where}: region '{region.name}' should have ':ranges', as it is on the surface.")
-            return self._on_surface(name, region.boxes[0], tuple(yaw))
+            if len(region.boxes) != 1:
+                raise SceneKeyError(
+                    f"{where}: region '{region.name}' should have one rectangle in ':ranges', as it is on the work "
+                    f"surface; has {len(region.boxes)}."
+                )
+            low, high = np.reshape(region.boxes[0], (2, 2))
+            half = 0.5 * self._widen * (high - low)
+            return self._on_surface(name, 0.5 * (low + high) + np.array([-half, half]), tuple(yaw))
         if region is None:
             return self._on_thing(name, target)
         return self._on_site(name, region, predicate.word, where)
 
-    def _on_surface(self, name: str, box: tuple[float, ...], yaw: tuple[float, float]) -> dict[str, Any]:
-        low, high = np.reshape(box, (2, 2))
-        middle, half = 0.5 * (low + high), 0.5 * self._widen * (high - low)
+    def _on_surface(self, name: str, corners: np.ndarray, yaw: tuple[float, float]) -> dict[str, Any]:
+        """Return the words of a thing whose origin is in a rectangle, shape (2, 2), as far as the surface reaches."""
         origin = np.array(self._space.origin[:2])
-        corners = np.clip([middle - half, middle + half], self._space.low - origin, self._space.high - origin)
-        corners = corners + self._pivot(name, yaw)
-        return self._words(name, yaw) | {"on": self._surface, "region": {"box": _rounded(corners)}}
+        inside = np.clip(corners, self._space.low - origin, self._space.high - origin)
+        box = _rounded(inside + self._pivot(name, yaw))
+        return self._words(name, yaw) | {"on": self._surface, "region": {"box": box}}
 
     def _on_thing(self, name: str, target: str) -> dict[str, Any]:
         """Return the words of a thing over the middle of another one, above its rim, or anywhere on the surface."""

@@ -119,17 +119,22 @@ def read_problem(path: str | Path) -> Problem:
         raise SceneFileError(f"read_bddl: '{file}' cannot be read: {why}. Give a problem file (.bddl).") from None
     sections = _sections(_parsed(text, file), file)
     regions = {f"{r.target}_{r.name}": r for r in (_region(group, file) for group in sections["regions"])}
-    fixtures, objects = (dict(_typed(sections[key], file)) for key in ("fixtures", "objects"))
+    fixtures, objects = (list(_typed(sections[key], file)) for key in ("fixtures", "objects"))
+    lines: dict[str, int] = {}
+    for name, _ in (*fixtures, *objects):
+        if name in lines:
+            raise SceneKeyError(f"{file}:{name.line}: '{name}' should be another name: line {lines[name]} has it, too.")
+        lines[str(name)] = name.line
     problem = Problem(
         file,
         " ".join(_words(sections["language"], file)),
         regions,
-        {str(name): kind for name, kind in fixtures.items()},
-        {str(name): kind for name, kind in objects.items()},
+        {str(name): kind for name, kind in fixtures},
+        {str(name): kind for name, kind in objects},
         tuple(_words(sections["obj_of_interest"], file)),
         tuple(_predicate(group, file) for group in sections["init"]),
         tuple(_goal(sections["goal"], file)),
-        {str(name): name.line for name in (*fixtures, *objects)},
+        lines,
     )
     known = [*problem.things, *regions]
     for predicate in (*problem.init, *problem.goal):

@@ -18,7 +18,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ModelWarning, SceneFileError, SceneKeyError
 from sceniris_gym.importers.libero.kinds import OBJECTS, WORKSPACES, Workspace
 from sceniris_gym.importers.libero.places import Places, kinds_of
-from sceniris_gym.importers.libero.problem import Predicate, Problem, read_problem
+from sceniris_gym.importers.libero.problem import Problem, read_problem
 from sceniris_gym.importers.libero.things import load_thing, stand_in
 from sceniris_gym.scene import backdrop
 from sceniris_gym.scene.adopt import place_on
@@ -40,11 +40,6 @@ class LiberoTask:
 
     scene: SceneConfig
     problem: Problem
-
-    @property
-    def goal(self) -> tuple[Predicate, ...]:
-        """The predicates that all hold at the end."""
-        return self.problem.goal
 
 
 def read_bddl(
@@ -111,7 +106,11 @@ def _workspace(problem: Problem) -> tuple[str, Workspace]:
         raise SceneKeyError(
             f"{problem.path}: a problem should have one work surface among its fixtures ({listing}), has {len(found)}."
         )
-    return found[0], WORKSPACES[problem.fixtures[found[0]]]
+    name, kind = found[0], problem.fixtures[found[0]]
+    if (name == FLOOR) != (kind == FLOOR):
+        where = problem.where(problem.lines[name])
+        raise SceneKeyError(f"{where}: '{name} - {kind}' should be named 'floor' if it is the floor, and only then.")
+    return name, WORKSPACES[kind]
 
 
 def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None) -> mujoco.MjSpec:

@@ -111,9 +111,23 @@ def test_regions_widen_about_their_middles(tmp_path: Path):
         np.testing.assert_allclose(np.array(region.box), corners, atol=1e-6)
 
 
+def test_clutter_may_stand_anywhere_if_there_are_no_rectangles(tmp_path: Path):
+    """On the floor, where things also stand without one."""
+    text = STACK.replace("cookies_1 floor_box_region", "cookies_1 floor")
+    text = text.replace("(On basket_1 floor_basket_region)", "(On basket_1 floor)")
+    text = text.replace("(box_region (:target floor) (:ranges ((-0.05 -0.05 0.05 0.05))))", "")
+    text = text.replace("(basket_region (:target floor) (:ranges ((0.2 -0.01 0.22 0.01))))", "")
+    objects = read_bddl(write(tmp_path, text), clutter=1).scene.objects
+    assert objects["cookies_1"].region is None
+    region = objects["clutter_alphabet_soup"].region
+    assert region is not None
+    assert region.box is not None
+    np.testing.assert_allclose(np.array(region.box), [[-1.5, -1.5], [1.5, 1.5]], atol=1e-6)
+
+
 def test_clutter_is_drawn_anew_for_each_layout(tmp_path: Path):
     """Two further things of four, near the rectangles of the file."""
-    task = read_bddl(write(tmp_path), clutter=2)
+    task = read_bddl(write(tmp_path), clutter=2, widen=1.5)  # which does not widen the region of clutter
     table, poses = layouts(compile_scene(task.scene, "cpu"), 64)
     added = [i for i, name in enumerate(task.scene.objects) if name.startswith("clutter_")]
     assert len(added) == 4
@@ -153,5 +167,7 @@ def test_a_thing_without_a_place_is_an_error(tmp_path: Path):
     """With the predicate that would give it one; a region of the table needs a rectangle."""
     with pytest.raises(SceneKeyError, match=r"'plate_1' should have a place in ':init', such as \(On plate_1 REGION"):
         read_bddl(write(tmp_path, **{"(On plate_1 kitchen_table_plate_region)": ""}))
-    with pytest.raises(SceneKeyError, match=r"region 'plate_region' should have ':ranges'"):
+    with pytest.raises(SceneKeyError, match=r"region 'plate_region' should have one rectangle .* has 0"):
         read_bddl(write(tmp_path, **{"(:ranges ((0.02 0.1 0.06 0.14)))": ""}))
+    with pytest.raises(SceneKeyError, match=r"region 'plate_region' should have one rectangle .* has 2"):
+        read_bddl(write(tmp_path, **{"(0.02 0.1 0.06 0.14)": "(0.02 0.1 0.06 0.14) (0 0 0.1 0.1)"}))

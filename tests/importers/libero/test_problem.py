@@ -57,6 +57,7 @@ WRONG = [
     ("(0.02 0.1 0.06 0.14)", "(0.02 0.1 0.06)", SceneKeyError, "should be a region"),
     ("plate_1 - plate", "plate_1 -", SceneKeyError, "should stand between names and their class"),
     ("plate_1 - plate\n", "plate_1\n", SceneKeyError, "'plate_1' should be followed by '- CLASS'"),
+    ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "'flat_stove_1' should be another name: line"),
     ("(:obj_of_interest", "(:objekt", UnknownNameError, "unknown section ':objekt'. Did you mean ':objects'?"),
     ("(:language put", "(:language (put)", SceneKeyError, "should be a word without parentheses"),
     ("(top_region (:target wooden_cabinet_1))", "(top_region (:target wooden_1))", UnknownNameError, "region"),

@@ -70,7 +70,16 @@ def test_a_folder_of_models_has_to_exist(tmp_path: Path):
 
 
 def test_a_problem_has_one_work_surface(tmp_path: Path):
-    """None is an error that lists them."""
+    """None is an error that lists them; the floor has its own name."""
+    with pytest.raises(SceneKeyError, match=r"bddl:10: 'ground - floor' should be named 'floor'"):
+        read_bddl(
+            write(
+                tmp_path,
+                STACK.replace("floor - floor", "ground - floor")
+                .replace("target floor", "target ground")
+                .replace(" floor_", " ground_"),
+            )
+        )
     text = STACK.replace("floor - floor", "floor - flat_stove")
     with pytest.raises(SceneKeyError, match=r"one work surface among its fixtures \(kitchen_table, .*\), has 0"):
         read_bddl(write(tmp_path, text))
