@@ -20,6 +20,7 @@ _FILES = (
     "stable_scanned_objects/{0}/{0}.xml",
     "turbosquid_objects/{0}/{0}.xml",
 )
+_HIDDEN = 3  # group of geoms that collide and are not drawn, which is 0 in LIBERO's models
 _WALL = 0.004  # thickness of walls [m]
 _DENSITY = 300.0  # kg/m^3
 _SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -36,7 +37,9 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
         return None
     spec = load_model(file, where, _with_unique_names)
     spec.njmax = spec.nconmax = -1  # sizes of a scene are its own
-    spec.compiler.inertiagrouprange = [0, 0]  # geoms that collide, as in robosuite, which LIBERO puts its models into
+    for geom in spec.geoms:
+        geom.group = geom.group or _HIDDEN
+    spec.compiler.inertiagrouprange = [_HIDDEN, _HIDDEN]  # as in robosuite, what collides has the mass
     inner = spec.body(INNER)
     inner.pos, inner.quat = np.zeros(3), TURN[kind.up]
     return spec

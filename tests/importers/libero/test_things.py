@@ -21,7 +21,7 @@ BOTTLE = """
   </asset>
   <worldbody><body><body name="object" pos="0 -0.1 0.3">
     <geom type="box" size="0.02 0.07 0.01" pos="0 0.01 0" group="0"/>
-    <geom type="box" size="0.3 0.3 0.3" group="1" contype="0" conaffinity="0" mass="0"/>
+    <geom type="box" size="0.3 0.3 0.3" group="1" contype="0" conaffinity="0"/>
   </body></body></worldbody>
 </mujoco>
 """
@@ -71,6 +71,9 @@ def test_models_stand_upright_on_their_own_axes(tmp_path: Path):
     low, high = bounds(spec)
     np.testing.assert_allclose(low, [-0.02, -0.01, -0.06], atol=1e-9)
     np.testing.assert_allclose(high, [0.02, 0.01, 0.08], atol=1e-9)
+    mjm = spec.compile()
+    assert mjm.geom_group.tolist() == [3, 1]
+    np.testing.assert_allclose(mjm.body_mass.sum(), 1000.0 * 0.04 * 0.14 * 0.02)  # of what collides
 
 
 def test_a_class_without_a_file_has_no_model(tmp_path: Path):
