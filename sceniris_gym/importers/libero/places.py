@@ -23,6 +23,7 @@ from sceniris_gym.scene.support import subtree
 _AROUND = 0.1  # clutter keeps within this distance [m] of the rectangles of the file
 _EVERYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
 _GAP = 0.0005  # height above what a thing stands on [m]
+_POINT = 0.00005  # half the edge of the rectangle that a point becomes [m]
 _RADIUS = 0.025  # radius [m] by which most of LIBERO's objects keep from the edge of a site
 
 
@@ -93,11 +94,15 @@ class Places:
                     f"surface; has {len(region.boxes)}."
                 )
             low, high = np.reshape(region.boxes[0], (2, 2))
-            half = 0.5 * self._widen * (high - low)
+            half = np.maximum(0.5 * self._widen * (high - low), _POINT)
             return self._on_surface(name, 0.5 * (low + high) + np.array([-half, half]), tuple(yaw))
-        if region is None:
-            return self._on_thing(name, target)
-        return self._on_site(name, region, predicate.word, where)
+        if name in self._problem.fixtures:
+            raise SceneKeyError(f"{where}: a fixture should be on a rectangle of the work surface '{self._surface}'.")
+        if region is not None:
+            return self._on_site(name, region, predicate.word, where)
+        if target not in (self._surface, *self._problem.objects):
+            raise UnknownNameError("object or region", target, where, [*self._problem.objects, *self._problem.regions])
+        return self._on_thing(name, target)
 
     def _on_surface(self, name: str, corners: np.ndarray, yaw: tuple[float, float]) -> dict[str, Any]:
         """Return the words of a thing whose origin is in a rectangle, shape (2, 2), as far as the surface reaches."""

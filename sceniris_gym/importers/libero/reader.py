@@ -26,6 +26,7 @@ from sceniris_gym.scene.assemble import attach, make_kind
 
 _CLUTTER = "clutter"
 _ZONE = 0.007  # half height [m] of the zone over a rectangle in which a goal counts a thing as on it
+_LEAST = 1e-6  # half the edge of the zone of a point [m]
 _THICK = 0.05  # thickness of a work surface [m]
 
 
@@ -156,7 +157,7 @@ def _add_surface(spec: mujoco.MjSpec, problem: Problem, surface: str, space: Wor
     for region in problem.regions.values():
         if region.target == surface and region.boxes:
             low, high = np.reshape(region.boxes[0], (2, 2))
-            size = [*(0.5 * (high - low)), _ZONE]
+            size = [*np.maximum(0.5 * (high - low), _LEAST), _ZONE]
             pos = [*(0.5 * (low + high)), z if surface == FLOOR else z - space.top]
             kind = mujoco.mjtGeom.mjGEOM_BOX
             body.add_site(name=f"{surface}/{region.name}", type=kind, pos=pos, size=size, rgba=np.zeros(4))

@@ -83,6 +83,13 @@ def test_things_on_sites_stand_on_them_and_joints_are_drawn(tmp_path: Path):
     assert (table.qpos[:, closed] == 0.0).all()
 
 
+def test_a_rectangle_may_be_a_point(tmp_path: Path):
+    """Its thing is there in all layouts, to 0.05 mm."""
+    path = write(tmp_path, **{"(0.02 0.1 0.06 0.14)": "(0.04 0.12 0.04 0.12)"})
+    _, poses = layouts(compile_scene(read_bddl(path).scene, "cpu"), 16)
+    np.testing.assert_allclose(poses["plate_1"][:, :2], np.tile([0.04, 0.12], (16, 1)), atol=6e-5)
+
+
 def test_a_thing_on_another_one_is_over_its_middle(tmp_path: Path):
     """On the floor, wherever the other one is."""
     _, poses = layouts(compile_scene(read_bddl(write(tmp_path, STACK)).scene, "cpu"))
@@ -148,6 +155,7 @@ WRONG = [
     ),
     ("(top_side (:target wooden_cabinet_1))", "(top_side (:target flat_stove_1))", "unknown"),
     ("(On akita_black_bowl_2 wooden_cabinet_1_top_side)", "(On akita_black_bowl_2 flat_stove_1_knob)", "unknown site"),
+    ("(On plate_1 kitchen_table_plate_region)", "(On plate_1 flat_stove_1)", "unknown object or region 'flat_stove_1'"),
     ("(Turnon flat_stove_1)", "(Turnon wooden_cabinet_1)", "unknown thing for Turnon 'wooden_cabinet_1'"),
     ("(Turnon flat_stove_1)", "(Open plate_1)", "unknown thing for Open 'plate_1'"),
 ]
@@ -161,6 +169,13 @@ def test_names_that_the_models_lack_are_errors(before: str, after: str, message:
         read_bddl(write(tmp_path, **more, **{before: after}))
     assert message in str(raised.value)
     assert "problem.bddl:" in str(raised.value)
+
+
+def test_fixtures_stand_on_the_work_surface(tmp_path: Path):
+    """On nothing else, as in LIBERO."""
+    place = "(On flat_stove_1 kitchen_table_stove_region)"
+    with pytest.raises(SceneKeyError, match=r"a fixture should be on a rectangle of the work surface 'kitchen_table'"):
+        read_bddl(write(tmp_path, **{place: "(On flat_stove_1 plate_1)"}))
 
 
 def test_a_thing_without_a_place_is_an_error(tmp_path: Path):
