@@ -178,6 +178,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             split=split,
             prefetch=prefetch,
             needs=self.task.needs,
+            fields=self.batch.fields,
             graph=graph,
         )
         self.state = State(self.batch, self.randomizer.layouts, split)
@@ -197,6 +198,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
         with self._on_torch_stream():
             self.task.bind(self.state)
+            self.batch.fields.close()
             self.batch.update()
             observation = self.task.observe(self.state)
             check_observation(self.task, observation, self.num_envs)
@@ -239,6 +241,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             # it is -1 after a generator was assigned to np_random
             seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         seeds = as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready)
+        self.batch.fields.check()
         with self._on_torch_stream():
             if seeds is not None:
                 numbers, given = seeds
@@ -278,6 +281,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._check_open()
         if not self._ready:
             raise gymnasium.error.ResetNeeded("Call reset() before step().")
+        self.batch.fields.check()
         with self._on_torch_stream():
             action = as_action(actions, self.action_space, self.device)
             self.task.apply(self.state, action)
@@ -343,6 +347,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.state.elapsed.masked_fill_(mask, 0)
         self.statistics.start(mask)
         self.task.on_reset(self.state, mask)
+        if self.batch.fields.asked:
+            self.randomizer.launch_refresh()
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
         """Return the flat observation, in new tensors or in one of the two buffers."""

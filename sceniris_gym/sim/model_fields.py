@@ -1,0 +1,152 @@
+"""`ModelFields`: fields of a mujoco_warp Model that have a row for each world, and all that follows from them."""
+
+from __future__ import annotations
+
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import FixedError, NotSupportedError, SceneMismatchError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.derived import FOLLOWERS, Follower
+from sceniris_gym.sim.field_table import FIELDS, OPTIONS, check_field, field_rows
+from sceniris_gym.sim.rest import scene_rest
+
+
+class ModelFields:
+    """Fields of a Model that have a row for each world.
+
+    Args:
+        scene: The scene.
+        m: The Model.
+        d: Data of the worlds.
+        grow: Give a field with one row for all worlds a row for each when it is asked for. Otherwise it is refused, as
+            others may have captured the Model with its present arrays.
+
+    Attributes:
+        rest: The controls and activations that hold a pose.
+        asked: The fields that somebody asked for, to write to.
+    """
+
+    def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
+        self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
+        self._nominal: dict[str, wp.array] = {}
+        self._known: dict[str, wp.array] = {}
+        self._followers: dict[type[Follower], Follower] = {}
+        self._closed = False
+        self.asked: set[str] = set()
+        self.rest = scene_rest(scene, m.qpos0.device)
+
+    def ask(self, name: str, of: str | None = None, *, where: str = "model_field") -> wp.array:
+        """Return a field with a row for each world, or the part of it that belongs to a name; all views of one array.
+
+        Args:
+            name: The field, by its name in mujoco_warp's Model.
+            of: An element of the model, or an object or a robot: see `field_rows`. None is all.
+            where: The caller, for errors.
+
+        Raises:
+            UnknownNameError: No such field, or nothing of that name.
+            NotSupportedError: Steps leave the field out; or it is asked for too late.
+            SceneMismatchError: The Model has one row for all worlds.
+        """
+        check_field(name, self._scene.mjm, where)
+        rows = None if of is None else field_rows(self._scene, name, of, where)
+        if name not in self._nominal and self._closed:
+            raise NotSupportedError(
+                f"{where}: '{name}' is asked for too late, as captured steps have it once for all worlds. Ask for it "
+                "in Task.bind, or before the first reset."
+            )
+        array = self.wide(name, where)
+        self.asked.add(name)
+        return array if rows is None else array[:, rows]
+
+    def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
+        """Return the array of a field, with a row for each world; `source` is the field that it follows from."""
+        if name not in self._nominal:
+            self._nominal[name] = wp.clone(getattr(owner(self._model, name), name)[:1])
+            self._widen(name, source or name, where)
+            for kind in FOLLOWERS:
+                if name in kind.SOURCES and kind not in self._followers:
+                    for output in kind.OUTPUTS:
+                        self.wide(output, where, name)
+                    self._followers[kind] = kind(self._scene.mjm, self._model, self._data, self.rest)
+        return getattr(owner(self._model, name), name)
+
+    def nominal(self, name: str) -> wp.array:
+        """Return the values of the model as it was made, shape (1, ...); of a field that was asked for."""
+        return self._nominal[name]
+
+    def launch_follow(self, mask: wp.array) -> None:
+        """Bring what follows from the fields up to date in the masked worlds, shape (nworld,), bool."""
+        for kind in FOLLOWERS:
+            if kind in self._followers:
+                self._followers[kind].launch(mask)
+
+    def close(self) -> None:
+        """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
+        if self._closed:
+            return
+        self._closed = True
+        names = FIELDS if self._grow else self._nominal
+        self._known = {
+            name: array for name in names if (array := getattr(owner(self._model, name), name, None)) is not None
+        }
+
+    def check(self) -> None:
+        """Check that no array of the Model was replaced.
+
+        Raises:
+            FixedError: One was, which captured steps would not see.
+        """
+        for name, array in self._known.items():
+            if getattr(owner(self._model, name), name) is not array:
+                raise FixedError("model", name, f"Write into its array: model_field('{name}').")
+
+    def _widen(self, name: str, source: str, where: str) -> None:
+        rows = getattr(owner(self._model, name), name).shape[0]
+        if rows != self._nworld and not self._grow:
+            raise SceneMismatchError(
+                f"{where}: model.{name} has {rows} row for all worlds and should have {self._nworld}. Make the Model "
+                f'by put_model(compiled, {self._nworld}, "{source}").'
+            )
+        widen(self._model, name, self._nworld)
+
+
+def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
+    """Return a mujoco_warp Model of a scene in which some fields have a row for each world.
+
+    Args:
+        compiled: The compiled scene.
+        nworld: Number of worlds.
+        fields: Names of the fields; what follows from them has a row for each world, too.
+
+    Raises:
+        UnknownNameError: No such field, or layouts depend on it.
+        NotSupportedError: Steps leave the field out.
+    """
+    with wp.ScopedDevice(compiled.device):
+        m = mjw.put_model(compiled.mjm)
+        for name in fields:
+            check_field(name, compiled.mjm, "put_model")
+            widen(m, name, nworld)
+            for kind in FOLLOWERS:
+                for output in kind.OUTPUTS if name in kind.SOURCES else ():
+                    widen(m, output, nworld)
+    return m
+
+
+def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
+    """Return the structure that has a field: the Model, or its options."""
+    return m.opt if name in OPTIONS else m
+
+
+def widen(m: mjw.Model, name: str, nworld: int) -> None:
+    """Give a field a row for each world, all with the values of its first one."""
+    array = getattr(owner(m, name), name)
+    if array.shape[0] != nworld:
+        with wp.ScopedDevice(array.device):
+            wide = wp.array(np.repeat(array.numpy()[:1], nworld, axis=0), dtype=array.dtype)
+        wide._is_batched = True  # as mujoco_warp marks its own
+        setattr(owner(m, name), name, wide)
