@@ -9,7 +9,7 @@ import warp as wp
 from sceniris_gym.errors import FixedError, NotSupportedError, SceneMismatchError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWERS, Follower
+from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls
 from sceniris_gym.sim.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.sim.rest import scene_rest
 
@@ -77,6 +77,12 @@ class ModelFields:
     def nominal(self, name: str) -> wp.array:
         """Return the values of the model as it was made, shape (1, ...); of a field that was asked for."""
         return self._nominal[name]
+
+    @property
+    def rows(self) -> dict[str, wp.array]:
+        """The arrays that have a row for each world, by name, with those of controls at rest if gains differ."""
+        found = {name: getattr(owner(self._model, name), name) for name in self._nominal}
+        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if HoldingControls in self._followers else {})
 
     def launch_follow(self, mask: wp.array) -> None:
         """Bring what follows from the fields up to date in the masked worlds, shape (nworld,), bool."""

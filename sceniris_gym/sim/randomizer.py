@@ -165,28 +165,34 @@ class ResetRandomizer(Fixed, StaysHere):
         return self.layout_source.layouts
 
     @launching
-    def reset(self, mask: Any = None, *, env_ids: Any = None) -> None:
-        """Give the masked worlds, or those with these numbers, their next layouts.
+    def reset(self, mask: Any = None, *, env_ids: Any = None, seeds: Any = None, episodes: Any = None) -> None:
+        """Give the masked worlds, or those with these numbers, their next layouts or chosen ones.
 
         Args:
             mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds. It may be
                 false everywhere, which resets nothing.
             env_ids: Instead of a mask the numbers of the worlds, in any order: a sequence, a slice, or integers of
                 shape (n,) as a Warp array, torch tensor or numpy array. An empty one resets nothing.
+            seeds: Seeds of these layouts, one for each world; see `reseed`. The worlds go on from there.
+            episodes: Their episodes, 0 if there are seeds alone; of the present seeds if there are no `seeds`.
 
         Raises:
             MaskTypeError: Not an array of booleans, or of integers; or both of them given.
             MaskError: Wrong shape, or a world that does not exist.
+            SeedError: See `reseed`.
         """
         self.fields.check()
         nworld = self.data.nworld
         if env_ids is None:
-            self.launch_reset(None if mask is None else as_mask(mask, nworld, self.device))
+            chosen = None if mask is None else as_mask(mask, nworld, self.device)
         elif mask is None:
-            mask_of_ids(as_ids(env_ids, nworld, self.device), self._mask)
-            self.launch_reset(self._mask)
+            chosen = self._mask
+            mask_of_ids(as_ids(env_ids, nworld, self.device), chosen)
         else:
             raise MaskTypeError("reset should have a mask or env_ids, not both.")
+        if seeds is not None or episodes is not None:
+            self.reseed(seeds, chosen, episodes)
+        self.launch_reset(chosen)
 
     def launch_reset(self, mask: wp.array | None) -> None:
         """Reset the masked worlds: `reset` without its checks.
@@ -248,9 +254,11 @@ class ResetRandomizer(Fixed, StaysHere):
         """Do what `refresh` does, without its check."""
         self._refresh()
 
-    def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
-        """Give the masked worlds new seeds; their next layouts are those of episode 0. See `LayoutSource.reseed`."""
-        self.layout_source.reseed(seeds, mask)
+    def reseed(
+        self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
+    ) -> None:
+        """Choose the next layouts of the masked worlds by seeds and episodes. See `LayoutSource.reseed`."""
+        self.layout_source.reseed(seeds, mask, episodes)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
@@ -264,6 +272,11 @@ class ResetRandomizer(Fixed, StaysHere):
             SceneMismatchError: The layouts are of another scene.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
+        scene = layouts.scene if isinstance(layouts, LayoutTable) else layouts.compiled.hash
+        if scene not in ("", self.compiled.hash):
+            raise SceneMismatchError(
+                f"layouts are of scene {scene} and should be of {self.compiled.hash}. Give layouts of this scene."
+            )
         poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):

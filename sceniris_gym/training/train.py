@@ -188,8 +188,7 @@ class Run:
         self.seconds, self.iterations = progress["seconds"], progress["iterations"]
         self.judged_at, self.saved_at = progress["judged_at"], progress["seconds"]
         os.truncate(self.log, progress["log_size"])
-        episode = wp.to_torch(self.env.unwrapped.randomizer.layouts.episode)
-        episode.copy_(progress["episode"])
+        self.env.unwrapped.randomizer.reseed(None, episodes=progress["episode"].numpy() + 1)
         self.env.reset()  # starts the next episodes
         self.env.episode_length_buf = progress["elapsed"].to(self.env.device)
         # different action noise than at the start of the run

@@ -83,6 +83,11 @@ class State:
             self._layout_joints = {q: wp.to_torch(getattr(layouts, q)) for q in ("grasp_qpos", "pregrasp_qpos")}
 
     @property
+    def model_rows(self) -> dict[str, wp.array]:
+        """The arrays of the physics model that have a row for each world, by name."""
+        return self._batch.fields.rows
+
+    @property
     def finite(self) -> Tensor:
         """Worlds of which all positions and velocities are finite, shape (num_envs,), bool."""
         # a sum is finite if its terms are, and a finite number minus itself is 0

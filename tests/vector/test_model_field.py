@@ -141,3 +141,15 @@ def test_random_numbers_by_name_last_for_an_episode(make):
     assert not torch.isin(s.random("grip", (4,)), values).any()
     np.testing.assert_array_equal(envs.randomizer.random("slip", (2, 2)).numpy(), values.numpy())
     assert s.random("slip").shape == (3,)
+
+
+def test_a_snapshot_keeps_the_fields_of_its_worlds(make):
+    """Also put into another world: masses and what follows from them move there."""
+    envs = make(3)
+    envs.reset(seed=5)
+    kept, before = envs.snapshot(np.array([True, False, False])), fields(envs)
+    envs.reset()
+    mask = torch.tensor([False, True, False])
+    envs.reset(options={"state": kept, "reset_mask": mask})
+    for name, values in fields(envs).items():
+        np.testing.assert_array_equal(values[1], before[name][0], err_msg=name)
