@@ -281,7 +281,10 @@ class ResetRandomizer(Fixed, StaysHere):
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            self._launch_write(poses, on_device)
+            seed, episode = layouts.seed, layouts.episode
+            if isinstance(layouts, LayoutTable):
+                seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
+            self._launch_write(poses, seed, episode, on_device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
@@ -313,7 +316,8 @@ class ResetRandomizer(Fixed, StaysHere):
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat))
+        poses = Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
+        self._launch_write(poses, layouts.seed, layouts.episode)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
@@ -323,9 +327,10 @@ class ResetRandomizer(Fixed, StaysHere):
         for stage in self._stages:
             stage(self.model, self.data)
 
-    def _launch_write(self, poses: Poses, rows: wp.array | None = None) -> None:
+    def _launch_write(self, poses: Poses, seed: wp.array, episode: wp.array, rows: wp.array | None = None) -> None:
         m, d = self.model, self.data
         self._contacts.launch_drop()
+        self.fields.launch_draw(self._mask, seed, episode, self._split, rows)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)

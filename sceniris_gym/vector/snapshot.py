@@ -85,8 +85,7 @@ def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> d
         if array.size:
             found[f"data.{name}"] = wp.to_torch(array)
     for name, array in state.model_rows.items():
-        if array.size:
-            found[f"model.{name}"] = wp.to_torch(array)
+        found[f"model.{name}"] = wp.to_torch(array)
     for name in _OF_LAYOUTS:
         array = getattr(layouts, name)
         if array.size:

@@ -298,6 +298,26 @@ class State:
             lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of
         )
 
+    def parameter(self, name: str) -> Tensor:
+        """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).
+
+        These are factors for `scale`, terms for `add`, and values for `abs` and `choice`. They are in the group
+        `critic`, too, under the name "parameters".
+
+        Args:
+            name: The name of the draw: "can.mass", "robot.gains", "gravity", "lights.lamp.diffuse".
+
+        Raises:
+            UnknownNameError: The scene draws nothing of this name.
+        """
+        return wp.to_torch(self._batch.fields.parameter(name, "State.parameter"))
+
+    @property
+    def parameters(self) -> Tensor | None:
+        """All numbers that `randomize` of the scene has drawn, shape (num_envs, n); None if it draws nothing."""
+        numbers = [self.parameter(draw.name) for draw in self.scene.draws]
+        return torch.cat(numbers, dim=1) if numbers else None
+
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""
         return int(actuator_controls(self.mjm)[0][self._id("actuator", name, "actuator")])

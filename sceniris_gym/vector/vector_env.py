@@ -48,10 +48,12 @@ from sceniris_gym.vector.sensing import Sensing, Sensors, as_sensing
 from sceniris_gym.vector.snapshot import Snapshot, live_tensors, put, take
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
-from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.task_checks import check_observation, check_outcome
 
 OUTPUTS = ("torch", "numpy")
+PARAMETERS = "parameters"
+"""The name of drawn physics and looks in the group `critic`."""
 
 
 class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
@@ -206,7 +208,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.task.bind(self.state)
             self.batch.fields.close()
             self.batch.update()
-            observation = self.task.observe(self.state)
+            observation = self._task_observation()
             check_observation(self.task, observation, self.num_envs)
             self._sensors = None if sensing is None else Sensors(self.state, sensing, observation)
             observation = spaces.chosen(observation, self._groups)
@@ -413,11 +415,18 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
         """Return the flat observation, in new tensors or in one of the two buffers."""
-        observation = self.task.observe(self.state)
+        observation = self._task_observation()
         if self._sensors is not None:
             observation = self._sensors(self.state, observation)
         observation = spaces.chosen(observation, self._groups)
         return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
+
+    def _task_observation(self) -> Observation:
+        """Return what the task observes, with the numbers that the scene has drawn in the group `critic`."""
+        observation, parameters = self.task.observe(self.state), self.state.parameters
+        if parameters is None or "critic" not in observation:
+            return observation
+        return {**observation, "critic": {**observation["critic"], PARAMETERS: parameters}}
 
     def _layout_info(self) -> dict[str, Tensor]:
         s = self.state

@@ -6,16 +6,23 @@ import copy
 from typing import Any
 
 import mujoco
+import mujoco_warp as mjw
 import numpy as np
 import pytest
 import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.errors import FixedError, NotSupportedError, UnknownNameError
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import FixedError, NotSupportedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import read_table
+from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.conftest import Reach
+from tests.vector.conftest import SCENE, Reach
 from tests.vector.stepping import actions
 
 FIELDS = ("body_mass", "body_invweight0", "dof_invweight0", "body_subtreemass", "actuator_gainprm", "geom_friction")
@@ -153,3 +160,79 @@ def test_a_snapshot_keeps_the_fields_of_its_worlds(make):
     envs.reset(options={"state": kept, "reset_mask": mask})
     for name, values in fields(envs).items():
         np.testing.assert_array_equal(values[1], before[name][0], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def drawn_scene():
+    """Return the CompiledScene of the reaching task with physics and looks that are drawn."""
+    words = {
+        "objects.block.randomize": {"mass": {"scale": [0.5, 2.0]}, "rgba": {"abs": [[0.0] * 3, [1.0] * 3]}},
+        "randomize": {
+            "gravity": {"add": [[-0.1, -0.1, -0.2], [0.1, 0.1, 0.2]]},
+            "cameras": {"overview": {"pos": {"add": [-0.05, 0.05]}, "fovy": {"scale": [0.8, 1.2]}}},
+        },
+    }
+    return compile_scene(SceneConfig.load(SCENE, {"bank": 8} | words), "cpu")
+
+
+def test_what_a_scene_draws_belongs_to_seed_and_episode(drawn_scene):
+    """For another number of worlds, masks, layouts made ahead, and without a graph; tasks see it, critics too."""
+    one = SceneVectorEnv(Reach, 4, scene=drawn_scene)
+    other = SceneVectorEnv(Reach, 2, scene=drawn_scene, graph=False, prefetch=True)
+    for envs in (one, other):
+        envs.reset(seed=3)
+        mask = np.arange(envs.num_envs) == 1
+        before = {name: array.numpy().copy() for name, array in envs.state.model_rows.items()}
+        observation, _ = envs.reset(options={"reset_mask": mask})
+        for name, array in envs.state.model_rows.items():
+            np.testing.assert_array_equal(array.numpy()[~mask], before[name][~mask], err_msg=name)
+        s = envs.state
+        parameters = torch.cat([s.parameter(draw.name) for draw in s.scene.draws], dim=1)
+        assert torch.equal(observation["critic"][:, -parameters.shape[1] :], parameters)
+        assert "parameters" not in envs.observation_names["policy"]
+    for name, array in one.state.model_rows.items():
+        np.testing.assert_array_equal(array.numpy()[:2], other.state.model_rows[name].numpy(), err_msg=name)
+    with pytest.raises(UnknownNameError, match=r"State.parameter: unknown parameter 'block.mas'. Did you mean"):
+        one.state.parameter("block.mas")
+
+
+def test_own_loops_have_the_same_fields(drawn_scene):
+    """As an environment; a Model with one row is refused with the line that mends it. Stored layouts replay theirs."""
+    envs = SceneVectorEnv(Reach, 2, scene=drawn_scene)
+    envs.reset(seed=3)
+    with wp.ScopedDevice("cpu"):
+        data = mjw.make_data(drawn_scene.mjm, 2)
+        plain = mjw.put_model(drawn_scene.mjm)
+    with pytest.raises(SceneMismatchError, match=r"randomize: model.body_mass .* by put_model\(compiled, 2"):
+        ResetRandomizer(drawn_scene, plain, data)
+    randomizer = ResetRandomizer(drawn_scene, put_model(drawn_scene, 2), data, seed=3)
+    randomizer.reset()
+    generator = LayoutGenerator(drawn_scene, 2, seed=3)
+    generator.generate()
+    table, masses = read_table(generator), envs.batch.model.body_mass.numpy()
+    np.testing.assert_array_equal(randomizer.model.body_mass.numpy(), masses)
+    randomizer.reset()
+    randomizer.write(table, np.array([1, -1]))
+    np.testing.assert_array_equal(randomizer.model.body_mass.numpy()[0], masses[1])
+
+
+def test_pictures_show_what_is_drawn(drawn_scene):
+    """Colours, cameras and fields of view of each world, also with the same layout in all of them."""
+    envs = SceneVectorEnv(Reach, 2, scene=drawn_scene, render_mode="rgb_array", render_size=(32, 24))
+    envs.reset(seed=1)
+    first = envs.render()
+    for name in ("cam_fovy", "cam_pos", "cam_pos0", "geom_rgba"):
+        array = envs.state.model_rows[name].numpy()
+        array[1] = array[0]
+    for name in ("qpos", "mocap_pos", "mocap_quat"):
+        array = getattr(envs.batch.data, name).numpy()
+        array[1] = array[0]
+    same = envs.render()
+    assert first is not None
+    assert same is not None
+    np.testing.assert_array_equal(same[0], first[0])
+    np.testing.assert_array_equal(same[0], same[1])
+    envs.state.model_rows["cam_fovy"].numpy()[1] *= 0.8
+    other = envs.render()
+    assert other is not None
+    assert (other[0] != other[1]).any()

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import types
+from pathlib import Path
 
 import mujoco
 import mujoco_warp as mjw
 import pytest
 
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
-from sceniris_gym.sim.field_table import FIELDS, OPTIONS, check_field, field_rows
+from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from tests.versions import since_4
+
+SMALL_ARM = Path(__file__).parents[1] / "data" / "small_arm.xml"
+
+
+@pytest.fixture(scope="module")
+def small_arm() -> mujoco.MjModel:
+    """Return the model of the small arm."""
+    return mujoco.MjModel.from_xml_path(str(SMALL_ARM))
 
 
 @since_4("fewer fields")
@@ -39,9 +47,9 @@ def test_all_fields_are_batched_by_mujoco_warp():
         ("tendon_armature", "arm/split", "arm/split"),
     ],
 )
-def test_names_have_the_rows_of_their_elements(small_scene, field: str, name: str, rows: str | list[str]):
+def test_names_have_the_rows_of_their_elements(small_arm, field: str, name: str, rows: str | list[str]):
     """A body, geom, joint, actuator, tendon or camera by its name; those inside an object by the name of the object."""
-    mjm, found = small_scene.mjm, field_rows(small_scene.scene, field, name, "test")
+    mjm, found = small_arm, field_rows(small_arm, {}, field, name, "test")
     kind = field.partition("_")[0]
     names = {
         "body": [mjm.body(i).name for i in range(mjm.nbody)],
@@ -62,33 +70,33 @@ def test_names_have_the_rows_of_their_elements(small_scene, field: str, name: st
         ("geom_friction", "cabinets", "cabinet"),
     ],
 )
-def test_unknown_names_are_told_with_the_nearest(small_scene, field: str, name: str, nearest: str):
+def test_unknown_names_are_told_with_the_nearest(small_arm, field: str, name: str, nearest: str):
     """Of the kind that the field is of, or of objects."""
     with pytest.raises(UnknownNameError, match=f"'{name}'. Did you mean '{nearest}'"):
-        field_rows(small_scene.scene, field, name, "test")
+        field_rows(small_arm, {}, field, name, "test")
 
 
 @pytest.mark.parametrize("field", ["body_pos", "geom_size", "body_subtreemass", "body_mas", "jnt_range", "ngeom"])
-def test_other_fields_are_refused(small_scene, field: str):
+def test_other_fields_are_refused(small_arm, field: str):
     """Places, shapes, what follows from other fields, and what is no field."""
     with pytest.raises(UnknownNameError, match=f"test: unknown model field '{field}'"):
-        check_field(field, small_scene.mjm, "test")
+        check_field(field, small_arm, "test")
 
 
 @pytest.mark.parametrize("field", ["tendon_damping", "wind", "actuator_armature"])
-def test_fields_that_steps_leave_out_are_refused(small_scene, field: str):
+def test_fields_that_steps_leave_out_are_refused(small_arm, field: str):
     """As steps would not read what is written to them."""
-    if not hasattr(small_scene.mjm, field) and not hasattr(small_scene.mjm.opt, field):
+    if not hasattr(small_arm, field) and not hasattr(small_arm.opt, field):
         pytest.skip("not in this version")
     with pytest.raises(NotSupportedError, match="0 in the whole model"):
-        check_field(field, small_scene.mjm, "test")
+        check_field(field, small_arm, "test")
 
 
-def test_a_simple_body_keeps_its_centre_of_mass(small_scene):
+def test_a_simple_body_keeps_its_centre_of_mass(small_arm):
     """Its mass matrix is diagonal, and would stay so."""
     with pytest.raises(NotSupportedError, match='simple="false"'):
-        field_rows(small_scene.scene, "body_ipos", "block", "test")
-    assert field_rows(small_scene.scene, "body_ipos", "arm/fore", "test") == small_scene.mjm.body("arm/fore").id
+        field_rows(small_arm, {}, "body_ipos", "block", "test")
+    assert field_rows(small_arm, {}, "body_ipos", "arm/fore", "test") == small_arm.body("arm/fore").id
 
 
 def test_elements_that_do_not_follow_each_other_are_refused():
@@ -100,7 +108,6 @@ def test_elements_that_do_not_follow_each_other_are_refused():
   </worldbody>
   <actuator><motor joint="a"/><motor joint="b"/><motor joint="a"/></actuator>
 </mujoco>""")
-    scene = types.SimpleNamespace(mjm=mjm, bodies={"a": 1, "b": 2})
-    assert field_rows(scene, "actuator_gainprm", "b", "test") == slice(1, 2)  # type: ignore[arg-type]
+    assert field_rows(mjm, {"a": 1, "b": 2}, "actuator_gainprm", "b", "test") == slice(1, 2)
     with pytest.raises(NotSupportedError, match="do not follow each other"):
-        field_rows(scene, "actuator_gainprm", "a", "test")  # type: ignore[arg-type]
+        field_rows(mjm, {"a": 1, "b": 2}, "actuator_gainprm", "a", "test")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import fnmatch
+from collections.abc import Iterator, Mapping
 
 import mujoco
 import numpy as np
 
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
-from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
-from sceniris_gym.sim.rest import JOINT_TRANSMISSIONS
 
 _FIELDS = {
     "body": "mass inertia ipos iquat gravcomp",
@@ -39,7 +38,13 @@ LEFT_OUT_AT_ZERO = (
 _SELDOM_FULL = ("body_ipos", "body_iquat")
 """Fields that shape the mass matrix of a body which MuJoCo took for a simple one."""
 
+_ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "eq": "equality"}
+
+
+def fields_of(mjm: mujoco.MjModel) -> list[str]:
+    """Return the fields that a model has, without those of its options."""
+    return [name for name in FIELDS if name not in OPTIONS and hasattr(mjm, name)]
 
 
 def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
@@ -58,11 +63,18 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
         )
 
 
-def field_rows(scene: SceneModel, field: str, name: str, where: str) -> int | slice:
+def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name: str, where: str) -> int | slice:
     """Return the rows of a field that belong to a name: one by its number, several that follow each other as a slice.
 
     An object or a robot has the row of its root body in fields of bodies; of geoms, joints and actuators, it has all
     that are inside of it.
+
+    Args:
+        mjm: The model.
+        bodies: Root bodies of objects and robots by their names.
+        field: The field.
+        name: The element, object or robot.
+        where: Begins errors.
 
     Raises:
         UnknownNameError: Nothing of that name has rows in this field.
@@ -70,21 +82,21 @@ def field_rows(scene: SceneModel, field: str, name: str, where: str) -> int | sl
     """
     if field in OPTIONS:
         raise UnknownNameError("part of a field of the whole scene", name, f"{where} of '{field}'", ())
-    mjm, prefix = scene.mjm, field.partition("_")[0]
+    prefix = field.partition("_")[0]
     kind = _KINDS.get(prefix, prefix)
     names = [element for element, _ in _elements(mjm, kind)]
-    ids = [i for element, i in _elements(mjm, kind) if element == name] if name not in scene.bodies else []
+    ids = [i for element, i in _elements(mjm, kind) if element == name] if name not in bodies else []
     alone = bool(ids)
     if not ids:
-        body = scene.bodies[name] if name in scene.bodies else mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+        body = bodies[name] if name in bodies else mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
         if body >= 0:
             ids, alone = _inside(mjm, kind, body)
     if prefix == "dof":
         ids = [d for d, joint in enumerate(mjm.dof_jntid) if joint in ids]
         alone = alone and len(ids) == 1
     if not ids:
-        bodies = (mjm.body(i).name for i in range(1, mjm.nbody))
-        raise UnknownNameError(kind, name, f"{where} of '{field}'", filter(None, {*names, *scene.bodies, *bodies}))
+        known = {*names, *bodies, *(mjm.body(i).name for i in range(1, mjm.nbody))}
+        raise UnknownNameError(kind, name, f"{where} of '{field}'", filter(None, known))
     if np.any(np.diff(ids) != 1):
         raise NotSupportedError(
             f"{where} of '{field}': the {kind}s of '{name}' do not follow each other in the model. It should name one "
@@ -99,10 +111,25 @@ def field_rows(scene: SceneModel, field: str, name: str, where: str) -> int | sl
 
 
 def _elements(mjm: mujoco.MjModel, kind: str) -> Iterator[tuple[str, int]]:
-    count = {"camera": mjm.ncam, "material": mjm.nmat, "equality": mjm.neq, "joint": mjm.njnt}.get(kind)
+    counts = {"camera": mjm.ncam, "material": mjm.nmat, "texture": mjm.ntex, "equality": mjm.neq, "joint": mjm.njnt}
+    count = counts.get(kind)
     if count is None:
         count = len(mjm.actuator_trntype) if kind == "actuator" else getattr(mjm, f"n{kind}")
     return ((getattr(mjm, kind)(i).name, i) for i in range(count))
+
+
+def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
+    """Return the rows of a field that belong to a body or to what is below it: all of its bodies, geoms or joints."""
+    prefix = field.partition("_")[0]
+    if prefix == "body":
+        return subtree(mjm, body)
+    inside, _ = _inside(mjm, _KINDS.get(prefix, prefix), body)
+    return np.flatnonzero(np.isin(mjm.dof_jntid, inside)).tolist() if prefix == "dof" else inside
+
+
+def rows_named(mjm: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
+    """Return the numbers of the lights, cameras or materials whose names a pattern matches."""
+    return [i for name, i in _elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
 
 
 def _inside(mjm: mujoco.MjModel, kind: str, body: int) -> tuple[list[int], bool]:
@@ -124,6 +151,6 @@ def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
         first = mjm.tendon_adr[target]
         target, on_joint = mjm.wrap_objid[first], mjm.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
         return int((mjm.jnt_bodyid if on_joint else mjm.site_bodyid)[target])
-    if kind in JOINT_TRANSMISSIONS:
+    if int(kind) in _ON_JOINTS:
         return int(mjm.jnt_bodyid[target])
     return int(mjm.site_bodyid[target]) if kind == mujoco.mjtTrn.mjTRN_SITE else -1
