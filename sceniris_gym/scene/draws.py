@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import NoReturn
 
 import mujoco
 import numpy as np
@@ -84,7 +85,7 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
     Raises:
         UnknownNameError: A light, camera, material or texture that the model does not have.
         SceneKeyError: Nothing to draw, values out of range, or as many numbers as no value has.
-        NotSupportedError: A field that steps leave out, or that the installed MuJoCo does not have.
+        ArgumentError: A field that steps leave out, or that the installed MuJoCo does not have.
     """
     return tuple(_resolved(mjm, *each) for each in _written(config, mjm, bodies))
 
@@ -124,28 +125,28 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
         word = replace(word, most=float(longest))
     choice = _choice(mjm, word, config, where)
     given = choice.shape[1] if config.choice is not None else len(config.ends[0])
-    if given not in (1, word.width) and not (word.shared == 3 and given == 3):
-        raise SceneKeyError(f"{where}.{config.form}: should have 1 or {word.width} numbers, got {given}.")
+    if given not in {1, word.width, word.shared or 1}:
+        _refuse(f"{where}.{config.form}", f"it should have 1 or {word.width} numbers, got {given}.")
     count = given if given > 1 else (word.shared or word.width)
-    components = word.first + np.arange(3 if word.field == "cam_quat" else count)
     found = np.array([row for row in rows if _is_changed(word, config, values[row])], int)
     if not len(found):
-        advice = (
-            "has no geom, joint or actuator that it could be drawn for" if not rows else "is 0 and cannot be scaled"
+        _refuse(
+            where, "it is 0 in the model. Give it by 'abs'." if rows else "nothing in the model has it. Leave it out."
         )
-        raise SceneKeyError(f"{where}: {advice}. Leave it out" + (", or give 'abs'." if rows else "."))
-    alone = config.choice is not None or given == 1
-    one = np.zeros(len(components), int) if alone and word.field != "cam_quat" else np.arange(len(components))
-    step = (one.max() + 1) if config.each else 0
-    numbers = one + step * np.arange(len(found))[:, None]
-    draw = FieldDraw(name, word, config, found, components, numbers, choice)
+    one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
+    numbers = np.broadcast_to(one, (len(found), count))
+    if config.each:
+        numbers = numbers + len(one) * np.arange(len(found))[:, None]
+    draw = FieldDraw(name, word, config, found, word.first + np.arange(count), numbers, choice)
     _check_range(draw, values, where)
-    if word.field == "body_ipos" and np.any(mjm.body_simple[found]):
-        simple = mjm.body(int(found[np.flatnonzero(mjm.body_simple[found])[0]])).name
-        raise SceneKeyError(
-            f"{where}: '{simple}' should have simple=\"false\" in its model, so that M has room for it."
-        )
+    simple = [mjm.body(int(row)).name for row in found if word.field == "body_ipos" and mjm.body_simple[row]]
+    if simple:
+        _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, so that M has room.")
     return draw
+
+
+def _refuse(where: str, advice: str) -> NoReturn:
+    raise SceneKeyError(f"{where}: cannot be drawn like this: {advice}")
 
 
 def _is_changed(word: Word, config: DrawConfig, values: np.ndarray) -> bool:
@@ -157,36 +158,27 @@ def _is_changed(word: Word, config: DrawConfig, values: np.ndarray) -> bool:
 
 def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> np.ndarray:
     """Return the values of a choice, textures by their numbers."""
+    textures = {mjm.texture(i).name: i for i in range(mjm.ntex)} if word.field == "mat_texid" else {}
     rows: list[tuple[float, ...]] = []
     for value in config.choice or ():
-        if isinstance(value, str):
-            if word.field != "mat_texid":
-                raise SceneKeyError(f"{where}.choice: '{value}' should be a number, or a list of numbers.")
-            texture = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_TEXTURE, value)
-            if texture < 0:
-                names = [mjm.texture(i).name for i in range(mjm.ntex)]
-                raise UnknownNameError("texture", value, f"{where}.choice", filter(None, names))
-            rows.append((texture,))
-        else:
-            rows.append((float(value),) if isinstance(value, bool) else value)
+        if isinstance(value, str) and value not in textures:
+            raise UnknownNameError("texture", value, f"{where}.choice", filter(None, textures))
+        single = textures[value] if isinstance(value, str) else value
+        rows.append(single if isinstance(single, tuple) else (float(single),))
     if len({len(row) for row in rows}) > 1:
-        raise SceneKeyError(f"{where}.choice: all values should have as many numbers.")
+        _refuse(f"{where}.choice", "all values should have as many numbers.")
     return np.array(rows, float).reshape(len(rows), len(rows[0]) if rows else 0)
 
 
 def _check_range(draw: FieldDraw, values: np.ndarray, where: str) -> None:
     """Refuse values beyond the bounds of the word; a single number is for all components."""
     word, config = draw.word, draw.config
-    ends = np.array(list(draw.choice) if config.choice is not None else config.extremes)
+    ends = draw.choice if config.choice is not None else np.array(config.extremes)
     now = values[draw.rows][:, draw.components % values.shape[1]]
     if config.scale is not None:
-        now = np.stack([now * end for end in ends])
+        ends = np.stack([now * end for end in ends])
     elif config.add is not None and not draw.is_turn:
-        now = np.stack([now + end for end in ends])
-    else:
-        now = ends
-    if now.min() < word.least or now.max() > word.most:
-        raise SceneKeyError(
-            f"{where}.{config.form}: values from {now.min():g} to {now.max():g} should be "
-            f"from {word.least:g} to {word.most:g}."
-        )
+        ends = np.stack([now + end for end in ends])
+    if ends.min() < word.least or ends.max() > word.most:
+        found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
+        _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")

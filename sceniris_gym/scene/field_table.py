@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.scene.support import subtree
 
 _FIELDS = {
@@ -52,12 +52,12 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
 
     Raises:
         UnknownNameError: There is no such field, or layouts depend on it.
-        NotSupportedError: Steps of this model leave the field out.
+        ArgumentError: Steps of this model leave the field out.
     """
     if name not in FIELDS or not hasattr(mjm.opt if name in OPTIONS else mjm, name):
         raise UnknownNameError("model field", name, where, FIELDS)
     if name in LEFT_OUT_AT_ZERO and not np.any(getattr(mjm.opt if name in OPTIONS else mjm, name)):
-        raise NotSupportedError(
+        raise ArgumentError(
             f"{where}: '{name}' is 0 in the whole model, so steps leave it out. It should have a value other than 0 in "
             "the model, however small."
         )
@@ -78,7 +78,7 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
 
     Raises:
         UnknownNameError: Nothing of that name has rows in this field.
-        NotSupportedError: The rows do not follow each other.
+        ArgumentError: The rows do not follow each other.
     """
     if field in OPTIONS:
         raise UnknownNameError("part of a field of the whole scene", name, f"{where} of '{field}'", ())
@@ -98,12 +98,12 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
         known = {*names, *bodies, *(mjm.body(i).name for i in range(1, mjm.nbody))}
         raise UnknownNameError(kind, name, f"{where} of '{field}'", filter(None, known))
     if np.any(np.diff(ids) != 1):
-        raise NotSupportedError(
+        raise ArgumentError(
             f"{where} of '{field}': the {kind}s of '{name}' do not follow each other in the model. It should name one "
             "of them, or take the field of all."
         )
     if field in _SELDOM_FULL and np.any(mjm.body_simple[ids]):
-        raise NotSupportedError(
+        raise ArgumentError(
             f"{where} of '{field}': '{name}' is a simple body, whose mass matrix has no room for another centre of "
             'mass. It should have simple="false" in its file, which MuJoCo 4 knows.'
         )

@@ -26,6 +26,13 @@ LEAST = 1.0e-15
 """The smallest value that MuJoCo divides by (mjMINVAL)."""
 
 
+@wp.func
+def _extent(tables: InertiaTables, block: int) -> wp.vec3i:
+    """Return the first degree of freedom of a block, their number, and the first element of its matrix."""
+    first = tables.blockadr[block]
+    return wp.vec3i(first, tables.blockadr[block + 1] - first, tables.matrixadr[block])
+
+
 @wp.kernel
 def _mass_matrix(
     # In:
@@ -74,10 +81,8 @@ def _mass_matrix(
             gear = actuator_gear[worldid % actuator_gear.shape[0], source[1]][0]
             value = actuator_armature[worldid % actuator_armature.shape[0], source[1]] * gear * gear
         total += tables.armature_factor[k] * value
-    block = tables.dof_block[i]
-    first = tables.blockadr[block]
-    width = tables.blockadr[block + 1] - first
-    matrix_out[worldid, tables.matrixadr[block] + (i - first) * width + j - first] = total
+    block = _extent(tables, tables.dof_block[i])
+    matrix_out[worldid, block[2] + (i - block[0]) * block[1] + j - block[0]] = total
 
 
 @wp.kernel
@@ -88,11 +93,12 @@ def _factor(
     # In and out:
     matrix: wp.array2d[float],
 ):
-    worldid, block = wp.tid()
+    worldid, blockid = wp.tid()
     if not mask[worldid]:
         return
-    width = tables.blockadr[block + 1] - tables.blockadr[block]
-    base = tables.matrixadr[block]
+    block = _extent(tables, blockid)
+    width = block[1]
+    base = block[2]
     for i in range(width):
         for j in range(i + 1):
             total = matrix[worldid, base + i * width + j]
@@ -116,11 +122,10 @@ def _invert(
     worldid, place = wp.tid()
     if not mask[worldid]:
         return
-    block = tables.dof_block[place]
-    first = tables.blockadr[block]
-    width = tables.blockadr[block + 1] - first
-    base = tables.matrixadr[block]
-    column = place - first
+    block = _extent(tables, tables.dof_block[place])
+    width = block[1]
+    base = block[2]
+    column = place - block[0]
     # row `column` of the symmetric inverse, by forward and backward substitution in place
     at = base + column * width
     for i in range(width):
@@ -155,10 +160,9 @@ def _body_weights(
     if body_simple[bodyid] == _SLIDES:
         body_invweight0_out[worldid, bodyid] = wp.vec2(1.0 / body_mass[worldid % body_mass.shape[0], bodyid], 0.0)
         return
-    block = tables.body_block[bodyid]
-    first = tables.blockadr[block]
-    width = tables.blockadr[block + 1] - first
-    base = tables.matrixadr[block]
+    block = _extent(tables, tables.body_block[bodyid])
+    first = block[0]
+    width = block[1]
     arm = tables.xmat[bodyid] * body_ipos[worldid % body_ipos.shape[0], bodyid]
     linear = float(0.0)
     angular = float(0.0)
@@ -168,7 +172,7 @@ def _body_weights(
         for j in range(width):
             jacr_j = tables.jacr[bodyid, first + j]
             jacp_j = tables.jacp[bodyid, first + j] + wp.cross(jacr_j, arm)
-            weight = inverse[worldid, base + i * width + j]
+            weight = inverse[worldid, block[2] + i * width + j]
             linear += weight * wp.dot(jacp_i, jacp_j)
             angular += weight * wp.dot(jacr_i, jacr_j)
     body_invweight0_out[worldid, bodyid] = wp.vec2(linear, angular) / 3.0
@@ -198,10 +202,8 @@ def _dof_weights(
         return
     for dofid in range(part[0], part[0] + part[1]):
         place = tables.dof_place[dofid]
-        block = tables.dof_block[place]
-        i = place - tables.blockadr[block]
-        width = tables.blockadr[block + 1] - tables.blockadr[block]
-        total += inverse[worldid, tables.matrixadr[block] + i * width + i]
+        block = _extent(tables, tables.dof_block[place])
+        total += inverse[worldid, block[2] + (place - block[0]) * (block[1] + 1)]
     for dofid in range(part[0], part[0] + part[1]):
         dof_invweight0_out[worldid, dofid] = total / float(part[1])
 
@@ -216,15 +218,15 @@ def _tendon_weights(
     tendon_invweight0_out: wp.array2d[float],
 ):
     worldid, tendonid = wp.tid()
-    block = tables.tendon_block[tendonid]
-    if not mask[worldid] or block < 0:
+    if not mask[worldid] or tables.tendon_block[tendonid] < 0:
         return
-    first = tables.blockadr[block]
-    width = tables.blockadr[block + 1] - first
+    block = _extent(tables, tables.tendon_block[tendonid])
+    first = block[0]
+    width = block[1]
     total = float(0.0)
     for i in range(width):
         for j in range(width):
-            weight = inverse[worldid, tables.matrixadr[block] + i * width + j]
+            weight = inverse[worldid, block[2] + i * width + j]
             total += weight * tables.tendon_jac[tendonid, first + i] * tables.tendon_jac[tendonid, first + j]
     tendon_invweight0_out[worldid, tendonid] = total
 
@@ -241,11 +243,11 @@ def _actuator_accelerations(
     actuator_acc0_out: wp.array2d[float],
 ):
     worldid, actuatorid = wp.tid()
-    block = tables.actuator_block[actuatorid]
-    if not mask[worldid] or block < 0:
+    if not mask[worldid] or tables.actuator_block[actuatorid] < 0:
         return
-    first = tables.blockadr[block]
-    width = tables.blockadr[block + 1] - first
+    block = _extent(tables, tables.actuator_block[actuatorid])
+    first = block[0]
+    width = block[1]
     gear = actuator_gear[worldid % actuator_gear.shape[0], actuatorid]
     total = float(0.0)
     for i in range(width):
@@ -254,7 +256,7 @@ def _actuator_accelerations(
             moment = float(0.0)
             for k in range(6):
                 moment += gear[k] * tables.actuator_jac[actuatorid, k, first + j]
-            acceleration += inverse[worldid, tables.matrixadr[block] + i * width + j] * moment
+            acceleration += inverse[worldid, block[2] + i * width + j] * moment
         total += acceleration * acceleration
     actuator_acc0_out[worldid, actuatorid] = wp.sqrt(total)
 

@@ -6,7 +6,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import FixedError, NotSupportedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
@@ -51,13 +51,13 @@ class ModelFields:
 
         Raises:
             UnknownNameError: No such field, or nothing of that name.
-            NotSupportedError: Steps leave the field out; or it is asked for too late.
+            ArgumentError: Steps leave the field out; or it is asked for too late.
             SceneMismatchError: The Model has one row for all worlds.
         """
         check_field(name, self._scene.mjm, where)
         rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         if name not in self._nominal and self._closed:
-            raise NotSupportedError(
+            raise ArgumentError(
                 f"{where}: '{name}' is asked for too late, as captured steps have it once for all worlds. Ask for it "
                 "in Task.bind, or before the first reset."
             )
@@ -166,7 +166,7 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
 
     Raises:
         UnknownNameError: No such field, or layouts depend on it.
-        NotSupportedError: Steps leave the field out.
+        ArgumentError: Steps leave the field out.
     """
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.mjm)

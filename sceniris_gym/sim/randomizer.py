@@ -221,7 +221,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             UnknownNameError: There is no such field or element, or layouts depend on it.
-            NotSupportedError: It is asked for after the first reset, or the model has none of what it scales.
+            ArgumentError: It is asked for after the first reset, or the model has none of what it scales.
             SceneMismatchError: The Model has one row for all worlds.
         """
         return self.fields.ask(name, of, where="ResetRandomizer.model_field")
@@ -248,10 +248,6 @@ class ResetRandomizer(Fixed, StaysHere):
             FixedError: An array of a field was replaced instead of written to.
         """
         self.fields.check()
-        self.launch_refresh()
-
-    def launch_refresh(self) -> None:
-        """Do what `refresh` does, without its check."""
         self._refresh()
 
     def reseed(

@@ -18,13 +18,12 @@ from sceniris_gym.program.reach import ReachTarget
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.named_random import draw_named
+from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import actuator_controls, sleeps
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import base_frame
 from sceniris_gym.vector.joint_writer import JointWriter
 from sceniris_gym.vector.pose_writer import PoseWriter
-from sceniris_gym.vector.task_random import draw_uniform, task_stream
 
 Joints = str | tuple[int, ...]
 """An object, a robot or one joint by its name, or joints by their numbers in the model."""
@@ -292,7 +291,7 @@ class State:
 
         Raises:
             UnknownNameError: There is no such field or element, or layouts depend on it.
-            NotSupportedError: The field is asked for after `bind`, or the model has none of what it scales.
+            ArgumentError: The field is asked for after `bind`, or the model has none of what it scales.
         """
         return self._once(
             lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of

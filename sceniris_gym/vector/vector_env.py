@@ -98,7 +98,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
-        sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
+        sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
+            attributes, or None.
         output: "torch" (tensors on `device`) or "numpy".
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
         render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
@@ -210,12 +211,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.batch.update()
             observation = self._task_observation()
             check_observation(self.task, observation, self.num_envs)
-            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation)
+            action_size = self.task.action_size or self.compiled.mjm.nu
+            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation, action_size)
             observation = spaces.chosen(observation, self._groups)
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
-        self.single_action_space = spaces.action_space(self.task.action_size or self.compiled.mjm.nu)
+        self.single_action_space = spaces.action_space(action_size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         return flat
@@ -347,7 +349,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.batch.fields.check()
         with self._on_torch_stream():
             action = as_action(actions, self.action_space, self.device)
-            self.task.apply(self.state, action)
+            delayed = action if self._sensors is None else self._sensors.delayed_action(self.state, action)
+            self.task.apply(self.state, delayed)
             self.batch.step()
             self.state.elapsed.add_(1)
             outcome = self._outcome(action)
@@ -411,7 +414,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.statistics.start(mask)
         self.task.on_reset(self.state, mask)
         if self.batch.fields.asked:
-            self.randomizer.launch_refresh()
+            self.randomizer.refresh()
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
         """Return the flat observation, in new tensors or in one of the two buffers."""

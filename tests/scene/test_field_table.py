@@ -9,7 +9,7 @@ import mujoco
 import mujoco_warp as mjw
 import pytest
 
-from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from tests.versions import since_4
 
@@ -88,13 +88,13 @@ def test_fields_that_steps_leave_out_are_refused(small_arm, field: str):
     """As steps would not read what is written to them."""
     if not hasattr(small_arm, field) and not hasattr(small_arm.opt, field):
         pytest.skip("not in this version")
-    with pytest.raises(NotSupportedError, match="0 in the whole model"):
+    with pytest.raises(ArgumentError, match="0 in the whole model"):
         check_field(field, small_arm, "test")
 
 
 def test_a_simple_body_keeps_its_centre_of_mass(small_arm):
     """Its mass matrix is diagonal, and would stay so."""
-    with pytest.raises(NotSupportedError, match='simple="false"'):
+    with pytest.raises(ArgumentError, match='simple="false"'):
         field_rows(small_arm, {}, "body_ipos", "block", "test")
     assert field_rows(small_arm, {}, "body_ipos", "arm/fore", "test") == small_arm.body("arm/fore").id
 
@@ -109,5 +109,5 @@ def test_elements_that_do_not_follow_each_other_are_refused():
   <actuator><motor joint="a"/><motor joint="b"/><motor joint="a"/></actuator>
 </mujoco>""")
     assert field_rows(mjm, {"a": 1, "b": 2}, "actuator_gainprm", "b", "test") == slice(1, 2)
-    with pytest.raises(NotSupportedError, match="do not follow each other"):
+    with pytest.raises(ArgumentError, match="do not follow each other"):
         field_rows(mjm, {"a": 1, "b": 2}, "actuator_gainprm", "a", "test")

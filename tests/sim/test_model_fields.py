@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import FixedError, NotSupportedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.sim.derived import FOLLOWERS
 from sceniris_gym.sim.model_fields import put_model
@@ -129,7 +129,7 @@ def test_late_requests_and_replaced_arrays_are_errors(make, small_scene):
     randomizer.model_field("body_mass", "block")
     randomizer.reset()
     assert randomizer.model_field("body_mass").shape == (NWORLD, small_scene.mjm.nbody)
-    with pytest.raises(NotSupportedError, match="asked for too late"):
+    with pytest.raises(ArgumentError, match="asked for too late"):
         randomizer.model_field("geom_friction")
     randomizer.model.body_mass = wp.clone(randomizer.model.body_mass)
     for call in (randomizer.reset, randomizer.refresh):

@@ -14,7 +14,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import FixedError, NotSupportedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
@@ -123,7 +123,7 @@ def test_what_has_no_effect_is_an_error(make):
     envs = make(2)
     envs.reset(seed=0)
     assert envs.state.model_field("body_mass").shape == (2, envs.compiled.mjm.nbody)
-    with pytest.raises(NotSupportedError, match=r"State.model_field: 'body_inertia' is asked for too late.*Task.bind"):
+    with pytest.raises(ArgumentError, match=r"State.model_field: 'body_inertia' is asked for too late.*Task.bind"):
         envs.state.model_field("body_inertia")
     with pytest.raises(UnknownNameError, match="unknown model field 'body_pos'"):
         envs.state.model_field("body_pos")
