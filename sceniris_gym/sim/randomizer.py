@@ -28,6 +28,8 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
@@ -85,6 +87,8 @@ class ResetRandomizer(Fixed, StaysHere):
             `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
             the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
         layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
+        levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
+            from episode to episode of one seed.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
@@ -108,7 +112,7 @@ class ResetRandomizer(Fixed, StaysHere):
     """
 
     FIXED = ("compiled", "model", "data", "device", "layout_source", "fields")
-    ARGUMENTS = ("layouts", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    ARGUMENTS = ("layouts", "levels", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -122,6 +126,7 @@ class ResetRandomizer(Fixed, StaysHere):
         split: str = "train",
         prefetch: bool | wp.Stream | None = None,
         layout_source: LayoutSource | None = None,
+        levels: Levels | None = None,
         # what a reset writes:
         write: Literal["all", "placed"] = "all",
         origins: Any = None,
@@ -145,6 +150,9 @@ class ResetRandomizer(Fixed, StaysHere):
                 "layout_source, which may be a PreparedLayouts."
             )
         check_type(layout_source, LayoutSource, "ResetRandomizer: layout_source")
+        if levels is not None:
+            check_type(levels, Levels, "ResetRandomizer: levels")
+            layout_source = LevelSampler(layout_source, levels, split)
         self.layout_source: LayoutSource = layout_source
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
@@ -163,6 +171,11 @@ class ResetRandomizer(Fixed, StaysHere):
     def layouts(self) -> Layouts:
         """The latest layouts, one row per world."""
         return self.layout_source.layouts
+
+    @property
+    def levels(self) -> LevelSampler | None:
+        """The sampler of levels, if the worlds play levels."""
+        return self.layout_source if isinstance(self.layout_source, LevelSampler) else None
 
     @launching
     def reset(self, mask: Any = None, *, env_ids: Any = None, seeds: Any = None, episodes: Any = None) -> None:

@@ -26,6 +26,7 @@ class EpisodeStatistics:
     Attributes:
         names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), "broken"
             (ended since its state was no longer finite), and the reward terms, which are known after the first step.
+        finished: Worlds whose episode finished in the last step, shape (num_envs,), bool.
     """
 
     def __init__(self, num_envs: int, device: torch.device) -> None:
@@ -35,6 +36,7 @@ class EpisodeStatistics:
         self._running = self._finished = self._counts[:0]
         self._latest = (torch.zeros_like(self._counts), self._finished)
         self._ended = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        self.finished = self._ended
 
     def start(self, mask: Tensor) -> None:
         """Begin new episodes in the worlds of `mask`, shape (num_envs,), bool."""
@@ -63,7 +65,7 @@ class EpisodeStatistics:
         if self.names == COUNTS:
             self._make_room(terms)
         self._running.add_(gained)
-        counted = done & ~self._ended
+        self.finished = counted = done & ~self._ended
         self._latest = (
             torch.stack([counted, counted * elapsed, counted & success, counted & broken]),
             torch.where(counted, self._running, 0.0),

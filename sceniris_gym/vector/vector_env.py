@@ -24,6 +24,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -95,6 +96,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetRandomizer. Not with a layout_source.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
+        levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
+            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
@@ -122,7 +125,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """
 
     FIXED = ("compiled", "batch", "randomizer", "state", "statistics", "num_envs", "device", "split", "rank")
-    ARGUMENTS = ("scene", "overrides", "layout_source", "prefetch", "graph", "nconmax", "njmax")
+    ARGUMENTS = ("scene", "overrides", "layout_source", "levels", "prefetch", "graph", "nconmax", "njmax")
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
@@ -139,6 +142,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         split: str = "train",
         prefetch: bool | None = None,
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
+        levels: Levels | None = None,
         # episodes:
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
@@ -184,6 +188,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.batch.model,
             self.batch.data,
             layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
+            levels=levels,
             split=split,
             prefetch=prefetch,
             needs=self.task.needs,
@@ -397,6 +402,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         reward, terms = gained.sum(dim=0), dict(zip(terms, gained, strict=True))
         done = terminated | truncated
         self.statistics.add(tuple(terms), gained, success, broken, done, s.elapsed)
+        self._tell_levels(success)
         info: dict[str, Any] = {"success": success, "broken": broken, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             final = {**info, "reward_terms": dict(terms), **self._layout_info()}
@@ -406,6 +412,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         info |= self._layout_info()
         returned = (self._observe(0), reward, terminated, truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
+
+    def _tell_levels(self, success: Tensor) -> None:
+        """Count the successes of the episodes that finished, if the worlds play levels by that."""
+        sampler, layouts = self.randomizer.levels, self.randomizer.layouts
+        if sampler is not None and sampler.levels.score != "given":
+            outcome, finished = wp.from_torch(success.float()), wp.from_torch(self.statistics.finished)
+            sampler.launch_update(sampler.level, layouts.seed, layouts.episode, outcome, finished)
 
     def _reset_worlds(self, mask: Tensor) -> None:
         """Reset the worlds of a mask on the device, to which the task may write."""
@@ -432,12 +445,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return {**observation, "critic": {**observation["critic"], PARAMETERS: parameters}}
 
     def _layout_info(self) -> dict[str, Tensor]:
-        s = self.state
-        return {
+        s, sampler = self.state, self.randomizer.levels
+        info = {
             "layout_seed": s.seed.clone(),
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
 
     def _returned(self, value: Any) -> Any:
         """Return tensors, and dicts of them, as the `output` of the environment."""
