@@ -17,6 +17,7 @@ from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig, with_chains, without_chains
@@ -74,6 +75,7 @@ class SceneConfig(Section):
     bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
     model: Model = None
     home: str | None = None
+    randomize: SceneDraws | None = None
     _where: str = PrivateAttr("SceneConfig")
 
     @classmethod
@@ -148,6 +150,12 @@ class SceneConfig(Section):
         """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'."""
         robot = self.all_robots.get(name)
         return f"objects.{name}" if robot is None else robot.section
+
+    @property
+    def is_randomized(self) -> bool:
+        """True if physics or looks are drawn, and not only poses."""
+        parts = (*self.objects.values(), *self.all_robots.values())
+        return self.randomize is not None or any(part.randomize for part in parts)
 
     @property
     def has_model_in_memory(self) -> bool:

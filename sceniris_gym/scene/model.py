@@ -29,6 +29,7 @@ from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
+from sceniris_gym.scene.draws import FieldDraw, field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
@@ -58,6 +59,7 @@ class SceneModel:
             would follow, where that one is not drawn and the coupling is a straight line.
         apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
         former_hash: Its hash in version 0.1.0, None where that is the same.
+        draws: The physics and looks that resets draw.
     """
 
     config: SceneConfig
@@ -72,6 +74,7 @@ class SceneModel:
     couplings: tuple[Coupling, ...] = ()
     apart: Mapping[str, SceneModel] = field(default_factory=dict)
     former_hash: str | None = None
+    draws: tuple[FieldDraw, ...] = ()
 
     def mismatch(self, found: str, cure: str) -> str:
         """Return the words of an error for something of another scene, or of this one before its layouts changed.
@@ -272,6 +275,8 @@ def build_model(config: SceneConfig) -> SceneModel:
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
         add_parking_ground(spec, len(config.objects))
+    for name in simple_bodies(config, mjm):
+        spec.body(name).simple = False
     keyframe = config.home or HOME
     if spec.key(keyframe) is None:
         spec.add_key(name=keyframe, qpos=qpos, ctrl=ctrl)
@@ -312,8 +317,8 @@ def _scene(
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
     identity, former = scene_hash(config, mjm, qpos)
     apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
-    keyframe = _keyframe(mjm, config)
-    scene = SceneModel(config, spec, mjm, bodies, keyframe, qpos, ctrl, identity, tcps, couplings, apart, former)
+    key, draws = _keyframe(mjm, config), field_draws(config, mjm, bodies)
+    scene = SceneModel(config, spec, mjm, bodies, key, qpos, ctrl, identity, tcps, couplings, apart, former, draws)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:

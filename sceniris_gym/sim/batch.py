@@ -15,6 +15,7 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
@@ -136,6 +137,7 @@ class Batch(Fixed):
     Attributes:
         model: mujoco_warp Model.
         data: mujoco_warp Data.
+        fields: Model fields that have a row for each world.
         step: Takes one control step in all worlds: `substeps` physics steps, then an update of what is needed. Without
             the update, xpos would be one substep older than qpos.
         update: Brings what is needed up to date in all worlds.
@@ -145,7 +147,7 @@ class Batch(Fixed):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("scene", "nworld", "device", "model", "data", "stages", "substeps", "step", "update")
+    FIXED = ("scene", "nworld", "device", "model", "data", "fields", "stages", "substeps", "step", "update")
     ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
 
     def __init__(
@@ -177,6 +179,7 @@ class Batch(Fixed):
             silence_iterations(self.model)
             room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
             self.data = mjw.make_data(mjm, nworld, **room)
+        self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.stages = update_stages(needs)
         self.substeps = substeps
         self.update = LaunchSequence(self._launch_update, self.device, graph=graph)
