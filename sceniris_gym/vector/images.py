@@ -1,0 +1,129 @@
+"""`Images`: the observation group `images`, pictures of all worlds by cameras of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+from gymnasium import spaces
+from torch import Tensor
+
+from sceniris_gym.config.messages import short
+from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.layout.counts import as_count
+from sceniris_gym.pictures.camera import CHANNELS, Cameras, Shot
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.vector.arguments import as_size
+
+GROUP = "images"
+"""The observation group."""
+
+Pictures = dict[str, dict[str, Tensor]]
+"""Camera -> kind -> tensor of shape (num_envs, height, width, channels)."""
+
+_WORDS = ("size", "data")
+
+
+def as_shots(images: Any) -> dict[str, Shot]:
+    """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
+
+    Raises:
+        ArgumentError: Not of that form, or a camera without a size or a kind of picture.
+        CountError: A size that is no integer, or out of range.
+        UnknownNameError: A word or a kind that does not exist.
+    """
+    form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
+    if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
+        raise ArgumentError(f"images should be {form}, or None, got {short(images)}.")
+    shots = {}
+    for name, words in images.items():
+        where = f"images[{name!r}]"
+        for word in words:
+            if word not in _WORDS:
+                raise UnknownNameError("word", str(word), where, _WORDS)
+        if "size" not in words:
+            raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
+        data = words.get("data", ("rgb",))
+        kinds = (data,) if isinstance(data, str) else tuple(data)
+        for kind in kinds:
+            if kind not in CHANNELS:
+                raise UnknownNameError("kind of picture", str(kind), f"{where}['data']", CHANNELS)
+        if not kinds:
+            raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
+        shots[str(name)] = Shot(as_size(words["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds)))
+    return shots
+
+
+class Images:
+    """The latest pictures of all worlds. The images of a world depend on its episode alone, not on other worlds.
+
+    Args:
+        batch: The worlds.
+        shots: The pictures to take, by the names of cameras.
+        every: Control steps between two pictures of a world, counted from its reset.
+        graph: Capture the launches into a graph and replay it.
+
+    Attributes:
+        names: Names of the values of segmentation: "" for the surroundings, then objects and robots.
+
+    Raises:
+        UnknownNameError: The scene has no such camera.
+    """
+
+    def __init__(self, batch: Batch, shots: Mapping[str, Shot], every: int, *, graph: bool = True) -> None:
+        scene = batch.scene
+        where = f"scene '{scene.config.name}': images"
+        self._cameras = Cameras(scene, batch.model, batch.data, shots, where=where, shadows=False, graph=graph)
+        self._mask = wp.to_torch(self._cameras.mask)
+        self._every, self.names = every, self._cameras.names
+        self._latest: Pictures = {
+            camera: {kind: wp.to_torch(image) for kind, image in of_camera.items()}
+            for camera, of_camera in self._cameras.images.items()
+        }
+
+    @property
+    def space(self) -> spaces.Dict:
+        """The space of one world's images."""
+        bounds = {"rgb": (0, 255, np.uint8), "depth": (0.0, np.inf, np.float32)}
+        bounds["segmentation"] = (0, len(self.names) - 1, np.int32)
+
+        def box(kind: str, image: Tensor) -> spaces.Box:
+            low, high, dtype = bounds[kind]
+            return spaces.Box(low, high, tuple(image.shape[1:]), dtype)
+
+        return spaces.Dict(
+            {
+                camera: spaces.Dict({kind: box(kind, image) for kind, image in of_camera.items()})
+                for camera, of_camera in self._latest.items()
+            }
+        )
+
+    def due(self, elapsed: Tensor) -> Tensor:
+        """Return the worlds to take pictures of so many control steps after their resets, shape (num_envs,), bool."""
+        return elapsed % self._every == 0
+
+    def take(self, mask: Tensor, copy: bool) -> Pictures:
+        """Take pictures of the masked worlds, and return those of all worlds, or copies of them.
+
+        Args:
+            mask: Which worlds, shape (num_envs,), bool; the pictures of the others stay as they are.
+            copy: Return tensors that are never written to again.
+        """
+        self._mask.copy_(mask)
+        self._cameras.launch()
+        return {
+            camera: {kind: image.clone() if copy else image for kind, image in of_camera.items()}
+            for camera, of_camera in self._latest.items()
+        }
+
+
+def make_images(batch: Batch, images: Any, every: Any, *, graph: bool) -> Images | None:
+    """Return the images of an environment from its arguments `images` and `render_every`; None without images.
+
+    Raises:
+        ArgumentError, CountError, UnknownNameError: See `as_shots` and `Images`.
+    """
+    count = as_count(every, "render_every")
+    return None if images is None else Images(batch, as_shots(images), count, graph=graph)
