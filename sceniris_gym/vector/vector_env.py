@@ -59,8 +59,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     With `images` there is a group `images`, too, with a tensor for each camera and kind of picture, of shape (num_envs,
     height, width, channels): `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1 channel,
-    float32: distance along the camera's axis [m], 0 where nothing is) and `["segmentation"]` (1 channel, int32: an index
-    into `images.names`). They are taken after resets: no picture shows the layout before.
+    float32: distance along the camera's axis [m], 0 where nothing is) and `["segmentation"]` (1 channel, int32: an
+    index into `images.names`). Pictures are taken after resets, so that none shows the layout before.
 
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
     each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it also has `final_obs` and
@@ -99,8 +99,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
         output: "torch" (tensors on `device`) or "numpy".
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
-        images: Pictures to observe, by the names of cameras: {"overview": {"size": (width, height), "data": kinds}}. Kinds
-            are "rgb" (the default), "depth" and "segmentation". None observes no images.
+        images: Pictures to observe, by the names of cameras: {"overview": {"size": (width, height), "data": kinds}},
+            with kinds out of "rgb" (the default), "depth" and "segmentation". None observes no images.
         render_every: Control steps between two pictures of a world, counted from its reset, which always takes one;
             in between, the last picture is observed.
         final_images: Take pictures of the last state of episodes, too, for `final_obs`, which has none otherwise.
