@@ -14,7 +14,7 @@ import warp as wp
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym import CompiledScene, LayoutGenerator, compile_scene
-from sceniris_gym.pictures.camera import Cameras, Shot
+from sceniris_gym.pictures.camera import Cameras, Looks, Shot
 
 PICTURE = Path(__file__).parent / "worlds.jpg"
 SCENES = ("clutter", "kitchen", "mid")
@@ -39,7 +39,7 @@ def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray
         data.mocap_quat.assign(layouts.mocap_quat.numpy())
     mjw.kinematics(model, data)
     width, height = (_DRAWN * edge for edge in SIZE)
-    cameras = Cameras(compiled.scene, model, data, {"overview": Shot((width, height))})
+    cameras = Cameras(compiled.scene, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))
     cameras.launch()
     return cameras.images["overview"]["rgb"].numpy()
 

@@ -14,6 +14,7 @@ import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.pictures.thin_meshes import thin
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import render_context
@@ -29,7 +30,21 @@ CHANNELS: dict[str, tuple[int, type]] = {"rgb": (3, wp.uint8), "depth": (1, wp.f
 """Kinds of pictures, each with its number of channels and the type of a value."""
 
 _TRACKING = (mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM, mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODYCOM)
+_HIDDEN_GROUP = 5
 _AWAY = wp.vec3(1e9, 1e9, 1e9)  # m; from there every ray misses the boxes around a world at once
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Looks of pictures, the same for all that are rendered together.
+
+    Attributes:
+        shadows: Draw shadows.
+        thin: Draw meshes with fewer faces, and faces as flat ones, for small pictures.
+    """
+
+    shadows: bool = False
+    thin: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,13 +73,53 @@ def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -
     return {name: shots[name] for name in cameras if name in shots}
 
 
-def picture_context(mjm: mujoco.MjModel, nworld: int, shots: Mapping[str, Shot], **options: Any) -> Any:
-    """Return mujoco_warp's context for pictures of cameras in the model's order; with shadows by default."""
+def picture_context(mjm: mujoco.MjModel, nworld: int, shots: Mapping[str, Shot], looks: Looks, **options: Any) -> Any:
+    """Return mujoco_warp's context for pictures of cameras in the model's order."""
     flags = {"rgb": "render_rgb", "depth": "render_depth", "segmentation": "render_seg"}
     wanted = {flag: [kind in shot.data for shot in shots.values()] for kind, flag in flags.items()}
     sizes = [shot.size for shot in shots.values()]
-    options = {"use_shadows": True, "enabled_geom_groups": list(VISIBLE_GROUPS), **options}
-    return render_context(mjm, nworld, list(shots), cam_res=sizes, **wanted, **options)
+    given = {"cam_res": sizes, "enabled_geom_groups": list(VISIBLE_GROUPS)}
+    given |= {"use_shadows": looks.shadows, "enable_vertex_normals": not looks.thin}
+    context = render_context(drawn_once(mjm), nworld, list(shots), **given, **wanted, **options)
+    if looks.thin:
+        _use_thin_meshes(context, mjm)
+    return context
+
+
+def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
+    """Exchange meshes for thinner ones, but for those whose faces have texture coordinates."""
+    ids = context.mesh_bvh_id.numpy()
+    for i in np.flatnonzero(mjm.mesh_texcoordadr < 0):
+        vertices = mjm.mesh_vert[mjm.mesh_vertadr[i] :][: mjm.mesh_vertnum[i]]
+        fewer = thin(vertices.astype(float), mjm.mesh_face[mjm.mesh_faceadr[i] :][: mjm.mesh_facenum[i]])
+        if fewer is not None:
+            points, faces = wp.array(fewer[0], dtype=wp.vec3), wp.array(fewer[1].ravel(), dtype=int)
+            mesh = wp.Mesh(points, faces, bvh_constructor="cubql", bvh_leaf_size=2)
+            ids[i] = mesh.id
+            context.mesh_registry[mesh.id] = mesh
+    context.mesh_bvh_id.assign(ids)
+
+
+def drawn_once(mjm: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a model in which no body is drawn twice: a copy with shapes for collisions in a hidden group.
+
+    A geom that collides is hidden if its body also has geoms for looks alone, in another group that is visible. Geoms
+    of the world are all drawn, as a floor is none of the things on it.
+    """
+    visible = np.isin(mjm.geom_group, VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0.0)
+    collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
+    looks = set(zip(mjm.geom_bodyid[visible & ~collides], mjm.geom_group[visible & ~collides], strict=True))
+    bodies = {body for body, _ in looks}
+    hidden = [
+        geom
+        for geom in np.flatnonzero(visible & collides)
+        if (body := int(mjm.geom_bodyid[geom])) in bodies - {0} and (body, mjm.geom_group[geom]) not in looks
+    ]
+    if not hidden:
+        return mjm
+    mjm = copy.copy(mjm)
+    mjm.geom_group[hidden] = _HIDDEN_GROUP
+    return mjm
 
 
 @wp.kernel
@@ -141,9 +196,9 @@ class Cameras:
         model: Its model on the device.
         data: The worlds.
         shots: The pictures to take, by the names of cameras.
+        looks: Their looks.
         nworld: Number of worlds in pictures, from the first one on; None is all.
         where: Beginning of an error message.
-        shadows: Draw shadows.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
@@ -163,10 +218,10 @@ class Cameras:
         model: mjw.Model,
         data: mjw.Data,
         shots: Mapping[str, Shot],
+        looks: Looks,
         *,
         nworld: int | None = None,
         where: str = "render",
-        shadows: bool = True,
         graph: bool = True,
     ) -> None:
         mjm, device = scene.mjm, model.qpos0.device
@@ -179,8 +234,8 @@ class Cameras:
         same = all(len(field) == 1 for field in (model.cam_fovy, model.cam_intrinsic))
         with wp.ScopedDevice(device):
             self._seen = _view(data, self.nworld, self._tracks)
-            options = {"background_color": BACKGROUND, "use_shadows": shadows, "use_precomputed_rays": same}
-            self.context = picture_context(mjm, self.nworld, shots, **options)
+            options = {"background_color": BACKGROUND, "use_precomputed_rays": same}
+            self.context = picture_context(mjm, self.nworld, shots, looks, **options)
             self.mask = wp.full(self.nworld, value=True, dtype=wp.bool)
             self._owner = wp.array(owner, dtype=int)
             self._flat = {

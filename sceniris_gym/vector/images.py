@@ -11,9 +11,9 @@ from gymnasium import spaces
 from torch import Tensor
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.pictures.camera import CHANNELS, Cameras, Shot
+from sceniris_gym.pictures.camera import CHANNELS, Cameras, Looks, Shot
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector.arguments import as_size
 
@@ -23,37 +23,41 @@ GROUP = "images"
 Pictures = dict[str, dict[str, Tensor]]
 """Camera -> kind -> tensor of shape (num_envs, height, width, channels)."""
 
-_WORDS = ("size", "data")
+_WORDS = ("size", "data", "shadows", "thin")
 
 
-def as_shots(images: Any) -> dict[str, Shot]:
+def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
     """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
 
     Raises:
         ArgumentError: Not of that form, or a camera without a size or a kind of picture.
+        ArgumentTypeError: `shadows` or `thin` is no boolean.
         CountError: A size that is no integer, or out of range.
         UnknownNameError: A word or a kind that does not exist.
     """
-    form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
     if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
+        form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
         raise ArgumentError(f"images should be {form}, or None, got {short(images)}.")
-    shots = {}
-    for name, words in images.items():
-        where = f"images[{name!r}]"
-        for word in words:
-            if word not in _WORDS:
-                raise UnknownNameError("word", str(word), where, _WORDS)
-        if "size" not in words:
-            raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
-        data = words.get("data", ("rgb",))
-        kinds = (data,) if isinstance(data, str) else tuple(data)
-        for kind in kinds:
-            if kind not in CHANNELS:
-                raise UnknownNameError("kind of picture", str(kind), f"{where}['data']", CHANNELS)
-        if not kinds:
-            raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
-        shots[str(name)] = Shot(as_size(words["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds)))
-    return shots
+    return {str(name): _as_shot(words, f"images[{name!r}]") for name, words in images.items()}
+
+
+def _as_shot(words: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
+    for word in words:
+        if word not in _WORDS:
+            raise UnknownNameError("word", str(word), where, _WORDS)
+    if "size" not in words:
+        raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
+    data = words.get("data", ("rgb",))
+    kinds = (data,) if isinstance(data, str) else tuple(data)
+    for kind in kinds:
+        if kind not in CHANNELS:
+            raise UnknownNameError("kind of picture", str(kind), f"{where}['data']", CHANNELS)
+    if not kinds:
+        raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
+    flags = {word: words.get(word, False) for word in ("shadows", "thin")}
+    for word, value in flags.items():
+        check_type(value, bool, f"{where}['{word}']")
+    return Shot(as_size(words["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds))), Looks(**flags)
 
 
 class Images:
@@ -72,15 +76,19 @@ class Images:
         UnknownNameError: The scene has no such camera.
     """
 
-    def __init__(self, batch: Batch, shots: Mapping[str, Shot], every: int, *, graph: bool = True) -> None:
-        scene = batch.scene
+    def __init__(
+        self, batch: Batch, shots: Mapping[str, tuple[Shot, Looks]], every: int, *, graph: bool = True
+    ) -> None:
+        scene, worlds = batch.scene, (batch.model, batch.data)
         where = f"scene '{scene.config.name}': images"
-        self._cameras = Cameras(scene, batch.model, batch.data, shots, where=where, shadows=False, graph=graph)
-        self._mask = wp.to_torch(self._cameras.mask)
-        self._every, self.names = every, self._cameras.names
+        self._cameras = []
+        for looks in dict.fromkeys(looks for _, looks in shots.values()):
+            alike = {name: shot for name, (shot, its_looks) in shots.items() if its_looks == looks}
+            self._cameras.append(Cameras(scene, *worlds, alike, looks, where=where, graph=graph))
+        self._every, self.names = every, self._cameras[0].names
+        taken = {name: images for cameras in self._cameras for name, images in cameras.images.items()}
         self._latest: Pictures = {
-            camera: {kind: wp.to_torch(image) for kind, image in of_camera.items()}
-            for camera, of_camera in self._cameras.images.items()
+            name: {kind: wp.to_torch(image) for kind, image in taken[name].items()} for name in shots
         }
 
     @property
@@ -111,8 +119,9 @@ class Images:
             mask: Which worlds, shape (num_envs,), bool; the pictures of the others stay as they are.
             copy: Return tensors that are never written to again.
         """
-        self._mask.copy_(mask)
-        self._cameras.launch()
+        for cameras in self._cameras:
+            wp.to_torch(cameras.mask).copy_(mask)
+            cameras.launch()
         return {
             camera: {kind: image.clone() if copy else image for kind, image in of_camera.items()}
             for camera, of_camera in self._latest.items()

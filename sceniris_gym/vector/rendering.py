@@ -10,12 +10,13 @@ import numpy as np
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.pictures.camera import Cameras, Shot
+from sceniris_gym.pictures.camera import Cameras, Looks, Shot
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector.arguments import as_size
 
 RENDER_MODES = ["rgb_array", "human"]
 """Values of `render_mode` besides None."""
+_LOOKS = Looks(shadows=True)
 
 
 class Rendering:
@@ -46,7 +47,7 @@ class Rendering:
         """Return a picture of each world, (height, width, 3) uint8. Waits for the device."""
         if self._camera is None:
             shots = {self.camera: Shot(self.size)}
-            self._camera = Cameras(batch.scene, batch.model, batch.data, shots, nworld=self.worlds)
+            self._camera = Cameras(batch.scene, batch.model, batch.data, shots, _LOOKS, nworld=self.worlds)
         self._camera.launch()
         return tuple(self._camera.images[self.camera]["rgb"].numpy())
 

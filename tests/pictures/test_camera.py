@@ -6,7 +6,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.pictures.camera import Cameras, Shot
+from sceniris_gym.pictures.camera import Cameras, Looks, Shot, drawn_once
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch
 
@@ -19,7 +19,7 @@ def test_worlds_without_mocap_bodies_have_pictures():
     assert scene.mjm.nmocap == 0
     batch = Batch(scene, 3, "cpu", graph=False)
     batch.update()
-    cameras = Cameras(scene, batch.model, batch.data, {"overview": Shot((32, 24))}, nworld=2)
+    cameras = Cameras(scene, batch.model, batch.data, {"overview": Shot((32, 24))}, Looks(), nworld=2)
     cameras.launch()
     pictures = cameras.images["overview"]["rgb"].numpy()
     assert pictures.shape == (2, 24, 32, 3)
@@ -34,7 +34,7 @@ def test_a_picture_shows_a_world_as_it_is_and_leaves_it_so(small_scene):
     batch.data.qpos.assign(qpos)
     batch.update()
     before = {name: getattr(batch.data, name).numpy().copy() for name in ("qpos", "xpos", "cam_xpos", "time", "nacon")}
-    cameras = Cameras(small_scene.scene, batch.model, batch.data, {"overview": Shot((60, 40))}, nworld=2)
+    cameras = Cameras(small_scene.scene, batch.model, batch.data, {"overview": Shot((60, 40))}, Looks(), nworld=2)
     cameras.launch()
     pictures = cameras.images["overview"]["rgb"].numpy().astype(int)
     red = (pictures[..., 0] > 100) & (pictures[..., 1] < 60) & (pictures[..., 2] < 60)
@@ -52,7 +52,7 @@ def test_a_camera_that_the_scene_does_not_have_is_refused(small_scene):
     """With the names of those that it has."""
     batch = Batch(small_scene.scene, 1, "cpu", graph=False)
     with pytest.raises(UnknownNameError, match=r"unknown camera 'side'.*overview"):
-        Cameras(small_scene.scene, batch.model, batch.data, {"side": Shot((32, 24))})
+        Cameras(small_scene.scene, batch.model, batch.data, {"side": Shot((32, 24))}, Looks())
 
 
 def test_a_camera_follows_a_centre_of_mass():
@@ -64,9 +64,26 @@ def test_a_camera_follows_a_centre_of_mass():
     batch = Batch(scene, 2, "cpu", graph=False)
     batch.data.qpos.assign(np.array([[-0.5, 0, 0, 1, 0, 0, 0], [0.5, 1, 0, 1, 0, 0, 0]], np.float32))
     batch.update()
-    cameras = Cameras(scene, batch.model, batch.data, {"eye": Shot((15, 15), ("depth",))})
+    cameras = Cameras(scene, batch.model, batch.data, {"eye": Shot((15, 15), ("depth",))}, Looks())
     cameras.launch()
     depth = cameras.images["eye"]["depth"].numpy()[..., 0]
     distance = np.linalg.norm([[-0.5, 2, -1], [0.5, 3, -1]], axis=1) - 0.1
     np.testing.assert_allclose(depth[:, 7, 7], distance, atol=1e-3)
     assert (depth[:, 0, 0] == 0.0).all()
+
+
+def test_nothing_is_drawn_twice():
+    """Shapes for collisions are hidden where a body has looks in another group, but not otherwise, nor in the world."""
+    looks = 'contype="0" conaffinity="0" size=".1"'
+    mjm = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody>
+        <geom name="ground" type="plane" size="1 1 1"/><geom name="rug" {looks} group="1"/>
+        <body><geom name="hull" size=".1"/><geom name="skin" {looks} group="1"/></body>
+        <body><geom name="ball" size=".1"/><geom name="dot" {looks}/><geom name="core" size=".1" group="3"/></body>
+        <body><geom name="bare" size=".1"/><geom name="glass" {looks} group="1" rgba="1 1 1 0"/></body>
+        </worldbody></mujoco>"""
+    )
+    drawn = drawn_once(mjm)
+    shown = {mjm.geom(i).name for i in range(mjm.ngeom) if drawn.geom_group[i] in (0, 1, 2)}
+    assert shown == {"ground", "rug", "skin", "ball", "dot", "bare", "glass"}
+    assert mjm.geom("hull").group == 0

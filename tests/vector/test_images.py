@@ -10,7 +10,7 @@ import pytest
 import torch
 from gymnasium.vector import AutoresetMode
 
-from sceniris_gym.errors import ArgumentError, CountError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, CountError, UnknownNameError
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.stepping import actions
 
@@ -167,6 +167,7 @@ def test_returned_images_are_not_written_to_again(make_env):
         ({"overview": {"size": (8, 8), "data": ()}}, {}, ArgumentError, r"at least one of rgb, depth, segm"),
         ({"overview": {"size": (8, 8), "data": "rbg"}}, {}, UnknownNameError, r"'rbg'.*Did you mean 'rgb'"),
         ({"overview": {"sise": (8, 8)}}, {}, UnknownNameError, r"'sise'.*Did you mean 'size'"),
+        ({"overview": {"size": (8, 8), "thin": 1}}, {}, ArgumentTypeError, r"images\['overview'\]\['thin'\] should be"),
         ({"overwiev": {"size": (8, 8)}}, {}, UnknownNameError, r"camera 'overwiev'.*Did you mean 'overview'"),
         (IMAGES, {"render_every": 0}, CountError, r"render_every"),
     ],
