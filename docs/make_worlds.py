@@ -14,7 +14,8 @@ import warp as wp
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym import CompiledScene, LayoutGenerator, compile_scene
-from sceniris_gym.pictures.camera import Cameras, Looks, Shot
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import Looks, Shot
 
 PICTURE = Path(__file__).parent / "worlds.jpg"
 SCENES = ("clutter", "kitchen", "mid")

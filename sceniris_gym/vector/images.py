@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import torch
 import warp as wp
 from gymnasium import spaces
 from torch import Tensor
@@ -13,7 +14,8 @@ from torch import Tensor
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.pictures.camera import CHANNELS, Cameras, Looks, Shot
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector.arguments import as_size
 
@@ -126,6 +128,21 @@ class Images:
             camera: {kind: image.clone() if copy else image for kind, image in of_camera.items()}
             for camera, of_camera in self._latest.items()
         }
+
+
+def picture_names(images: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of the group `images`, or of its space, by names such as 'wrist/rgb'."""
+    return {f"{camera}/{kind}": image for camera, of_camera in images.items() for kind, image in of_camera.items()}
+
+
+def as_channels(pictures: Mapping[str, Tensor]) -> Tensor:
+    """Return the pictures of a camera as one tensor for a convolution, (num_envs, channels, height, width) float32.
+
+    Colours become 0 to 1; distances [m] and numbers of objects stay as they are. Channels follow each other in the
+    order of the pictures.
+    """
+    parts = [image / 255.0 if kind == "rgb" else image.float() for kind, image in pictures.items()]
+    return torch.cat(parts, dim=3).permute(0, 3, 1, 2)
 
 
 def make_images(batch: Batch, images: Any, every: Any, *, graph: bool) -> Images | None:

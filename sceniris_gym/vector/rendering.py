@@ -10,7 +10,8 @@ import numpy as np
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.pictures.camera import Cameras, Looks, Shot
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector.arguments import as_size
 

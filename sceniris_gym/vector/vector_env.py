@@ -197,7 +197,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         )
         self.state = State(self.batch, self.randomizer.layouts, split)
         self.device = self.state.device
-        self.images, self._final_images = make_images(self.batch, images, render_every, graph=graph), final_images
+        self.images, self.final_images = make_images(self.batch, images, render_every, graph=graph), final_images
         self.statistics = EpisodeStatistics(num_envs, self.device)
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
@@ -347,7 +347,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.statistics.add(tuple(terms), gained, success, done, s.elapsed)
         info: dict[str, Any] = {"success": success, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            info["final_obs"] = self._observe(1) | (self._see(done, copy=True) if self._final_images else {})
+            info["final_obs"] = self._observe(1) | (self._see(done, copy=True) if self.final_images else {})
             info["final_info"] = {"success": success, "reward_terms": dict(terms), **self._layout_info()}
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._reset_worlds(done)

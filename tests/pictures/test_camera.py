@@ -6,7 +6,8 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.pictures.camera import Cameras, Looks, Shot, drawn_once
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch
 
@@ -70,20 +71,3 @@ def test_a_camera_follows_a_centre_of_mass():
     distance = np.linalg.norm([[-0.5, 2, -1], [0.5, 3, -1]], axis=1) - 0.1
     np.testing.assert_allclose(depth[:, 7, 7], distance, atol=1e-3)
     assert (depth[:, 0, 0] == 0.0).all()
-
-
-def test_nothing_is_drawn_twice():
-    """Shapes for collisions are hidden where a body has looks in another group, but not otherwise, nor in the world."""
-    looks = 'contype="0" conaffinity="0" size=".1"'
-    mjm = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><worldbody>
-        <geom name="ground" type="plane" size="1 1 1"/><geom name="rug" {looks} group="1"/>
-        <body><geom name="hull" size=".1"/><geom name="skin" {looks} group="1"/></body>
-        <body><geom name="ball" size=".1"/><geom name="dot" {looks}/><geom name="core" size=".1" group="3"/></body>
-        <body><geom name="bare" size=".1"/><geom name="glass" {looks} group="1" rgba="1 1 1 0"/></body>
-        </worldbody></mujoco>"""
-    )
-    drawn = drawn_once(mjm)
-    shown = {mjm.geom(i).name for i in range(mjm.ngeom) if drawn.geom_group[i] in (0, 1, 2)}
-    assert shown == {"ground", "rug", "skin", "ball", "dot", "bare", "glass"}
-    assert mjm.geom("hull").group == 0
