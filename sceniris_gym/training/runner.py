@@ -14,22 +14,27 @@ if TYPE_CHECKING:
     from rsl_rl.runners import OnPolicyRunner
 
 
+_CONVOLUTIONS = {"output_channels": [32, 64, 64], "kernel_size": [8, 4, 3], "stride": [4, 2, 1]}
+
+
 def runner_of(env: RslRlVecEnv, settings: Settings, seed: int) -> OnPolicyRunner:
     """Return rsl-rl's runner, with an untrained policy.
 
     The actor sees the observation group `policy` and the critic the group `critic`; where a task lacks one of them,
-    both see the other.
+    both see the other. The actor also sees all images, by convolutions as in Mnih et al. (2015).
     """
     from rsl_rl.runners import OnPolicyRunner  # below the adapter, which says how to install it
 
     torch.manual_seed(seed)
-    config = _config(settings, seed, list(env.unwrapped.observation_names))
+    images = env.unwrapped.images
+    cameras = [] if images is None else list(images.space)
+    config = _config(settings, seed, list(env.unwrapped.observation_names), cameras)
     with redirect_stdout(None):  # it prints the networks
         return OnPolicyRunner(env, config, log_dir=None, device=str(env.device))
 
 
-def _config(settings: Settings, seed: int, groups: list[str]) -> dict[str, Any]:
-    """Return rsl-rl's configuration for a task with these observation groups."""
+def _config(settings: Settings, seed: int, groups: list[str], cameras: list[str]) -> dict[str, Any]:
+    """Return rsl-rl's configuration for a task with these observation groups and cameras."""
     actor = "policy" if "policy" in groups else groups[0]
     critic = "critic" if "critic" in groups else actor
     model = {
@@ -39,13 +44,14 @@ def _config(settings: Settings, seed: int, groups: list[str]) -> dict[str, Any]:
         "obs_normalization": True,
     }
     noise = {"class_name": "GaussianDistribution", "init_std": settings.init_std, "std_range": (0.02, 2.0)}
+    sight = {"class_name": "CNNModel", "cnn_cfg": _CONVOLUTIONS} if cameras else {}
     return {
         "seed": seed,
         "num_steps_per_env": settings.steps,
         "save_interval": 1_000_000_000,  # we write our own checkpoints
         "check_for_nan": False,  # would wait for the device at every step; non-finite worlds end by themselves
-        "obs_groups": {"actor": [actor], "critic": [critic]},
-        "actor": {**model, "distribution_cfg": noise},
+        "obs_groups": {"actor": [actor, *cameras], "critic": [critic]},
+        "actor": {**model, **sight, "distribution_cfg": noise},
         "critic": dict(model),
         "algorithm": {
             "class_name": "PPO",

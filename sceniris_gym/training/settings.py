@@ -50,6 +50,7 @@ class Settings:
 SETTINGS = {
     "TabletopReach-v0": Settings(),
     "TabletopReachEasy-v0": Settings(),
+    "TabletopReachPixels-v0": Settings(mini_batches=8, entropy=0.001),
     "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
