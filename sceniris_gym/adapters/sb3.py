@@ -83,7 +83,7 @@ class SB3VecEnv(VecEnv):
         self.reset_infos = _rows(self._layouts(info), self.num_envs)
         self._reset_seeds()
         self._reset_options()
-        return self._seen(observation)
+        return self.seen(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for step_wait."""
@@ -100,7 +100,22 @@ class SB3VecEnv(VecEnv):
         worlds = np.flatnonzero(dones)
         if len(worlds):
             self._fill(infos, worlds, flags, info)
-        return self._seen(observation), rewards, dones, infos
+        return self.seen(observation), rewards, dones, infos
+
+    def seen(self, observation: dict[str, Any], rows: Tensor | None = None) -> Any:
+        """Return the agent's part of an observation of the environment, on the host: an array, or a dict of arrays.
+
+        Args:
+            observation: Observation of all worlds, as the environment returns it.
+            rows: Numbers of some worlds, for an observation without NaNs: a world that diverged has them in its last
+                observation, and NaN * 0 would spoil a replay buffer's targets. None is all worlds, as they are.
+        """
+        parts = _parts(observation)
+
+        def part(name: str) -> np.ndarray:
+            return to_host(parts[name] if rows is None else parts[name][rows].nan_to_num(0.0, 0.0, 0.0))
+
+        return part(self.group) if isinstance(self.group, str) else {name: part(name) for name in self.group}
 
     def set_options(self, options: list[dict] | dict | None = None) -> None:
         """Keep options for the next reset, the same for all worlds.
@@ -161,7 +176,7 @@ class SB3VecEnv(VecEnv):
     def _fill(self, infos: list[dict[str, Any]], worlds: np.ndarray, flags: np.ndarray, info: dict[str, Any]) -> None:
         """Write the infos of the worlds that finished, and start their next episodes."""
         rows = torch.as_tensor(worlds, device=self.env.device)
-        last = self._seen(info["final_obs"], rows)
+        last = self.seen(info["final_obs"], rows)
         success = to_host(info["final_info"]["success"][rows])
         layouts = _rows({name: values[rows] for name, values in self._layouts(info).items()}, len(worlds))
         seconds = round(time.time() - self._began, 6)
@@ -174,19 +189,6 @@ class SB3VecEnv(VecEnv):
             }
             self.reset_infos[i] = layouts[k]
         self._returns[worlds], self._lengths[worlds] = 0.0, 0
-
-    def _seen(self, observation: dict[str, Any], rows: Tensor | None = None) -> Any:
-        """Return the agent's part of an observation on the host, of some worlds or of all.
-
-        That of some is without NaNs: a world that diverged has them in its last observation, and NaN * 0 would spoil a
-        replay buffer's targets.
-        """
-        parts = _parts(observation)
-
-        def part(name: str) -> np.ndarray:
-            return to_host(parts[name] if rows is None else parts[name][rows].nan_to_num(0.0, 0.0, 0.0))
-
-        return part(self.group) if isinstance(self.group, str) else {name: part(name) for name in self.group}
 
     def _layouts(self, info: dict[str, Any]) -> dict[str, Tensor]:
         return {name: values for name, values in info.items() if name.startswith("layout_")}
