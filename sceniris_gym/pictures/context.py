@@ -126,13 +126,14 @@ def tile_rays(context: Any, shots: Mapping[str, Shot]) -> list[np.ndarray]:
     Returns:
         The pixel of each ray of each camera, numbered from row to row.
     """
-    rays, first, pixels = (context.ray.numpy(), context.ray_offset.numpy()), 0, []
+    arrays = [getattr(context, name) for name in ("ray", "ray_offset") if hasattr(context, name)]  # 3.11 has one
+    rays, first, pixels = [array.numpy() for array in arrays], 0, []
     for width, height in (shot.size for shot in shots.values()):
         y, x = np.divmod(np.arange(width * height), width)
         pixels.append(np.lexsort((x, y, x // _TILE[0], y // _TILE[1])))
         for values in rays:
             values[first : first + width * height] = values[first + pixels[-1]]
         first += width * height
-    context.ray.assign(rays[0])
-    context.ray_offset.assign(rays[1])
+    for array, values in zip(arrays, rays, strict=True):
+        array.assign(values)
     return pixels
