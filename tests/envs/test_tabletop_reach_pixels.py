@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from pathlib import Path
 
 import gymnasium
 import pytest
-import torch
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
@@ -37,20 +35,3 @@ def test_the_policy_is_told_no_pose_of_a_thing_and_its_pictures_show_them(compil
     assert envs.images is not None
     for thing in ("bottle", "apple", "orange", "can", "block"):
         assert (seen == envs.images.names.index(thing)).flatten(1).any(dim=1).sum() >= 3, thing
-
-
-def test_it_trains(compiled, tmp_path: Path):
-    """An iteration of PPO on the registered pictures, by the runner of `sceniris-gym train`."""
-    pytest.importorskip("rsl_rl")
-    from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
-    from sceniris_gym.training.runner import runner_of
-    from sceniris_gym.training.settings import settings_of
-
-    env = RslRlVecEnv(gymnasium.make_vec(ENV_ID, num_envs=2, scene=compiled), seed=0)
-    assert env.get_observations()["front"].shape == (2, 4, 64, 64)
-    assert env.get_observations()["wrist"].shape == (2, 3, 64, 64)
-    runner = runner_of(env, settings_of("TabletopReachPixels-v0", ("steps=2", "mini_batches=1", "epochs=1")), 0)
-    sight = {name: p for name, p in runner.alg.get_policy().named_parameters() if name.startswith("cnns.")}
-    before = {name: p.clone() for name, p in sight.items()}
-    runner.learn(1)
-    assert {name.split(".")[1] for name, p in sight.items() if not torch.equal(p, before[name])} == {"front", "wrist"}
