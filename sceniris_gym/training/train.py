@@ -146,7 +146,8 @@ class Run:
         for env in self.judges.values():
             env.step(torch.zeros(env.num_envs, env.num_actions, device=env.device))
         runner = runner_of(self.env, self.settings, self.options.seed)
-        runner.alg.teacher_loaded = True  # type: ignore[attr-defined], of imitation, which asks for it: here any teacher will do
+        # imitation asks for a teacher, and here any will do
+        runner.alg.teacher_loaded = True  # type: ignore[attr-defined]
         runner.learn(1, init_at_random_ep_len=True)
 
     def _teach(self) -> None:
