@@ -26,6 +26,7 @@ SHIPPED = {
     "09_formats": "mid",
     "10_usd": "mid",
     "11_replay_failures": "tabletop_reach",
+    "15_pixels": "tabletop_reach",
     "tour": "mid",
 }
 """Examples of scenes of the package."""
@@ -50,6 +51,7 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
     return SHIPPED | {
         "02_own_loop": example("02_own_loop").SCENE,
         "04_own_task": example("04_own_task").SCENE,
+        "14_images": example("14_images").SCENE,
         "12_model_in_memory": {"model": str(folder / "model.xml"), "objects": in_memory.OBJECTS},
         "13_own_mesh": own_mesh.scene(folder / "wedge.xml"),
     }

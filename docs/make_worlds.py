@@ -14,7 +14,8 @@ import warp as wp
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym import CompiledScene, LayoutGenerator, compile_scene
-from sceniris_gym.pictures.camera import FrameCamera
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import Looks, Shot
 
 PICTURE = Path(__file__).parent / "worlds.jpg"
 SCENES = ("clutter", "kitchen", "mid")
@@ -37,8 +38,11 @@ def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray
     if compiled.mjm.nmocap:
         data.mocap_pos.assign(layouts.mocap_pos.numpy())
         data.mocap_quat.assign(layouts.mocap_quat.numpy())
+    mjw.kinematics(model, data)
     width, height = (_DRAWN * edge for edge in SIZE)
-    return FrameCamera(compiled.mjm, model, worlds, width, height).take(data)
+    cameras = Cameras(compiled.scene, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))
+    cameras.launch()
+    return cameras.images["overview"]["rgb"].numpy()
 
 
 def grid(pictures: Sequence[np.ndarray], columns: int, gap: int) -> Image.Image:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, Strict, field_validator, model_validator
 
+from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig, with_places
@@ -69,6 +70,7 @@ class SceneConfig(Section):
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
     stacks: dict[ObjectName, StackConfig] = Field(default_factory=dict)
+    cameras: dict[ObjectName, CameraConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
     attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
@@ -165,9 +167,9 @@ class SceneConfig(Section):
     def canonical(self) -> str:
         """Return the values that differ from their defaults as JSON; equal scenes give equal text.
 
-        File names are left out, since only the contents of the files matter.
+        File names are left out, since only the contents of the files matter, and so are cameras.
         """
-        data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
+        data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model", "cameras"}, exclude_defaults=True)
         parts = [*data.get("objects", {}).values(), *data.get("robots", {}).values(), data.get("robot", {})]
         for part in (*parts, *data.get("heaps", {}).values()):
             for word in _FILES:

@@ -28,6 +28,7 @@ from sceniris_gym.errors import (
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
+from sceniris_gym.scene.cameras import add_cameras
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
 from sceniris_gym.scene.draws import FieldDraw, field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
@@ -385,6 +386,7 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
         else:
             homes.append(assemble.attach_object(spec, name, part, config.where))
+    add_cameras(spec, config)
     return spec, homes
 
 

@@ -43,6 +43,7 @@ from sceniris_gym.vector.arguments import (
     as_task,
     fresh_seed,
 )
+from sceniris_gym.vector.images import GROUP, make_images
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing, Sensors, as_sensing
@@ -63,6 +64,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` lists
     their parts in order. Put wrappers that take a single array, such as Gymnasium's NormalizeObservation, around
     FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
+
+    With `images` there is a group `images`, too, with a tensor for each camera and kind of picture, of shape (num_envs,
+    height, width, channels): `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1 channel,
+    float32: distance along the camera's axis [m], 0 where nothing is) and `["segmentation"]` (1 channel, int32: an
+    index into `images.names`). Pictures are taken after resets, so that none shows the layout before.
 
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
     each world, and after a step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has
@@ -105,6 +111,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             attributes, or None.
         output: "torch" (tensors on `device`) or "numpy".
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
+        images: Pictures to observe, by the names of cameras: {"overview": {"size": (width, height), "data": kinds}},
+            with kinds out of "rgb" (the default), "depth" and "segmentation". None observes no images.
+        render_every: Control steps between two pictures of a world, counted from its reset, which always takes one;
+            in between, the last picture is observed.
+        final_images: Take pictures of the last state of episodes, too, for `final_obs`, which has none otherwise.
         render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
             browser, in real time (extra `viewer`); or None.
         render_envs: Number of worlds that `render` takes pictures of, or that the page shows, from the first one on;
@@ -151,6 +162,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         sensing: Sensing | Mapping[str, Any] | None = None,
         output: str = "torch",
         copy: bool = True,
+        # images as observations:
+        images: Mapping[str, Mapping[str, Any]] | None = None,
+        render_every: int = 1,
+        final_images: bool = False,
         # pictures:
         render_mode: str | None = None,
         render_envs: int | None = None,
@@ -197,6 +212,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         )
         self.state = State(self.batch, self.randomizer.layouts, split)
         self.device = self.state.device
+        self.images, self.final_images = make_images(self.batch, images, render_every, graph=graph), final_images
         self.statistics = EpisodeStatistics(num_envs, self.device)
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
@@ -222,6 +238,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
+        if self.images is not None:
+            self.single_observation_space[GROUP] = self.images.space
         self.single_action_space = spaces.action_space(action_size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -279,7 +297,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if not self._ready:
                 self.batch.check_budget()
                 self._ready = True
-            observation = self._observe(0)
+            observation = self._observe(0) | self._see(due)
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
             return self._returned(observation), self._returned(self._layout_info())
 
@@ -405,12 +423,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._tell_levels(success)
         info: dict[str, Any] = {"success": success, "broken": broken, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            final = {**info, "reward_terms": dict(terms), **self._layout_info()}
-            info["final_obs"], info["final_info"] = self._observe(1), final
+            info["final_info"] = {**info, "reward_terms": dict(terms), **self._layout_info()}
+            info["final_obs"] = self._observe(1) | (self._see(done, copy=True) if self.final_images else {})
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._reset_worlds(done)
         info |= self._layout_info()
-        returned = (self._observe(0), reward, terminated, truncated, info)
+        observation = self._observe(0) | self._see()
+        returned = (observation, reward, terminated, truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
     def _tell_levels(self, success: Tensor) -> None:
@@ -443,6 +462,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if parameters is None or "critic" not in observation:
             return observation
         return {**observation, "critic": {**observation["critic"], PARAMETERS: parameters}}
+
+    def _see(self, mask: Tensor | None = None, *, copy: bool = False) -> dict[str, Any]:
+        """Return the group `images` after pictures of the masked worlds, by default of those that are due."""
+        if self.images is None:
+            return {}
+        return {
+            GROUP: self.images.take(self.images.due(self.state.elapsed) if mask is None else mask, copy or self.copy)
+        }
 
     def _layout_info(self) -> dict[str, Tensor]:
         s, sampler = self.state, self.randomizer.levels

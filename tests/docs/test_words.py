@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from sceniris_gym.config import objects, orientation, relations, robot
+from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.config.randomize import DrawConfig, SceneDraws
@@ -33,6 +34,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "distance": relations.Distance,
     "robot": robot.RobotConfig,
     "tcp": robot.TcpConfig,
+    "camera": CameraConfig,
     "group": GroupConfig,
     "stack": StackConfig,
     "heap": HeapConfig,
