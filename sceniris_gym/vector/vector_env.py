@@ -181,9 +181,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
         self._groups = as_groups(observation_groups)
-        if max_episode_steps is not None:
-            max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
-        self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
+        self.task, self.num_envs = as_task(task), num_envs
+        steps = max_episode_steps
+        self.max_episode_steps = None if steps is None else as_count(steps, "max_episode_steps")
         self.autoreset_mode = as_autoreset_mode(autoreset_mode)
         self.output, self.copy, self.split = output, copy, split
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
@@ -195,8 +195,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
         room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
-        task = self.task
-        physics: dict[str, Any] = {"needs": task.needs, "substeps": task.substeps, "options": task.options}
+        physics: dict[str, Any] = {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **room, **physics, graph=graph)
         self.randomizer = ResetRandomizer(
             self.compiled,
