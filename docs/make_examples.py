@@ -47,6 +47,8 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
     """Return the scene of each example, by its name; a folder takes an imported mesh."""
     in_memory, own_mesh = example("12_model_in_memory"), example("13_own_mesh")
     own_mesh.main(folder, device="cpu")
+    loop = example("17_randomised_loop")
+    (folder / "ground.xml").write_text(loop.MJCF)
     (folder / "model.xml").write_text(in_memory.MJCF)  # a model in memory has no camera that sees all of it
     return SHIPPED | {
         "02_own_loop": example("02_own_loop").SCENE,
@@ -54,6 +56,8 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
         "14_images": example("14_images").SCENE,
         "12_model_in_memory": {"model": str(folder / "model.xml"), "objects": in_memory.OBJECTS},
         "13_own_mesh": own_mesh.scene(folder / "wedge.xml"),
+        "16_randomised_task": example("16_randomised_task").SCENE,
+        "17_randomised_loop": {"model": str(folder / "ground.xml"), "objects": loop.OBJECTS},
     }
 
 

@@ -277,3 +277,22 @@ def test_pixels_train_a_policy_of_stable_baselines(tmp_path: Path, capsys: pytes
     assert "480 steps: return" in out
     assert "of 2 unseen layouts" in out
     assert (tmp_path / "pixels.zip").is_file()
+
+
+@pytest.mark.slow
+def test_a_scene_and_a_task_draw_physics_from_the_seed(capsys: pytest.CaptureFixture[str]):
+    """Masses within their range, some slippery tables, and a reset that leaves the other worlds alone."""
+    load("16_randomised_task").main(num_envs=16, device="cpu")
+    out = capsys.readouterr().out
+    low, high = map(float, re.findall(r"are ([0-9.]+) to ([0-9.]+) of", out)[0])
+    assert 0.5 <= low < 0.8
+    assert 1.3 < high <= 2.0
+    assert "of 16 tables are slippery" in out
+    assert "after a reset of 2 worlds, 14 keep their masses" in out
+
+
+def test_an_own_loop_draws_masses_and_frictions(capsys: pytest.CaptureFixture[str]):
+    """Blocks of little friction come further."""
+    load("17_randomised_loop").main(nworld=8, device="cpu")
+    found = float(re.findall(r"correlation of friction and way: ([-0-9.]+)", capsys.readouterr().out)[0])
+    assert found < -0.8
