@@ -87,6 +87,7 @@ class Images:
         for looks in dict.fromkeys(looks for _, looks in shots.values()):
             alike = {name: shot for name, (shot, its_looks) in shots.items() if its_looks == looks}
             self._cameras.append(Cameras(scene, *worlds, alike, looks, where=where, graph=graph))
+        self._masks = [wp.to_torch(cameras.mask) for cameras in self._cameras]
         self._every, self.names = every, self._cameras[0].names
         taken = {name: images for cameras in self._cameras for name, images in cameras.images.items()}
         self._latest: Pictures = {
@@ -121,8 +122,8 @@ class Images:
             mask: Which worlds, shape (num_envs,), bool; the pictures of the others stay as they are.
             copy: Return tensors that are never written to again.
         """
-        for cameras in self._cameras:
-            wp.to_torch(cameras.mask).copy_(mask)
+        for cameras, its_mask in zip(self._cameras, self._masks, strict=True):
+            its_mask.copy_(mask)
             cameras.launch()
         return {
             camera: {kind: image.clone() if copy else image for kind, image in of_camera.items()}

@@ -136,7 +136,17 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """
 
     FIXED = ("compiled", "batch", "randomizer", "state", "statistics", "num_envs", "device", "split", "rank")
-    ARGUMENTS = ("scene", "overrides", "layout_source", "levels", "prefetch", "graph", "nconmax", "njmax")
+    ARGUMENTS = (
+        "scene",
+        "overrides",
+        "layout_source",
+        "levels",
+        "prefetch",
+        "graph",
+        "nconmax",
+        "njmax",
+        "render_every",
+    )
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
@@ -71,3 +72,29 @@ def test_a_camera_follows_a_centre_of_mass():
     distance = np.linalg.norm([[-0.5, 2, -1], [0.5, 3, -1]], axis=1) - 0.1
     np.testing.assert_allclose(depth[:, 7, 7], distance, atol=1e-3)
     assert (depth[:, 0, 0] == 0.0).all()
+
+
+def test_worlds_are_drawn_by_their_own_rows_of_the_model(small_scene):
+    """The block is blue in the second world, the third camera stands further away, and the fourth has a wide lens."""
+    batch = Batch(small_scene.scene, 4, "cpu", graph=False)
+    mjm, m = small_scene.mjm, batch.model
+    block, eye = mjm.geom_bodyid == mjm.body("block").id, mjm.camera("overview").id
+    rgba, pos, fovy = (np.tile(a, (4,) + (1,) * a.ndim) for a in (mjm.geom_rgba, mjm.cam_pos, mjm.cam_fovy))
+    rgba[1, block] = [0.1, 0.1, 0.9, 1.0]
+    pos[2, eye] *= 1.5
+    fovy[3, eye] = 80.0
+    m.geom_rgba, m.cam_pos = wp.array(rgba, dtype=wp.vec4), wp.array(pos, dtype=wp.vec3)
+    m.cam_fovy = wp.array(fovy, dtype=float)
+    batch.data.qpos.assign(np.tile(small_scene.scene.home_qpos, (4, 1)))
+    batch.update()
+    shots = {"overview": Shot((48, 36), ("rgb", "segmentation"))}
+    cameras = Cameras(small_scene.scene, m, batch.data, shots, Looks())
+    cameras.launch()
+    rgb, seen = (cameras.images["overview"][kind].numpy() for kind in ("rgb", "segmentation"))
+    assert cameras.names == ("",)
+    red, _, blue = rgb.astype(int).transpose(3, 0, 1, 2)
+    reds, blues = ((a > 2 * b).sum(axis=(1, 2)) for a, b in ((red, blue), (blue, red)))
+    assert reds[1] < reds[0] > 1.5 * reds[2]
+    assert reds[0] > 1.5 * reds[3]
+    assert (blues > 0).tolist() == [False, True, False, False]
+    assert not seen.any()
