@@ -67,7 +67,7 @@ class Foot:
 
 @dataclass(frozen=True)
 class Stance:
-    """What carries an object that has to stand.
+    """The feet, contacts and carrier of an object that has to stand.
 
     Attributes:
         carrier: The object that carries it, as its number in `Plan.objects`, if that is free; else None.
