@@ -17,7 +17,10 @@ from tests.stress.standing import MOST_MOVED, Outcome, main, report, try_scene, 
 SEEDS = range(100)
 TOWER = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>{bodies}</worldbody></mujoco>"""
 CUBE = """<body name="{name}" pos="{pos}"><freejoint/><geom name="{name}" type="box" size=".025 .025 .025"/></body>"""
-UNTESTED = pytest.mark.xfail(reason="layouts are not tested for equilibrium yet")
+CLOSE = pytest.mark.xfail(
+    reason="a wide plate on a block falls in 1.6% of the layouts, some of the random stacks in 1%"
+)
+HARD = ("plate on a block",)
 
 
 @cache
@@ -84,7 +87,6 @@ def test_a_scene_can_be_written_and_the_table_has_a_command(tmp_path, capsys):
     assert "two cubes at ratio 0" in capsys.readouterr().out
 
 
-@UNTESTED
 def test_nothing_falls_in_random_scenes():
     """MuJoCo C finds nothing that moves by 1 cm; few scenes are refused."""
     outcomes = [tried(seed) for seed in SEEDS]
@@ -92,8 +94,7 @@ def test_nothing_falls_in_random_scenes():
     assert sum(len(o.moved or {}) for o in outcomes) <= MOST_MOVED * sum(o.layouts for o in outcomes)
 
 
-@UNTESTED
-@pytest.mark.parametrize("name", table())
+@pytest.mark.parametrize("name", [pytest.param(name, marks=HARD.get(name, ())) for name in table()])
 def test_what_falls_in_one_way_is_refused_or_rejected(name: str):
     """No layout of a row of the table moves."""
     assert not try_scene(name, table()[name], layouts=16, replayed=0).moved
