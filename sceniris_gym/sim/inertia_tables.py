@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -16,38 +15,42 @@ from sceniris_gym.sim.versions import actuator_outputs
 
 DOF, TENDON, ACTUATOR = 0, 1, 2
 """Fields that armature comes from."""
+SLIDES = 2
+"""Value of `body_simple` for a lone body on slides, which MuJoCo weighs by its mass alone, without armature."""
 
 
 @wp.struct
-class InertiaTables:
-    """Constants of M and of Jacobians at qpos0. Degrees of freedom are in the order of blocks; frames are the world's.
+class Inertia:
+    """Constants of M and of Jacobians at qpos0 in the world frame, the fields of a Model, and scratch memory.
 
     Attributes:
-        blockadr: First degree of freedom of a block, shape (nblock + 1,).
-        matrixadr: First element of a block's square matrix, shape (nblock,).
-        dof_place: Place of a degree of freedom in this order, shape (nv,).
-        dof_block: Block of the degree of freedom at a place, shape (nv,).
-        body_block: Block that moves a body, -1 for none, shape (nbody,).
+        block: First degree of freedom of a kinematic tree, their number, and the first element of its square matrix in
+            `matrix` and `inverse`, shape (ntree,).
+        dof_treeid: Tree of a degree of freedom, shape (nv,).
+        dof_part: First and number of the degrees of freedom that it shares its weight with, shape (nv,).
+        dof_bodyid: Body of a degree of freedom, shape (nv,).
+        body_treeid: Tree that moves a body, -1 for none, shape (nbody,).
+        body_slides: 1 for a lone body on slides, shape (nbody,).
         xmat: Orientations of bodies, shape (nbody,).
         jacp: Linear velocity of a body's origin by a degree of freedom, shape (nbody, nv).
         jacr: Angular velocity of a body, likewise.
-        pair: Row and column of a place in the lower half of a block's matrix, and the first and the last but one body
+        pair: Row and column of a place in the lower half of a tree's matrix, and the first and the last but one body
             that both move, shape (npair,).
         pair_armature: First armature of a pair, shape (npair + 1,).
-        armature: Field, element and unused, of an armature that adds to a pair.
+        armature: Field and element of an armature that adds to a pair.
         armature_factor: Its factor.
-        part: First degree of freedom (in the model's order) and number of them of a part of a joint, shape (npart,).
-        tendon_block: Block of a tendon, -1 for none, shape (ntendon,).
         tendon_jac: Jacobians of tendons, shape (ntendon, nv).
-        actuator_block: Block of an actuator, -1 for none, shape (nactuator,).
-        actuator_jac: Moment of an actuator by each element of its gear, shape (nactuator, 6, nv).
+        actuator_jac: Moment of an actuator by each element of its gear, shape (nactuator, nv).
+        matrix: M, and then its Cholesky factor, shape (nworld, size).
+        inverse: The inverse of M, likewise.
     """
 
-    blockadr: wp.array[int]
-    matrixadr: wp.array[int]
-    dof_place: wp.array[int]
-    dof_block: wp.array[int]
-    body_block: wp.array[int]
+    block: wp.array[wp.vec3i]
+    dof_treeid: wp.array[int]
+    dof_part: wp.array[wp.vec2i]
+    dof_bodyid: wp.array[int]
+    body_treeid: wp.array[int]
+    body_slides: wp.array[int]
     xmat: wp.array[wp.mat33]
     jacp: wp.array2d[wp.vec3]
     jacr: wp.array2d[wp.vec3]
@@ -55,15 +58,26 @@ class InertiaTables:
     pair_armature: wp.array[int]
     armature: wp.array[wp.vec2i]
     armature_factor: wp.array[float]
-    part: wp.array[wp.vec2i]
-    tendon_block: wp.array[int]
     tendon_jac: wp.array2d[float]
-    actuator_block: wp.array[int]
-    actuator_jac: wp.array3d[float]
+    actuator_jac: wp.array2d[wp.spatial_vector]
+    matrix: wp.array2d[float]
+    inverse: wp.array2d[float]
+    body_mass: wp.array2d[float]
+    body_inertia: wp.array2d[wp.vec3]
+    body_ipos: wp.array2d[wp.vec3]
+    body_iquat: wp.array2d[wp.quat]
+    dof_armature: wp.array2d[float]
+    tendon_armature: wp.array2d[float]
+    actuator_armature: wp.array2d[float]
+    actuator_gear: wp.array2d[wp.spatial_vector]
+    body_invweight0: wp.array2d[wp.vec2]
+    dof_invweight0: wp.array2d[float]
+    tendon_invweight0: wp.array2d[float]
+    actuator_acc0: wp.array2d[float]
 
 
-def inertia_tables(mjm: mujoco.MjModel) -> tuple[InertiaTables, int]:
-    """Return the constants of a model, and the number of elements of all blocks."""
+def inertia_tables(mjm: mujoco.MjModel, nworld: int) -> Inertia:
+    """Return the constants of a model and scratch memory for `nworld` worlds, on the current device."""
     data = mujoco.MjData(mjm)  # at qpos0
     mujoco.mj_fwdPosition(mjm, data)
     jac = np.zeros((2, mjm.nbody, 3, mjm.nv))
@@ -75,40 +89,36 @@ def inertia_tables(mjm: mujoco.MjModel) -> tuple[InertiaTables, int]:
         geared.actuator_gear[:] = np.eye(6)[k]
         mujoco.mj_fwdPosition(geared, data)
         actuator_jac.append(_rates(geared, data, lambda: data.actuator_velocity)[actuator_outputs(mjm)])
-    rows = [*tendon_jac, *np.abs(actuator_jac).sum(axis=0)]
-    block = _blocks(mjm, rows)
-    order = np.argsort(block, kind="stable")
-    place, sizes = np.argsort(order), np.bincount(block, minlength=0)
-    adr = np.concatenate([[0], np.cumsum(sizes)])
-    last_dof = np.array([_last_dof(mjm, b) for b in range(mjm.nbody)])
-    pairs = [(i, j) for first, end in pairwise(adr) for i in range(first, end) for j in range(first, i + 1)]
-    bodies = [_moved_by_both(mjm, *order[[i, j]]) for i, j in pairs]
+    widths = np.bincount(mjm.dof_treeid)
+    squares = np.cumsum(widths**2)
+    pairs = [(i, j) for i in range(mjm.nv) for j in range(i + 1) if mjm.dof_treeid[i] == mjm.dof_treeid[j]]
     armatures = _armatures(mjm, tendon_jac)
-    of_pairs = [armatures.get((max(order[[i, j]]), min(order[[i, j]])), []) for i, j in pairs]
+    of_pairs = [armatures.get(pair, []) for pair in pairs]
     flat = [armature for each in of_pairs for armature in each]
-    t = InertiaTables()
-    t.blockadr, t.matrixadr = ints(adr), ints(np.cumsum(sizes**2) - sizes**2)
-    t.dof_place, t.dof_block = ints(place), ints(block[order])
-    t.body_block = ints(np.where(last_dof >= 0, block[last_dof] if mjm.nv else -1, -1))
+    t = Inertia()
+    t.block = vectors(list(zip(np.cumsum(widths) - widths, widths, squares - widths**2, strict=True)), wp.vec3i)
+    t.dof_treeid, t.dof_bodyid, t.body_treeid = (ints(a) for a in (mjm.dof_treeid, mjm.dof_bodyid, mjm.body_treeid))
+    t.dof_part, t.body_slides = vectors(_parts(mjm), wp.vec2i), ints(mjm.body_simple == SLIDES)
     t.xmat = wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
-    t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1)[:, order], dtype=wp.vec3) for j in jac)
-    t.pair = wp.array(np.array([(*p, *b) for p, b in zip(pairs, bodies, strict=True)]).reshape(-1, 4), dtype=wp.vec4i)
+    t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1), dtype=wp.vec3) for j in jac)
+    t.pair = vectors([(*pair, *_moved_by_both(mjm, *pair)) for pair in pairs], wp.vec4i)
     t.pair_armature = ints(np.cumsum([0, *map(len, of_pairs)]))
-    t.armature = wp.array(np.array([(kind, i) for kind, i, _ in flat]).reshape(-1, 2), dtype=wp.vec2i)
+    t.armature = vectors([(kind, i) for kind, i, _ in flat], wp.vec2i)
     t.armature_factor = wp.array([factor for _, _, factor in flat], dtype=float)
-    t.part = wp.array(np.array(_parts(mjm)).reshape(-1, 2), dtype=wp.vec2i)
-    t.tendon_block, t.actuator_block = (
-        ints([block[np.flatnonzero(r)[0]] if np.any(r) else -1 for r in part])
-        for part in (rows[: mjm.ntendon], rows[mjm.ntendon :])
-    )
-    t.tendon_jac = wp.array(tendon_jac[:, order], dtype=float)
-    t.actuator_jac = wp.array(np.array(actuator_jac).transpose(1, 0, 2)[:, :, order], dtype=float)
-    return t, int((sizes**2).sum())
+    t.tendon_jac = wp.array(tendon_jac, dtype=float)
+    t.actuator_jac = wp.array(np.array(actuator_jac).transpose(1, 2, 0), dtype=wp.spatial_vector)
+    t.matrix, t.inverse = (wp.zeros((nworld, int(squares[-1]) if len(squares) else 0), dtype=float) for _ in range(2))
+    return t
 
 
 def ints(values: np.ndarray | list) -> wp.array:
     """Return integers as an array on the current device."""
     return wp.array(np.array(values, np.int32), dtype=int)
+
+
+def vectors(values: list, dtype: type) -> wp.array:
+    """Return rows of integers as an array of vectors on the current device."""
+    return wp.array(np.array(values, np.int32).reshape(-1, len(dtype())), dtype=dtype)
 
 
 def _rates(mjm: mujoco.MjModel, data: mujoco.MjData, velocities: Callable[[], np.ndarray]) -> np.ndarray:
@@ -120,22 +130,6 @@ def _rates(mjm: mujoco.MjModel, data: mujoco.MjData, velocities: Callable[[], np
         mujoco.mj_fwdVelocity(mjm, data)
         columns[k] = velocities()
     return columns.T
-
-
-def _blocks(mjm: mujoco.MjModel, rows: list[np.ndarray]) -> np.ndarray:
-    """Return the block of each degree of freedom: trees, joined where a tendon or an actuator moves several."""
-    block = mjm.dof_treeid.copy()
-    for row in rows:
-        tied = block[np.flatnonzero(row)]
-        block[np.isin(block, tied)] = tied.min(initial=len(block))
-    return np.unique(block, return_inverse=True)[1]
-
-
-def _last_dof(mjm: mujoco.MjModel, body: int) -> int:
-    """Return the last degree of freedom that moves a body; -1 if none does."""
-    while body > 0 and mjm.body_dofnum[body] == 0:
-        body = mjm.body_parentid[body]
-    return int(mjm.body_dofadr[body] + mjm.body_dofnum[body] - 1) if body > 0 else -1
 
 
 def _moved_by_both(mjm: mujoco.MjModel, i: int, j: int) -> tuple[int, int]:
@@ -177,11 +171,11 @@ def _armatures(mjm: mujoco.MjModel, tendon_jac: np.ndarray) -> dict[tuple[int, i
 
 
 def _parts(mjm: mujoco.MjModel) -> list[tuple[int, int]]:
-    """Return first and number of the degrees of freedom whose weights MuJoCo averages."""
+    """Return first and number of the degrees of freedom whose weights MuJoCo averages, for each of them."""
     parts = []
     for kind, first in zip(mjm.jnt_type, mjm.jnt_dofadr, strict=True):
         if kind == mujoco.mjtJoint.mjJNT_FREE:
-            parts += [(first, 3), (first + 3, 3)]
+            parts += [(first, 3)] * 3 + [(first + 3, 3)] * 3
         else:
-            parts.append((first, 3 if kind == mujoco.mjtJoint.mjJNT_BALL else 1))
+            parts += [(first, 3)] * 3 if kind == mujoco.mjtJoint.mjJNT_BALL else [(first, 1)]
     return parts

@@ -10,17 +10,16 @@ from sceniris_gym.sim.inertia_tables import inertia_tables
 from tests.sim.test_inertia import MACHINE
 
 
-def test_trees_that_a_tendon_ties_share_a_block():
-    """Of the belt between two trees; a lone free body has a block of its own."""
+def test_each_tree_has_a_block_of_its_own():
+    """Of degrees of freedom that follow each other, and with a square of memory."""
     mjm = mujoco.MjModel.from_xml_string(MACHINE)
     with wp.ScopedDevice("cpu"):
-        tables, size = inertia_tables(mjm)
-    block = tables.dof_block.numpy()[tables.dof_place.numpy()]
-    turn, far, heavy = (block[mjm.body(name).dofadr[0]] for name in ("base", "far", "heavy"))
-    assert turn == far != heavy
-    widths = np.bincount(block)
-    assert size == (widths**2).sum()
-    assert widths[heavy] == 6
+        tables = inertia_tables(mjm, 3)
+    block = tables.block.numpy()
+    np.testing.assert_array_equal(block[:, 0], mjm.tree_dofadr)
+    np.testing.assert_array_equal(block[:, 1], mjm.tree_dofnum)
+    assert tables.matrix.shape == (3, (block[:, 1] ** 2).sum())
+    np.testing.assert_array_equal(block[1:, 2] - block[:-1, 2], block[:-1, 1] ** 2)
 
 
 def test_jacobians_of_tendons_are_those_of_mujoco():
@@ -30,6 +29,5 @@ def test_jacobians_of_tendons_are_those_of_mujoco():
     data.qvel[:] = np.random.default_rng(0).normal(size=mjm.nv)
     mujoco.mj_forward(mjm, data)
     with wp.ScopedDevice("cpu"):
-        tables, _ = inertia_tables(mjm)
-    velocity = tables.tendon_jac.numpy()[:, tables.dof_place.numpy()] @ data.qvel
-    np.testing.assert_allclose(velocity, data.ten_velocity, atol=1e-5)
+        tables = inertia_tables(mjm, 1)
+    np.testing.assert_allclose(tables.tendon_jac.numpy() @ data.qvel, data.ten_velocity, atol=1e-5)
