@@ -64,7 +64,7 @@ class Plan:
     @cached_property
     def stances(self) -> list[Stance | None]:
         """The stance of each object, None for all that need not stand; worked out when it is asked for."""
-        return stances(self)
+        return stances(self.scene, self.objects, self.pieces, self.home)
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
