@@ -5,8 +5,10 @@ its centre of mass is inside of the patch, the hull of its foot as far as that i
 give way: the load sinks by d, and if its centre is e away from that of the patch it leans by d K^-1 e, where K is the
 mean of the outer products of the patch's corners around their mean, as each corner is a spring. All that is above moves
 with it, so leaning is worked out in passes; what is top-heavy does not come to rest. A load that falls by f until it is
-carried is shaken, so that the margin is to be above m + t sqrt(f h), with h the height of its centre. `Law` has m
-and t, found as the least for which of 28,890 stacks none fell in half a second of MuJoCo C.
+carried is shaken, so that the margin is to be above t sqrt(f h), with h the height of its centre; `Law` has t.
+
+Corners of a patch are looked for in 32 directions, so its hull is a little smaller than the exact one. MuJoCo keeps
+four contacts of two convex geoms that are not both boxes; a patch then has the four corners of the largest area.
 """
 
 import warp as wp
@@ -123,7 +125,7 @@ def find_patch(
     """Write the corners of an object's patch in each direction; return False if none of its foot is on the surface.
 
     Args:
-        statics: How objects stand.
+        statics: The feet and contacts of all objects.
         obj: The object.
         variant: Its variant.
         heading: Its heading [rad].
@@ -273,7 +275,7 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
         for j in range(num):
             level = levels[j]
             load += level.own[0] * moved[j]
-            off = load / level.load[0] - shift[j]
+            off = load / wp.max(level.load[0], 1.0e-30) - shift[j]
             shift[j] = off
             level.lean = _leans(level, wp.vec2(level.load[1], level.load[2]) + off - level.middle)
             levels[j] = level

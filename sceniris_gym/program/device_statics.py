@@ -1,4 +1,4 @@
-"""How objects stand, as device code reads it; only scenes with objects that may fall have it.
+"""Feet, contacts and loads as device code reads them; only scenes with objects that may fall have them.
 
 The *levels* of an object are itself, the free object that carries it, and so on down to one that stands on something
 which cannot move.

@@ -63,7 +63,7 @@ class Plan:
 
     @cached_property
     def stances(self) -> list[Stance | None]:
-        """How each object stands, None for all that need not; worked out when it is asked for."""
+        """The stance of each object, None for all that need not stand; worked out when it is asked for."""
         return stances(self)
 
     @cached_property

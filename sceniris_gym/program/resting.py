@@ -59,7 +59,8 @@ def stable_poses(
             f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
             "orientation."
         )
-    touch = [None] * len(pieces) if ground is None else touch_distances(scene, pieces, ground)
+    rules = ContactRules(scene.mjm, "physics")
+    touch = [None] * len(pieces) if ground is None else touch_distances(scene.mjm, rules, pieces, ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
     if scene.config.parts[name].kind != "free" or not carried:  # without a carrier it falls in any pose
         return HomeShape(home, bodies[0], pieces or own).stable(where)
@@ -96,10 +97,9 @@ def check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
         )
 
 
-def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
+def touch_distances(mjm: mujoco.MjModel, rules: ContactRules, pieces: list[Piece], ground: int) -> list[float | None]:
     """Return the distance [m] from which on each piece rests on a body in MuJoCo; None for pieces that never do."""
-    rules = ContactRules(scene.mjm, "physics")
-    under = {int(rules.classes[g]) for g in np.flatnonzero(scene.mjm.geom_bodyid == ground) if rules.collides(int(g))}
+    under = {int(rules.classes[g]) for g in np.flatnonzero(mjm.geom_bodyid == ground) if rules.collides(int(g))}
 
     def meets(p: Piece, other: int) -> bool:
         excluded = rules.excludes(p.body, ground) and not rules.is_explicit(p.contact_class, other)

@@ -1,4 +1,4 @@
-"""How free objects stand: their feet, the springs of MuJoCo's contacts below them, and what they carry."""
+"""Stances of free objects: their feet, the springs of MuJoCo's contacts below them, and what they carry."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPoint, Point
 
+from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.feet import foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant
@@ -43,7 +44,11 @@ class Law:
 
 
 BOXES, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.0), Law(0.3, 20.0, 7.0e-3, 2.0)
-"""The laws of boxes on boxes or planes, and of all other contacts, whose points change as they lean."""
+"""The laws of boxes on boxes or planes, and of all other contacts, whose points change as they lean.
+
+With them 2 of 4,752 layouts of 200 random scenes moved by 1 cm in half a second of MuJoCo C (seed 9000 of
+`tests.stress.standing`); of the rejected candidates 66% would have stood.
+"""
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,7 @@ class Foot:
 
 @dataclass(frozen=True)
 class Stance:
-    """What carries an object that has to stand.
+    """The feet, contacts and carrier of an object that has to stand.
 
     Attributes:
         carrier: The object that carries it, as its number in `Plan.objects`, if that is free; else None.
@@ -104,8 +109,9 @@ NO_STANCE = Stance(None, [], np.array([0.0, 0.9, 0.95, 1e-3]), BOXES, is_whole=T
 def stances(plan: Plan) -> list[Stance | None]:
     """Return how each object of a plan stands, None for all that need not."""
     number = {o.name: i for i, o in enumerate(plan.objects)}
+    rules = ContactRules(plan.scene.mjm, "physics")
     return [
-        _stance(plan, o, number) if o.config is not None and o.config.has_to_stand and o.heap is None else None
+        _stance(plan, o, number, rules) if o.config is not None and o.config.has_to_stand and o.heap is None else None
         for o in plan.objects
     ]
 
@@ -129,13 +135,15 @@ def carrier_of(o: PlacedObject, objects: Iterable[PlacedObject]) -> int | None:
     )
 
 
-def _stance(plan: Plan, o: PlacedObject, number: dict[str, int]) -> Stance:
+def _stance(plan: Plan, o: PlacedObject, number: dict[str, int], rules: ContactRules) -> Stance:
     """Work out how one object stands."""
     scene, support = plan.scene, o.support
     assert support is not None
     assert o.config is not None
-    pieces = extract_pieces(scene.mjm, "physics", set(o.bodies))
-    touch = touch_distances(scene, pieces, support.body)
+    is_physics = scene.config.geometry == "physics"  # then the plan has them
+    found = plan.pieces if is_physics else extract_pieces(scene.mjm, "physics", set(o.bodies))
+    pieces = [p for p in found if p.body in o.bodies]
+    touch = touch_distances(scene.mjm, rules, pieces, support.body)
     own = [p for p, distance in zip(pieces, touch, strict=True) if distance is not None and p.mesh is not None]
     heights = {s.height for surfaces in o.surfaces for s in surfaces}
     below = [

@@ -90,7 +90,8 @@ def test_a_patch_is_the_hull_of_the_foot_cut_with_the_support(tmp_path: Path, ti
     """In 200 places it is inside of what shapely finds, and has 98% of its area."""
     compiled, rng = crate_on(tmp_path, tiles), np.random.default_rng(0)
     outline = compiled.plan.objects[1].surfaces[0][0].outline
-    heading, at = rng.uniform(-3, 3, _COUNT), rng.uniform(*np.reshape(outline.bounds, (2, 2)), (_COUNT, 2))
+    low, high = np.reshape(outline.bounds, (2, 2))
+    heading, at = rng.uniform(-3, 3, _COUNT), rng.uniform(low, high, (_COUNT, 2))
     corners = wp.zeros((_COUNT, MOST_DIRECTIONS), dtype=wp.vec2)
     found = wp.zeros(_COUNT, dtype=bool)
     ground = wp.array(np.hstack([-at, np.zeros((_COUNT, 1))]), dtype=wp.vec3)

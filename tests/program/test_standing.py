@@ -1,4 +1,4 @@
-"""How objects stand: springs by MuJoCo C, what carries them, and what needs no test."""
+"""Stances of objects: springs by MuJoCo C, what carries them, and what needs no test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the objects of a plan stand, as the fields of `device_statics.Statics`."""
+"""The stances of a plan as the fields of `device_statics.Statics`."""
 
 from __future__ import annotations
 

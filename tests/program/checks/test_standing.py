@@ -1,4 +1,4 @@
-"""What cannot stand is refused by name, with what would be right."""
+"""Refusals of things that cannot stand, with what would be right."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_joint_that_holds_the_load_is_a_support(joint: str):
 
 
 def test_nothing_pulls_without_gravity():
-    """What weighs nothing stays where it is put."""
+    """Things without weight stay where they are put."""
     made(gravity="0 0 0")
 
 

@@ -1,4 +1,4 @@
-"""How objects stand, as flat arrays: levels, what they carry besides, feet and the parts of surfaces."""
+"""Stances as flat arrays: levels, what they carry besides, feet and the parts of surfaces."""
 
 from __future__ import annotations
 
