@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -12,21 +13,18 @@ import pytest
 from tests.oracle.stack_judge import StackJudge
 from tests.oracle.stack_models import CARRIERS, SHAPES, make
 from tests.oracle.stack_table import table
-from tests.stress.standing import MOST_MOVED, Outcome, main, report, try_scene, try_seed
+from tests.stress.standing import MOST_MOVED, Outcome, main, report, try_scene
 
 SEEDS = range(100)
 TOWER = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>{bodies}</worldbody></mujoco>"""
 CUBE = """<body name="{name}" pos="{pos}"><freejoint/><geom name="{name}" type="box" size=".025 .025 .025"/></body>"""
-CLOSE = pytest.mark.xfail(
-    reason="a wide plate on a block falls in 1.6% of the layouts, some of the random stacks in 1%"
-)
-HARD = ("plate on a block",)
+HARD = {"plate on a block": pytest.mark.xfail(reason="2% of 2,000 layouts move")}
 
 
 @cache
 def tried(seed: int) -> Outcome:
-    """Try a scene with few layouts."""
-    return try_seed(seed, layouts=4, replayed=2)
+    """Try a scene with few layouts; a small bank is quicker to fill."""
+    return try_scene(str(seed), replace(make(seed), words={"bank": 8}), layouts=4, replayed=0)
 
 
 def moves(*places: str, away: tuple[str, ...] = ()) -> list[float]:
