@@ -1,4 +1,4 @@
-"""What follows from model fields of a thousand worlds, against `mj_setConst` of MuJoCo C in double precision.
+"""Fields that follow from those of a thousand worlds, against `mj_setConst` of MuJoCo C in double precision.
 
     python -m tests.stress.fields                          # three scenes, about a minute on one CPU core
     python -m tests.stress.fields kitchen --worlds 100
