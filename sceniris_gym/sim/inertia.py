@@ -24,6 +24,13 @@ LEAST = 1.0e-15
 """The smallest value that MuJoCo divides by (mjMINVAL)."""
 
 
+@wp.func
+def _inverse(w: Inertia, worldid: int, i: int, j: int) -> float:
+    """Return an element of M^-1, of two degrees of freedom of one tree."""
+    block = w.block[w.dof_treeid[i]]
+    return w.inverse[worldid, block[2] + (i - block[0]) * block[1] + j - block[0]]
+
+
 @wp.kernel
 def _mass_matrix(
     mask: wp.array[wp.bool],
@@ -113,13 +120,6 @@ def _invert(
         for k in range(i + 1, width):
             total -= w.matrix[worldid, base + k * width + i] * w.inverse[worldid, at + k]
         w.inverse[worldid, at + i] = total / w.matrix[worldid, base + i * width + i]
-
-
-@wp.func
-def _inverse(w: Inertia, worldid: int, i: int, j: int) -> float:
-    """Return an element of M^-1, of two degrees of freedom of one tree."""
-    block = w.block[w.dof_treeid[i]]
-    return w.inverse[worldid, block[2] + (i - block[0]) * block[1] + j - block[0]]
 
 
 @wp.kernel
