@@ -8,9 +8,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr, Strict, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    Strict,
+    field_validator,
+    model_validator,
+)
 
-from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, in_memory, wrong
+from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, PartName, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig, with_places
 from sceniris_gym.config.limits import MOST_ATTEMPTS
@@ -20,6 +28,7 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.validation import SceneNames, check_names
+from sceniris_gym.config.variants import variants_of, with_members, with_variants
 
 AUTO = "auto"
 """The value of `attempts` that lets `compile_scene` choose."""
@@ -63,7 +72,7 @@ class SceneConfig(Section):
     floor: Floor | None = None
     robot: RobotConfig | None = None
     robots: dict[ObjectName, RobotConfig] = Field(default_factory=dict)
-    objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
+    objects: dict[PartName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
@@ -73,6 +82,7 @@ class SceneConfig(Section):
     model: Model = None
     home: str | None = None
     _where: str = PrivateAttr("SceneConfig")
+    _written: Mapping[str, Any] | None = PrivateAttr(None)
 
     @classmethod
     def load(cls, scene: str | Path | Mapping | SceneConfig, overrides: Mapping[str, Any] | None = None) -> SceneConfig:
@@ -92,7 +102,8 @@ class SceneConfig(Section):
         if isinstance(scene, SceneConfig):
             if overrides is None:
                 return scene
-            data, where, name = scene.model_dump(by_alias=True, exclude_unset=True), scene.where, scene.name
+            data = scene._written or scene.model_dump(by_alias=True, exclude_unset=True)
+            where, name = scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
@@ -119,22 +130,31 @@ class SceneConfig(Section):
         drawn = {name: robot.placing for name, robot in self.all_robots.items()}
         return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
 
+    @cached_property
+    def variants(self) -> dict[str, tuple[str, ...]]:
+        """The objects with variants, as others refer to them, and the names of their members in `objects`."""
+        return variants_of(self.groups)
+
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the names placed before an object or a robot: those it refers to, and its robot with a drawn base.
 
         A base that refers to a target, directly or through other objects, is placed after it instead.
         """
         parts = self.parts
-        part = parts[name]
-        if not part.reachable or self.robot_for(name) not in parts:
-            return part.needs
+        needs = self._named(name)
+        if not parts[name].reachable or self.robot_for(name) not in parts:
+            return needs
         robot = self.robot_for(name)
         before, queue = {robot}, [robot]
         while queue:
-            found = [other for other in parts[queue.pop()].needs if other in parts and other not in before]
+            found = [other for other in self._named(queue.pop()) if other in parts and other not in before]
             before.update(found)
             queue += found
-        return part.needs if name in before else tuple(dict.fromkeys([*part.needs, robot]))
+        return needs if name in before else tuple(dict.fromkeys([*needs, robot]))
+
+    def _named(self, name: str) -> tuple[str, ...]:
+        """Return the names that the words of an object or a robot refer to, with all variants of an object."""
+        return with_variants(self.parts[name].needs, self.variants)
 
     def robot_for(self, name: str) -> str:
         """Return the robot that has to reach an object: the one it names, by default the only one."""
@@ -184,6 +204,15 @@ class SceneConfig(Section):
         if self.model is None and any(robot.in_model is not None for robot in self.all_robots.values()):
             raise wrong("should have a robot that is 'in_model' only together with 'model'")
         return self
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
+        written = with_members(data)
+        config = handler(written)
+        if written is not data:
+            config._written = data
+        return config
 
     @model_validator(mode="before")
     @classmethod
