@@ -166,6 +166,17 @@ class SceneConfig(Section):
         robot = self.all_robots.get(name)
         return f"objects.{name}" if robot is None else robot.section
 
+    def with_shared_objects(self) -> SceneConfig:
+        """Return the scene in which an object with variants is one object, in the words of its first variant."""
+        variant = {member: name for name, members in self.variants.items() for member in members}
+        objects = {variant.get(name, name): part for name, part in reversed(self.objects.items())}
+        groups = {name: group for name, group in self.groups.items() if name not in self.variants}
+        fields = {name: getattr(self, name) for name in self.model_fields_set}
+        with reading(self.where):
+            config = SceneConfig(**fields | {"objects": dict(reversed(objects.items())), "groups": groups})
+        config._where = self.where
+        return config
+
     @property
     def has_model_in_memory(self) -> bool:
         """True if `model` is a MjSpec or a MjModel rather than a file."""

@@ -36,6 +36,7 @@ from sceniris_gym.scene.overview import FOVY, Overview
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.support import Support, static_supports, subtree
 from sceniris_gym.scene.tcp import tcp_site
+from sceniris_gym.scene.variants import share_bodies
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,7 @@ class SceneModel:
         couplings: Joints that follow others, drivers first; a joint that is drawn by its name drives the one that it
             would follow, where that one is not drawn and the coupling is a straight line.
         apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
+        shared: The scene in which the variants of each object are one body, None if no object has variants.
     """
 
     config: SceneConfig
@@ -70,6 +72,26 @@ class SceneModel:
     tcps: Mapping[str, str] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     apart: Mapping[str, SceneModel] = field(default_factory=dict)
+    shared: SceneModel | None = None
+
+    @property
+    def sim(self) -> SceneModel:
+        """The scene as it is simulated: one body for all variants of an object, by the object's name."""
+        return self if self.shared is None else self.shared
+
+    @cached_property
+    def sim_bodies(self) -> np.ndarray:
+        """The body of `sim` that each body is simulated as, shape (nbody,)."""
+        found = np.arange(self.mjm.nbody)
+        if self.shared is None:
+            return found
+        objects = self.config.variants.items()
+        owner = {self.bodies[member]: self.shared.bodies[name] for name, members in objects for member in members}
+        others = np.setdiff1d(np.arange(self.shared.mjm.nbody), list(owner.values()))  # they keep their order
+        alone = np.setdiff1d(found, list(owner))
+        found[alone] = others[: len(alone)]
+        found[list(owner)] = list(owner.values())
+        return found
 
     def home_of(self, robot: str) -> tuple[SceneModel, str]:
         """Return the model that a robot stands in, and its name there: this one, or one of its own."""
@@ -262,7 +284,36 @@ def build_model(config: SceneConfig) -> SceneModel:
     elif not np.array_equal(qpos, given_qpos):
         spec.key(keyframe).qpos = qpos
     tcps = _tcps(spec, mjm, qpos, config)
-    return _scene(config, spec, assemble.compile_spec(spec, config.where), qpos, ctrl, couplings, tcps)
+    scene = _scene(config, spec, assemble.compile_spec(spec, config.where), qpos, ctrl, couplings, tcps)
+    return replace(scene, shared=_simulated(scene, spec)) if config.variants else scene
+
+
+def _simulated(scene: SceneModel, spec: mujoco.MjSpec) -> SceneModel:
+    """Return a scene as it is simulated: the variants of each object are one body.
+
+    Raises:
+        NotSupportedError, SceneKeyError: As `share_bodies`.
+    """
+    full, variants, where = scene.mjm, scene.config.variants, scene.config.where
+    config = scene.config.with_shared_objects()
+    spec = share_bodies(spec, full, variants, where, parks=bool(config.groups))
+    mjm = assemble.compile_spec(spec, where)
+    qpos = mjm.qpos0.copy()
+    for name, adr, width in _spans(mjm):
+        joint = mujoco.mj_name2id(full, mujoco.mjtObj.mjOBJ_JOINT, name)
+        if joint >= 0:
+            qpos[adr : adr + width] = scene.home_qpos[full.jnt_qposadr[joint] :][:width]
+    key = full.key(scene.keyframe)
+    spec.add_key(name=key.name, qpos=qpos, ctrl=key.ctrl, act=key.act)
+    mjm = assemble.compile_spec(spec, where)
+    shared = _scene(config, spec, mjm, qpos, scene.home_ctrl, joint_couplings(mjm, where), scene.tcps)
+    return replace(shared, hash=scene.hash, apart=scene.apart)
+
+
+def _spans(mjm: mujoco.MjModel) -> list[tuple[str, int, int]]:
+    """Return the name, the address in qpos and the width there of each joint."""
+    widths = np.diff(np.append(mjm.jnt_qposadr, mjm.nq)).tolist()
+    return [(mjm.joint(i).name, int(mjm.jnt_qposadr[i]), width) for i, width in enumerate(widths)]
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:

@@ -15,6 +15,7 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.variants import widen_variants
 from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
@@ -134,6 +135,8 @@ class Batch(Fixed):
         graph: Capture the control step into a graph and replay it.
 
     Attributes:
+        scene: The scene as it is simulated, in which the variants of an object share a body.
+        full_scene: The scene as it was given, with all variants.
         model: mujoco_warp Model.
         data: mujoco_warp Data.
         step: Takes one control step in all worlds: `substeps` physics steps, then an update of what is needed. Without
@@ -145,7 +148,7 @@ class Batch(Fixed):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("scene", "nworld", "device", "model", "data", "stages", "substeps", "step", "update")
+    FIXED = ("scene", "full_scene", "nworld", "device", "model", "data", "stages", "substeps", "step", "update")
     ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
 
     def __init__(
@@ -162,8 +165,9 @@ class Batch(Fixed):
         options: Mapping[str, Any] | None = None,
         graph: bool = True,
     ) -> None:
-        self.scene, self.nworld, self.device = scene, nworld, wp.get_device(device)
-        mjm = with_options(scene.mjm, options or {})
+        self.full_scene = scene
+        self.scene, self.nworld, self.device = scene.sim, nworld, wp.get_device(device)
+        mjm = with_options(self.scene.mjm, options or {})
         contacts, rows = default_budget(mjm)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
@@ -171,6 +175,7 @@ class Batch(Fixed):
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(mjm)
+            widen_variants(scene, self.model, nworld)
             if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
             # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step

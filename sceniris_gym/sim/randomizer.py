@@ -34,6 +34,7 @@ from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.rest import rest_map
+from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
 from sceniris_gym.sim.write import Poses, StateWriter
 
@@ -146,6 +147,9 @@ class ResetRandomizer(Fixed, StaysHere):
         with wp.ScopedDevice(self.device):
             self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
             self._nacon = wp.zeros_like(data.nacon)
+        self.variants = None
+        if compiled.config.variants:
+            self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask)
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
 
@@ -203,11 +207,14 @@ class ResetRandomizer(Fixed, StaysHere):
             SceneMismatchError: The layouts are of another scene.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
-        poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
+        poses, nrow = _poses_of(layouts, self.compiled.mjm, self.device), layouts.qpos.shape[0]
+        present = layouts.present
+        if self.variants is not None and not isinstance(present, wp.array):
+            present = wp.array(present, dtype=int, ndim=2, device=self.device)
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            self._launch_write(poses, on_device)
+            self._launch_write(poses, present, on_device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
@@ -227,7 +234,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def _make_writer(self, origins: Any) -> StateWriter:
         """Return the writer of what a reset writes, at home where layouts do not say."""
-        scene, mjm, d = self.compiled.scene, self.compiled.mjm, self.data
+        scene, mjm, d = self.compiled.scene.sim, self.compiled.sim_mjm, self.data
         act, plastic = np.zeros(mjm.na), None
         if scene.keyframe >= 0:
             act, plastic = mjm.key_act[scene.keyframe], keyframe_plastic(mjm, scene.keyframe)
@@ -236,16 +243,18 @@ class ResetRandomizer(Fixed, StaysHere):
             bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
         if origins is not None:
             origins = as_origins(origins, d.nworld, self.device)
-            warn_of_origins(scene, origins.numpy(), "ResetRandomizer: origins")
+            warn_of_origins(self.compiled.scene, origins.numpy(), "ResetRandomizer: origins")
         return StateWriter(mjm, d, self._mask, rest, bodies=bodies, origins=origins, plastic=plastic)
 
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat))
+        self._launch_write(Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat), layouts.present)
 
-    def _launch_write(self, poses: Poses, rows: wp.array | None = None) -> None:
+    def _launch_write(self, poses: Poses, present: Any, rows: wp.array | None = None) -> None:
         m, d = self.model, self.data
+        if self.variants is not None:
+            poses, rows = self.variants.launch(poses, present, rows), None
         self._contacts.launch_drop()
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
@@ -268,7 +277,7 @@ def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> Layo
     return PreparedLayouts(generator, stream, graph=graph) if prefetch else generator
 
 
-def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -> Poses:
+def _poses_of(layouts: Layouts | LayoutTable, m: mujoco.MjModel, device: wp.Device) -> Poses:
     """Return the poses of stored layouts, on the device.
 
     Raises:

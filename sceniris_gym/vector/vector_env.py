@@ -57,9 +57,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
 
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
-    each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it also has `final_obs` and
-    `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks
-    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
+    each world, `layout_variants` (the number of the present variant, by object) if objects have variants, and after a
+    step `success` and `reward_terms` of that step. With SAME_STEP it also has `final_obs` and `final_info` for all
+    worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks uint64 arithmetic: seeds
+    from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
     processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
@@ -180,7 +181,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             needs=self.task.needs,
             graph=graph,
         )
-        self.state = State(self.batch, self.randomizer.layouts, split)
+        drawn = self.randomizer.variants
+        self.state = State(self.batch, self.randomizer.layouts, split, None if drawn is None else drawn.variant)
         self.device = self.state.device
         self.statistics = EpisodeStatistics(num_envs, self.device)
         fps = round(1.0 / self.state.dt)
@@ -352,9 +354,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         observation = spaces.chosen(observation, self._groups)
         return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
 
-    def _layout_info(self) -> dict[str, Tensor]:
+    def _layout_info(self) -> dict[str, Any]:
         s = self.state
+        variants = {name: s.variant(name) for name in s.variants.names}
         return {
+            **({"layout_variants": variants} if variants else {}),
             "layout_seed": s.seed.clone(),
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
