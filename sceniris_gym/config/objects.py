@@ -82,6 +82,7 @@ class ObjectConfig(Section):
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]")
     asset: str | None = None
+    scale: fields.Scale = 1.0
     body: str | None = None
     kind: Literal["free", "fixture", "static", "marker"] = "free"
     on: str | None = None
@@ -153,6 +154,8 @@ class ObjectConfig(Section):
     def _agrees_with_itself(self) -> ObjectConfig:
         if self.asset is not None and self.body is not None:
             raise wrong("should have an 'asset', or be a 'body' of the model, not both")
+        if self.asset is None and self.scale != 1.0:
+            raise wrong("should have a 'scale' only together with an 'asset'")
         words = [word.rstrip("_") for word in self.given(("on", "inside", "in_"))]
         if len(words) > 1:
             raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")

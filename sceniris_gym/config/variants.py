@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, NoReturn
 
 from pydantic import ValidationError
@@ -65,8 +66,15 @@ def with_members(scene: Any) -> Any:
 def has_variants(part: Any) -> bool:
     """Return whether the words of an object name variants, at length or by a list."""
     return isinstance(part, Mapping) and (
-        VARIANTS in part or HOLDOUT in part or any(isinstance(listed(part.get(word)), list | tuple) for word in _LISTS)
+        VARIANTS in part
+        or HOLDOUT in part
+        or _is_pattern(part.get("asset"))
+        or any(isinstance(listed(part.get(word)), list | tuple) for word in _LISTS)
     )
+
+
+def _is_pattern(asset: Any) -> bool:
+    return isinstance(asset, str) and "*" in asset
 
 
 def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]:
@@ -97,6 +105,11 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:
     """Return the variants of an object by name, those of a list of assets too, which is taken out of `shared`."""
     assets, variants = listed(part.get("asset")), part.get(VARIANTS)
+    if _is_pattern(assets):
+        found = sorted(path for path in Path(assets).parent.glob(Path(assets).name) if path.suffix == ".xml")
+        if not found:
+            _refuse((*at, "asset"), "should match MJCF files, as `sceniris-gym import` writes them", assets)
+        assets = [str(path) for path in found]
     if isinstance(assets, list | tuple):
         if VARIANTS in part:
             _refuse((*at, "asset"), "should be a list, or there should be 'variants', not both", assets)

@@ -16,6 +16,7 @@ from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, Unknow
 from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
 from sceniris_gym.scene.number_check import check_numbers
+from sceniris_gym.scene.scaling import scale_asset
 
 FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
@@ -50,6 +51,8 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
         return Home({}, {})
     where = f"{where}: objects.{name}"
     child = _load_asset(config.asset, f"{where}.asset")
+    if config.scale != 1.0:
+        scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
     root = _attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
     make_kind(spec, root, name, config.kind, f"{where}.kind")

@@ -27,6 +27,10 @@ _MEASURES = {
 }
 _TOLERANCE = 1.0e-6
 """Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
+_CURE_OF_VARIANTS = (
+    "Objects have variants, so make Model and Data from it: sceniris_gym.sim.variants.put_model(compiled, nworld), "
+    "mjw.make_data(compiled.sim_mjm, nworld=...)."
+)
 _CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."
 
 
@@ -38,7 +42,7 @@ def check_fit(
     mjm: mujoco.MjModel | None = None,
     *,
     where: str = "ResetRandomizer",
-    cure: str = _CURE,
+    cure: str | None = None,
 ) -> None:
     """Check that a Model and Data are those of a compiled scene, and that layouts are made for them.
 
@@ -52,6 +56,7 @@ def check_fit(
     try:
         _check_model(compiled, m, d, mjm)
     except _MisfitError as misfit:
+        cure = cure or (_CURE_OF_VARIANTS if compiled.config.variants else _CURE)
         raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
     _check_layouts(compiled, m, d, layouts)
 

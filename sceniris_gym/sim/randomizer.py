@@ -74,7 +74,9 @@ class ResetRandomizer(Fixed, StaysHere):
     Args:
         compiled: The compiled scene, on the device of `data`.
         model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
-            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ.
+            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ. If objects
+            have variants, `put_model(compiled, nworld)` of sceniris_gym.sim.variants makes it, and `data` is made from
+            `compiled.sim_mjm`.
         data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch returns an
             nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of `data`.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,6 +37,20 @@ def test_a_list_of_assets_is_short_for_variants():
     short = with_target({"asset": ["can", "mug"], "on": "table"})
     long = with_target({"variants": {"can": {"asset": "can"}, "mug": {"asset": "mug"}}, "on": "table"})
     assert short.canonical() == long.canonical()
+
+
+def test_a_pattern_of_files_is_short_for_a_list(tmp_path: Path):
+    """All MJCF files of a folder beside the scene, in the order of their names; other files do not count."""
+    for name in ("b.xml", "a.xml", "manifest.json"):
+        (tmp_path / "things").mkdir(exist_ok=True)
+        (tmp_path / "things" / name).write_text("<mujoco/>")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("floor: {size: [1, 1]}\nobjects: {target: {asset: things/*, on: floor}}\n")
+    config = SceneConfig.load(scene)
+    assert config.variants == {"target": ("target/a", "target/b")}
+    assert config.objects["target/a"].asset == str(tmp_path / "things" / "a.xml")
+    with pytest.raises(ScenirisError, match=r"objects\.target\.asset: .* should match MJCF files"):
+        SceneConfig.load(scene, {"objects.target.asset": str(tmp_path / "*")})
 
 
 def test_what_others_refer_to_is_placed_first():
@@ -104,6 +119,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a group": ({"groups.target": {"of": ["can"], "count": 1}}, r"groups\.target: .*another name"),
     "a name with a slash": ({"objects.target/can": {"asset": "can"}}, r"objects\.target/can: .*another name"),
     "in a group": ({"groups.some": {"of": ["target"], "count": 1}}, r"groups\.some\.of: .*'target'"),
+    "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
     "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),
 }
 
