@@ -103,6 +103,8 @@ class SceneConfig(Section):
             if overrides is None:
                 return scene
             data = scene._written or scene.model_dump(by_alias=True, exclude_unset=True)
+            if any("/" in str(key).partition(".")[2].partition(".")[0] for key in overrides):  # of one variant
+                data = with_members(data)
             where, name = scene.where, scene.name
         else:
             raw = read_scene(scene)
@@ -221,7 +223,7 @@ class SceneConfig(Section):
     def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
         written = with_members(data)
         config = handler(written)
-        if written is not data:
+        if config.variants:
             config._written = data
         return config
 

@@ -68,6 +68,13 @@ def test_overrides_reach_the_words_as_written():
     assert {config.objects[name].gap for name in config.variants["target"]} == {0.003}
 
 
+def test_overrides_reach_a_single_variant():
+    """By its full name, also after another override, and after the variants were written as a list."""
+    config = SceneConfig.load(with_target({"asset": ["can", "mug"], "on": "table"}), {"objects.target/can.gap": 0.003})
+    config = SceneConfig.load(config, {"objects.apple.gap": 0.002})
+    assert [config.objects[name].gap for name in (*config.variants["target"], "apple")] == [0.003, 0.0005, 0.002]
+
+
 def test_weights_and_splits_are_those_of_the_group():
     """A weight of 1 unless a variant has one; a split of its own takes a variant out of the other."""
     variants = {"can": {"asset": "can", "weight": 3}, "mug": {"asset": "mug", "split": "train"}, "x": {"asset": "bowl"}}
@@ -117,7 +124,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "not two variants"),
     "no place": ({"objects.other": {"asset": ["can", "mug"]}}, r"objects\.other: 'other/can' stays where"),
     "a group": ({"groups.target": {"of": ["can"], "count": 1}}, r"groups\.target: .*another name"),
-    "a name with a slash": ({"objects.target/can": {"asset": "can"}}, r"objects\.target/can: .*another name"),
+    "a name with a slash": ({"objects.target/x": {"asset": "can", "on": "table"}}, r"objects\.target/x.*letters"),
     "in a group": ({"groups.some": {"of": ["target"], "count": 1}}, r"groups\.some\.of: .*'target'"),
     "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
     "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),

@@ -14,6 +14,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
+from sceniris_gym.pictures.camera import FrameCamera
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch
@@ -183,3 +184,17 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     own["objects"]["target"]["variants"]["c"] = {"asset": "mug"}
     with pytest.raises(SceneKeyError, match="need a contact bit"):
         build_model(SceneConfig.load(own))
+
+
+def test_pictures_show_the_variants(compiled: CompiledScene):
+    """Every pixel is that of a model with all variants, of which the absent ones are out of sight."""
+    batch, randomizer = simulated(compiled, 4)
+    size = (64, 48)
+    ours = FrameCamera(compiled.sim_mjm, batch.model, 4, *size).take(batch.data)
+    with wp.ScopedDevice("cpu"):
+        full, d = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 4, nconmax=1, njmax=1)
+        for name in ("qpos", "mocap_pos", "mocap_quat"):
+            getattr(d, name).assign(getattr(randomizer.layouts, name).numpy())
+    theirs = FrameCamera(compiled.mjm, full, 4, *size).take(d)
+    assert len({picture.tobytes() for picture in ours}) == 4
+    np.testing.assert_array_equal(ours, theirs)
