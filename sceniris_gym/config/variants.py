@@ -20,7 +20,9 @@ from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.loader import merge
 
 VARIANTS, HOLDOUT = "variants", "holdout"
-_DRAWN = ("weight", "split")
+"""Words of an object with variants."""
+DRAWN = ("weight", "split")
+"""Words of a variant about how it is drawn."""
 # The words of which a list means variants.
 _LISTS = ("asset", "scale")
 
@@ -83,7 +85,7 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
     shared = {word: value for word, value in part.items() if word not in (VARIANTS, HOLDOUT)}
     variants = _scaled(at, _listed(at, part, shared), shared)
     members: dict[str, dict] = {}
-    drawn: dict[str, dict[str, Any]] = {word: {} for word in _DRAWN}
+    drawn: dict[str, dict[str, Any]] = {word: {} for word in DRAWN}
     for variant, words in variants.items():
         place = (*at, VARIANTS, str(variant))
         if not isinstance(words, Mapping):
@@ -92,10 +94,10 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
             member = MemberName(f"{name}/{object_name(str(variant))}")
         except PydanticCustomError as error:
             _refuse_as(place, error, variant)
-        for word in _DRAWN:
+        for word in DRAWN:
             if word in words:
                 drawn[word][member] = words[word]
-        own = {word: value for word, value in words.items() if word not in _DRAWN}
+        own = {word: value for word, value in words.items() if word not in DRAWN}
         members[member] = merge({"objects": {name: shared}}, {"objects": {name: own}})["objects"][name]
     splits = _held_out(at, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}

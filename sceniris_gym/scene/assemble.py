@@ -33,8 +33,13 @@ class Home:
     ctrl: dict[str, float]
 
 
-def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> Home:
-    """Attach the asset of an object as a body of the object's kind, and return its start pose."""
+def attach_object(
+    spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, below: mujoco.MjsFrame | None = None
+) -> Home:
+    """Attach the asset of an object as a body of the object's kind, and return its start pose.
+
+    With `below`, attach it to that frame as it is, instead of to the world.
+    """
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
         marker.add_site(name=f"{name}/site", size=[0.02, 0.0, 0.0], rgba=[0.1, 0.8, 0.2, 0.6])
@@ -54,8 +59,9 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     if config.scale != 1.0:
         scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
-    root = _attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
-    make_kind(spec, root, name, config.kind, f"{where}.kind")
+    root = _attach(spec, child, name, below or spec.worldbody.add_frame(), f"{where}.asset")
+    if below is None:
+        make_kind(spec, root, name, config.kind, f"{where}.kind")
     return home
 
 

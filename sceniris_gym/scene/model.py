@@ -36,7 +36,7 @@ from sceniris_gym.scene.overview import FOVY, Overview
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.support import Support, static_supports, subtree
 from sceniris_gym.scene.tcp import tcp_site
-from sceniris_gym.scene.variants import share_bodies
+from sceniris_gym.scene.variants import SharedBodies, check_variants
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +260,20 @@ def build_model(config: SceneConfig) -> SceneModel:
     check_type(config, SceneConfig, "build_model: config")
     if isinstance(config.model, mujoco.MjModel):
         return _taken(config, config.model)
-    spec, homes = _assemble(config)
+    scene = _built(config)
+    if not config.variants:
+        return scene
+    assert scene.spec is not None
+    check_variants(scene.spec, scene.mjm, config.variants, config.where)
+    return replace(scene, shared=replace(_built(config, scene), hash=scene.hash, apart=scene.apart))
+
+
+def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
+    """Return a scene from files or a MjSpec; if it is given as it is with all variants, as it is simulated."""
+    shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
+    spec, homes = _assemble(config, shared)
+    if full is not None:
+        config = config.with_shared_objects()
     try:
         mjm = assemble.compile_spec(spec, config.where)
     except (MeshError, SceneFileError):
@@ -274,7 +287,8 @@ def build_model(config: SceneConfig) -> SceneModel:
     given_qpos = qpos.copy()
     follow(couplings, qpos)
     if spec.camera(backdrop.OVERVIEW) is None:
-        backdrop.add_camera(spec, *Overview(config, mjm, qpos).camera(), FOVY)
+        seen = Overview(config, mjm, qpos) if full is None else Overview(full.config, full.mjm, full.home_qpos)
+        backdrop.add_camera(spec, *seen.camera(), FOVY)
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
         add_parking_ground(spec, len(config.objects))
@@ -284,36 +298,7 @@ def build_model(config: SceneConfig) -> SceneModel:
     elif not np.array_equal(qpos, given_qpos):
         spec.key(keyframe).qpos = qpos
     tcps = _tcps(spec, mjm, qpos, config)
-    scene = _scene(config, spec, assemble.compile_spec(spec, config.where), qpos, ctrl, couplings, tcps)
-    return replace(scene, shared=_simulated(scene, spec)) if config.variants else scene
-
-
-def _simulated(scene: SceneModel, spec: mujoco.MjSpec) -> SceneModel:
-    """Return a scene as it is simulated: the variants of each object are one body.
-
-    Raises:
-        NotSupportedError, SceneKeyError: As `share_bodies`.
-    """
-    full, variants, where = scene.mjm, scene.config.variants, scene.config.where
-    config = scene.config.with_shared_objects()
-    spec = share_bodies(spec, full, variants, where, parks=bool(config.groups))
-    mjm = assemble.compile_spec(spec, where)
-    qpos = mjm.qpos0.copy()
-    for name, adr, width in _spans(mjm):
-        joint = mujoco.mj_name2id(full, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if joint >= 0:
-            qpos[adr : adr + width] = scene.home_qpos[full.jnt_qposadr[joint] :][:width]
-    key = full.key(scene.keyframe)
-    spec.add_key(name=key.name, qpos=qpos, ctrl=key.ctrl, act=key.act)
-    mjm = assemble.compile_spec(spec, where)
-    shared = _scene(config, spec, mjm, qpos, scene.home_ctrl, joint_couplings(mjm, where), scene.tcps)
-    return replace(shared, hash=scene.hash, apart=scene.apart)
-
-
-def _spans(mjm: mujoco.MjModel) -> list[tuple[str, int, int]]:
-    """Return the name, the address in qpos and the width there of each joint."""
-    widths = np.diff(np.append(mjm.jnt_qposadr, mjm.nq)).tolist()
-    return [(mjm.joint(i).name, int(mjm.jnt_qposadr[i]), width) for i, width in enumerate(widths)]
+    return _scene(config, spec, assemble.compile_spec(spec, config.where), qpos, ctrl, couplings, tcps)
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
@@ -378,7 +363,7 @@ def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, con
     return found
 
 
-def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
+def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     if config.model is None:
         spec = mujoco.MjSpec()
         backdrop.set_options(spec)
@@ -413,7 +398,10 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
         else:
-            homes.append(assemble.attach_object(spec, name, part, config.where))
+            below = None if shared is None else shared.frame_for(spec, name)
+            homes.append(assemble.attach_object(spec, name, part, config.where, below))
+    if shared is not None:
+        shared.finish(spec)
     return spec, homes
 
 

@@ -39,12 +39,6 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
     )
 
 
-def remove_parking_ground(spec: mujoco.MjSpec) -> None:
-    """Remove the slab of `add_parking_ground`, if it is there."""
-    if spec.geom(_SLAB) is not None:
-        spec.delete(spec.geom(_SLAB))
-
-
 def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
     """Return whether the model has ground at z = 0 where absent objects are parked: a plane, or a slab that was added.
 

@@ -13,14 +13,16 @@ from collections.abc import Iterator, Mapping
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
-from sceniris_gym.scene.parking import remove_parking_ground
 from sceniris_gym.scene.support import subtree
 
 MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 CLASS = ("type", "contype", "conaffinity", "condim", "priority", "group")
 """Fields of a geom that are the same in all worlds."""
 
+# A body below which variants are attached, and which is deleted.
+_ATTIC = "attic_of_variants"
 # A body that names meshes, without touching anything: MuJoCo makes hulls only of meshes that a colliding geom names.
 _HULLS = "hulls_of_variants"
 _HIDDEN = 5  # the group of its geoms
@@ -66,42 +68,76 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
     return shared, found
 
 
-def share_bodies(
-    spec: mujoco.MjSpec, mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str, *, parks: bool
-) -> mujoco.MjSpec:
-    """Return a copy of a scene in which the variants of each object are one body of the object's name.
+class SharedBodies:
+    """The bodies that variants share, in a scene that is assembled a second time.
 
-    The copy has no keyframes, since their numbers belong to the scene with all variants.
+    Args:
+        full: The scene with all variants, compiled.
+        variants: Object -> names of its variants, which are bodies.
+        where: The beginning of errors.
+
+    Raises:
+        SceneKeyError: No contact bit is left.
+    """
+
+    def __init__(self, full: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str) -> None:
+        self._full, self._variants, self._owners, self._where = full, variants, owners_of(variants), where
+        self._named: set[str] = set()
+
+    def frame_for(self, spec: mujoco.MjSpec, name: str) -> mujoco.MjsFrame | None:
+        """Return the frame to which a variant is attached for its meshes alone; None for any other object.
+
+        The body that it shares is added before the first variant.
+        """
+        owner = self._owners.get(name)
+        if owner is None:
+            return None
+        if spec.body(owner) is None:
+            self._named |= _add_shared_body(spec, self._full, owner, self._variants[owner])
+        if spec.body(_ATTIC) is None:
+            spec.worldbody.add_body(name=_ATTIC)
+        return spec.body(_ATTIC).add_frame()
+
+    def finish(self, spec: mujoco.MjSpec) -> None:
+        """Delete the variants, and see to it that all their meshes keep their hulls."""
+        spec.delete(spec.body(_ATTIC))  # at once, since each deletion takes time in proportion to the whole scene
+        unnamed = sorted(_hulls(self._full, self._variants) - self._named)
+        if unnamed:
+            _name_meshes(spec, unnamed, _free_bit(self._full, self._where))
+        spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
+
+
+def check_variants(
+    spec: mujoco.MjSpec, mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str
+) -> None:
+    """Check that variants are rigid bodies that nothing refers to.
 
     Args:
         spec: The scene with all variants.
         mjm: The same, compiled.
         variants: Object -> names of its variants, which are bodies.
         where: The beginning of errors.
-        parks: Whether other objects may be absent, so that the parking ground is needed.
 
     Raises:
         NotSupportedError: A variant has joints or bodies of its own, or something of the model refers to it.
-        SceneKeyError: No contact bit is left.
     """
-    for members in variants.values():
-        for name in members:
-            _check_variant(spec, mjm, name, where)
-    spec = spec.copy()
-    for key in spec.keys:
-        spec.delete(key)
-    named: set[str] = set()
-    for name, members in variants.items():
-        named |= _add_shared_body(spec, mjm, name, members)
-        for member in members:
-            spec.delete(spec.body(member))
-    unnamed = sorted(_hulls(mjm, variants) - named)
-    if unnamed:
-        _name_meshes(spec, unnamed, _free_bit(mjm, where))
-    if not parks:
-        remove_parking_ground(spec)
-    spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent
-    return spec
+    named = [
+        (kind, str(getattr(element, field, "") or ""))
+        for kind, fields in _REFERENCES.items()
+        for element in getattr(spec, kind)
+        for field in fields
+    ]
+    for name in owners_of(variants):
+        at, body = f"{where}: objects.{name}", mjm.body(name).id
+        cure = "should be one rigid body to share its place with other variants. Make it an object, in a group"
+        if len(subtree(mjm, body)) > 1:
+            raise NotSupportedError(f"{at}: has several bodies, and {cure}.")
+        geoms = _geoms(mjm, body)
+        if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]):
+            raise NotSupportedError(f"{at}: has geoms with plugins or fluid forces, and {cure}.")
+        for kind, other in named:
+            if other == name or other.startswith(f"{name}/"):
+                raise NotSupportedError(f"{at}: '{other}' is named by one of the model's {kind}, and {cure}.")
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
@@ -109,40 +145,23 @@ def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
     return list(range(first, first + int(mjm.body_geomnum[body])))
 
 
-def _check_variant(spec: mujoco.MjSpec, mjm: mujoco.MjModel, name: str, where: str) -> None:
-    """Check that a variant is one rigid body that nothing refers to."""
-    where, body = f"{where}: objects.{name}", mjm.body(name).id
-    cure = "should be one rigid body to share its place with other variants. Make it an object, in a group"
-    if len(subtree(mjm, body)) > 1:
-        raise NotSupportedError(f"{where}: has several bodies, and {cure}.")
-    geoms = _geoms(mjm, body)
-    if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]):
-        raise NotSupportedError(f"{where}: has geoms with plugins or fluid forces, and {cure}.")
-    for kind, fields in _REFERENCES.items():
-        for element in getattr(spec, kind):
-            for field in fields:
-                other = str(getattr(element, field, "") or "")
-                if other == name or other.startswith(f"{name}/"):
-                    raise NotSupportedError(f"{where}: '{other}' is named by one of the model's {kind}, and {cure}.")
-
-
 def _add_shared_body(spec: mujoco.MjSpec, mjm: mujoco.MjModel, name: str, members: tuple[str, ...]) -> set[str]:
     """Add the body that the variants of an object share, and return the meshes that its colliding geoms name."""
     bodies = [mjm.body(member).id for member in members]
-    first = spec.body(members[0])
+    mocap = bool(mjm.body_mocapid[bodies[0]] >= 0)
     # an inertia like that of no simple body, for which MuJoCo leaves out elements of the mass matrix
     shared = spec.worldbody.add_body(
         name=name,
         pos=mjm.body_pos[bodies[0]],
         quat=mjm.body_quat[bodies[0]],
-        mocap=first.mocap,
+        mocap=mocap,
         explicitinertial=True,
         mass=1.0,
         ipos=[0.01, 0.02, 0.03],
         fullinertia=[0.01, 0.011, 0.012, 0.001, 0.002, 0.003],
         gravcomp=float(mjm.body_gravcomp[bodies].max()),
     )
-    if not first.mocap:
+    if not mocap:
         shared.add_freejoint(name=f"{name}/free")
     classes, places = places_of_geoms(mjm, bodies)
     named = set()
