@@ -124,3 +124,18 @@ def test_the_same_seed_brings_the_same_variants(envs: SceneVectorEnv):
     again = envs.reset(seed=11)[1]["layout_variants"]["thing"]
     assert torch.equal(first, again)
     assert not torch.equal(first, second)
+
+
+def test_a_snapshot_brings_its_variants_back(envs: SceneVectorEnv):
+    """In other worlds, too: the same variants, fields of the model, and steps to the same bits."""
+    envs.reset(seed=21)
+    kept = envs.snapshot(np.arange(NWORLD) < 5)
+    action = torch.zeros(NWORLD, 1)
+    first, sizes = envs.step(action)[0]["policy"][:5], envs.batch.model.geom_size.numpy()[:5].copy()
+    poses = envs.state.pose("thing")[:5].clone()
+    envs.reset(seed=22)
+    envs.reset(options={"state": kept, "reset_mask": np.arange(NWORLD) >= NWORLD - 5})
+    again = envs.step(action)[0]["policy"][-5:]
+    assert torch.equal(first, again)
+    assert torch.equal(envs.state.pose("thing")[-5:], poses)
+    np.testing.assert_array_equal(envs.batch.model.geom_size.numpy()[-5:], sizes)

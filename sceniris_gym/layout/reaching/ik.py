@@ -79,7 +79,7 @@ def _choose_starts(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: seed, qpos, pending_episode, body_pos, body_quat
+    # Layouts in: qpos, pending_seed, pending_episode, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: restart
     search: Search,
@@ -110,7 +110,7 @@ def _choose_starts(
             stream = numbered_stream(split, REACH_STREAM)
             trial = (search.restart[worldid] - 1) * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-            q = _drawn(reach.arm, layouts.seed[worldid], layouts.pending_episode[worldid], stream, trial, draw)
+            q = _drawn(reach.arm, layouts.pending_seed[worldid], layouts.pending_episode[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
 
 

@@ -235,7 +235,7 @@ def _accept(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: seed, present, grasp, pending_episode, row_rejections, variant, body_pos, body_quat
+    # Layouts in: present, grasp, pending_seed, pending_episode, row_rejections, variant, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, status, first_pass_valid, present, grasp, grasp_qpos, pregrasp_qpos,
     #   row_rejections
     layouts: LayoutsView,
