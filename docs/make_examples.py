@@ -51,6 +51,7 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
         "02_own_loop": example("02_own_loop").SCENE,
         "04_own_task": example("04_own_task").SCENE,
         "12_model_in_memory": {"model": str(folder / "model.xml"), "objects": in_memory.OBJECTS},
+        "14_variants": example("14_variants").SCENE,
         "13_own_mesh": own_mesh.scene(folder / "wedge.xml"),
     }
 

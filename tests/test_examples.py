@@ -254,3 +254,12 @@ def test_an_own_mesh_becomes_an_asset_and_is_placed(tmp_path: Path, capsys: pyte
     load("13_own_mesh").main(folder=tmp_path, device="cpu")
     assert "16 of 16 layouts are valid" in capsys.readouterr().out
     assert (tmp_path / "layouts.png").exists()
+
+
+@pytest.mark.slow
+def test_things_of_worlds_are_others_after_every_reset(capsys: pytest.CaptureFixture[str]):
+    """Each of them has the mass of its own, wherever it comes up, and stays on the table."""
+    load("14_variants").main(nworld=12, resets=2, seconds=0.2, device="cpu")
+    found = re.findall(r"(\w+): (\d+) worlds, ([0-9.]+) kg, 100% still", capsys.readouterr().out)
+    assert sum(int(number) for _, number, _ in found) == 24
+    assert len({name for name, _, _ in found}) == len({(name, mass) for name, _, mass in found}) > 4

@@ -65,16 +65,26 @@ def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjMo
     return mjm
 
 
-def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
+def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tuple[int, int]:
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
     Contacts: 16, and four for every body that can move and collide, and four for every geom that such a body stands on
     in the pose of the model (a plate may have a dozen). Rows: one for every edge of the friction pyramids, every limit
     and every friction loss, and six for every equality.
+
+    Args:
+        mjm: The model that is simulated.
+        scene: Its scene, if objects have variants: those count that stand on most geoms.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
-    nconmax = 16 + 4 * (len(moving) + _geoms_stood_on(mjm))
+    stood_on = int(_geoms_stood_on(mjm).sum())
+    if scene is not None and scene.shared is not None:
+        ours, theirs = _geoms_stood_on(mjm), _geoms_stood_on(scene.mjm)
+        for name, members in scene.config.variants.items():
+            most = max(theirs[scene.bodies[member]] for member in members)
+            stood_on += max(int(most - ours[scene.sim.bodies[name]]), 0)
+    nconmax = 16 + 4 * (len(moving) + stood_on)
     condim = int(max(mjm.geom_condim, default=1))
     pyramidal = mjm.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     rows_per_contact = max(1, 2 * (condim - 1)) if pyramidal else condim
@@ -83,8 +93,8 @@ def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
     return nconmax, rows_per_contact * nconmax + limits + friction + 6 * mjm.neq
 
 
-def _geoms_stood_on(mjm: mujoco.MjModel) -> int:
-    """Count the geoms at the bottom of each tree of moving bodies, in the pose of the model."""
+def _geoms_stood_on(mjm: mujoco.MjModel) -> np.ndarray:
+    """Count the geoms at the bottom of each tree of moving bodies, in the pose of the model, by its root: (nbody,)."""
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
@@ -95,7 +105,7 @@ def _geoms_stood_on(mjm: mujoco.MjModel) -> int:
     roots = mjm.body_rootid[mjm.geom_bodyid[geoms]]
     lowest = np.full(mjm.nbody, np.inf)
     np.minimum.at(lowest, roots, bottom)
-    return int((bottom < lowest[roots] + _LEVEL).sum())
+    return np.bincount(roots[bottom < lowest[roots] + _LEVEL], minlength=mjm.nbody)
 
 
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:
@@ -168,7 +178,7 @@ class Batch(Fixed):
         self.full_scene = scene
         self.scene, self.nworld, self.device = scene.sim, nworld, wp.get_device(device)
         mjm = with_options(self.scene.mjm, options or {})
-        contacts, rows = default_budget(mjm)
+        contacts, rows = default_budget(mjm, scene)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
         # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need all

@@ -17,7 +17,7 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.pictures.camera import FrameCamera
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
-from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.batch import Batch, default_budget
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 from sceniris_gym.sim.variants import fields_of_variants, put_model
 from tests.layout.scenes import write_mjcf
@@ -198,3 +198,12 @@ def test_pictures_show_the_variants(compiled: CompiledScene):
     theirs = FrameCamera(compiled.mjm, full, 4, *size).take(d)
     assert len({picture.tobytes() for picture in ours}) == 4
     np.testing.assert_array_equal(ours, theirs)
+
+
+def test_there_is_room_for_the_contacts_of_every_variant(compiled: CompiledScene):
+    """The default budget is at least that of each thing alone: a bowl stands on many geoms."""
+    room = np.array(default_budget(compiled.sim_mjm, compiled.scene))
+    for thing in THINGS:
+        for stand in STANDS:
+            own = build_model(SceneConfig.load(words({"asset": thing}, {"asset": stand})))
+            assert (room >= default_budget(own.mjm)).all()
