@@ -99,6 +99,10 @@ class ResetRandomizer(Fixed, StaysHere):
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
         graph: Capture the reset into a graph and replay it.
 
+    Attributes:
+        variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
+            the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
+
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
@@ -157,9 +161,11 @@ class ResetRandomizer(Fixed, StaysHere):
         with wp.ScopedDevice(self.device):
             self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
             self._nacon = wp.zeros_like(data.nacon)
+            self.variant = wp.zeros((data.nworld, 0), dtype=int)
         self.variants = None
         if compiled.config.variants:
             self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask)
+            self.variant = self.variants.variant
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
 

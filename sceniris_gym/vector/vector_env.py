@@ -191,8 +191,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             needs=self.task.needs,
             graph=graph,
         )
-        drawn = self.randomizer.variants
-        self.state = State(self.batch, self.randomizer.layouts, split, None if drawn is None else drawn.variant)
+        self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
         self.device = self.state.device
         self.statistics = EpisodeStatistics(num_envs, self.device)
         fps = round(1.0 / self.state.dt)

@@ -67,8 +67,7 @@ def test_a_world_moves_as_a_model_of_its_own_variants(compiled: CompiledScene):
     """Positions, velocities and accelerations in 30 steps, with the fall onto the table: no bit differs."""
     batch, randomizer = simulated(compiled)
     start = [getattr(batch.data, name).numpy().copy() for name in ("qpos", "mocap_pos", "mocap_quat")]
-    assert randomizer.variants is not None
-    drawn = randomizer.variants.variant.numpy()
+    drawn = randomizer.variant.numpy()
     ours = stepped(batch, 30)
     assert batch.data.nacon.numpy()[0] > NWORLD
     assert set(drawn[:, 1]) == set(range(len(THINGS)))
@@ -88,22 +87,20 @@ def test_masked_resets_change_nothing_else(compiled: CompiledScene):
     stepped(batch, 3)
     mask = np.arange(NWORLD) % 3 == 0
     before = state(batch) | {name: getattr(batch.model, name).numpy().copy() for name in fields_of_variants()}
-    assert randomizer.variants is not None
-    drawn = randomizer.variants.variant.numpy().copy()
+    drawn = randomizer.variant.numpy().copy()
     randomizer.reset(mask)
     after = state(batch) | {name: getattr(batch.model, name).numpy() for name in fields_of_variants()}
     for name, values in before.items():
         assert values[~mask].tobytes() == after[name][~mask].tobytes(), name
-    assert (drawn[~mask] == randomizer.variants.variant.numpy()[~mask]).all()
-    assert (drawn[mask] != randomizer.variants.variant.numpy()[mask]).any()
+    assert (drawn[~mask] == randomizer.variant.numpy()[~mask]).all()
+    assert (drawn[mask] != randomizer.variant.numpy()[mask]).any()
     assert (before["geom_dataid"][mask] != after["geom_dataid"][mask]).any()
 
 
 def test_rows_of_the_model_are_those_that_mujoco_compiles_of_a_variant_alone(compiled: CompiledScene):
     """Masses, inverse weights and the geoms of each class in their order; of all else nothing has a mass of its own."""
     batch, randomizer = simulated(compiled)
-    assert randomizer.variants is not None
-    drawn, m, sim = randomizer.variants.variant.numpy(), batch.model, compiled.sim_mjm
+    drawn, m, sim = randomizer.variant.numpy(), batch.model, compiled.sim_mjm
     body = compiled.scene.sim.bodies["target"]
     own = {name: build_model(SceneConfig.load(words({"asset": name}, {"asset": "tin"}))) for name in THINGS}
     geoms = np.flatnonzero(sim.geom_bodyid == body)
@@ -129,11 +126,8 @@ def test_stored_layouts_bring_their_variants(compiled: CompiledScene):
     rows = np.array([7, -1, 3, 11])
     before = state(batch)
     randomizer.write(table, rows)
-    assert randomizer.variants is not None
     columns = [compiled.slots.index(name) for name in compiled.config.variants["target"]]
-    assert (
-        randomizer.variants.variant.numpy()[[0, 2, 3], 1] == table.present[rows[[0, 2, 3]]][:, columns].argmax(1)
-    ).all()
+    assert (randomizer.variant.numpy()[[0, 2, 3], 1] == table.present[rows[[0, 2, 3]]][:, columns].argmax(1)).all()
     data = mujoco.MjData(compiled.mjm)
     for world in (0, 2, 3):
         table.put(data, rows[world])
@@ -153,8 +147,7 @@ def test_one_world_has_one_variant_at_a_time(compiled: CompiledScene):
     for _ in range(6):
         randomizer.reset()
         stepped(batch, 60)
-        assert randomizer.variants is not None
-        seen.add(int(randomizer.variants.variant.numpy()[0, 1]))
+        seen.add(int(randomizer.variant.numpy()[0, 1]))
         assert np.abs(batch.data.qvel.numpy()).max() < 0.05
     assert len(seen) > 1
 
