@@ -31,6 +31,8 @@ SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene
 # The longest dotted key of a scene has five.
 _MOST_KEYS = 16
 
+VARIANTS, HOLDOUT = "variants", "holdout"
+"""Words of an object with variants."""
 # Sets of keys of which only one may be given. When scenes are merged, a later one replaces an earlier one.
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon", "points")
@@ -127,7 +129,7 @@ def _check_there(parts: Any, keys: list[str], where: str) -> None:
 
 def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
     match path:
-        case ("objects", name, "variants", _, *rest):
+        case ("objects", name, variants, _, *rest) if variants == VARIANTS:
             return _one_of(("objects", name, *rest))
         case ("objects", _):
             return SUPPORT_WORDS
@@ -212,8 +214,8 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
         found = {key: part[key] for key in keys if key in part} if isinstance(part, Mapping) else {}
         for key, value in found.items():
             found[key] = [path(each, key) for each in value] if isinstance(value, list) else path(value, key)
-        if isinstance(part, Mapping) and isinstance(part.get("variants"), Mapping):
-            found["variants"] = {name: resolved(words, *keys) for name, words in part["variants"].items()}
+        if isinstance(part, Mapping) and isinstance(part.get(VARIANTS), Mapping):
+            found[VARIANTS] = {name: resolved(words, *keys) for name, words in part[VARIANTS].items()}
         return {**part, **found} if found else part
 
     def path(value: Any, key: str) -> Any:

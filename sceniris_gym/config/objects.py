@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config import fields
 from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
-from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
+from sceniris_gym.config.loader import HOLDOUT, JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, VARIANTS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
 from sceniris_gym.config.section import Section
@@ -133,6 +134,10 @@ class ObjectConfig(Section):
         owner = [] if self.support is None else [self.support.parent.split("/")[0]]
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
+
+    @classmethod
+    def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
+        return super()._problem(key, valid if key in (VARIANTS, HOLDOUT) else [*valid, VARIANTS, HOLDOUT])
 
     @model_validator(mode="before")
     @classmethod

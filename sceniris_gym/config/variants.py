@@ -17,10 +17,8 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
 from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.loader import merge
+from sceniris_gym.config.loader import HOLDOUT, VARIANTS, merge
 
-VARIANTS, HOLDOUT = "variants", "holdout"
-"""Words of an object with variants."""
 DRAWN = ("weight", "split")
 """Words of a variant about how it is drawn."""
 # The words of which a list means variants.

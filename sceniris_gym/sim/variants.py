@@ -189,6 +189,7 @@ class VariantWriter:
                 wp.array(np.cumsum([0, *counts[:-1]]), dtype=int),
                 wp.array([*masses, others], dtype=wp.float64),
             ]
+        self._fields = [getattr(m, name) for name in fields_of_variants()]  # kernels have their addresses alone
         self._outputs = [self._qpos, self._mocap_pos, self._mocap_quat, m.body_subtreemass]
 
     def launch(self, poses: Poses, present: wp.array, rows: wp.array | None = None) -> Poses:

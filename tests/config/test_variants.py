@@ -99,6 +99,7 @@ def test_a_share_is_held_out_by_name():
 NEAR = {"near": "target/can", "distance": {"max": 0.3}}
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "none": ({"objects.other": {"variants": {}, "on": "table"}}, r"objects\.other\.variants: .*at least one"),
+    "a misspelt word": ({"objects.apple.varients": {}}, r"objects\.apple\.varients: .*mean 'variants'"),
     "no mapping": ({"objects.target": {"variants": ["can"], "on": "table"}}, "should be a mapping of names"),
     "a name": ({"objects.target.variants.a b": {"asset": "can"}}, r"objects\.target\.variants\.a b: .*letters"),
     "a word": ({"objects.target.variants.can.gapp": 1}, r"objects\.target/can\.gapp: unknown key.*'gap'"),
