@@ -5,9 +5,8 @@ import numpy as np
 import tyro
 import warp as wp
 
-from sceniris_gym import ResetRandomizer, compile_scene
+from sceniris_gym import ResetRandomizer, compile_scene, put_model
 from sceniris_gym.sim.batch import default_budget
-from sceniris_gym.sim.variants import put_model
 
 THINGS = ("can", "mug", "bowl", "banana", "book", "brick")
 SCENE = {

@@ -16,6 +16,7 @@ from .scene.adopt import place_on as place_on
 from .scene.layout_table import LayoutTable as LayoutTable
 from .scene.model import SceneModel as SceneModel
 from .scene.model import build_model as build_model
+from .sim.model_fields import put_model as put_model
 from .sim.randomizer import ResetRandomizer as ResetRandomizer
 from .vector.arm_controller import ArmController as ArmController
 from .vector.bounds import Bounds as Bounds

@@ -37,6 +37,7 @@ VARIANTS, HOLDOUT = "variants", "holdout"
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon", "points")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
+DRAW_FORMS = ("scale", "add", "abs", "choice")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
 ROBOT_FORMS = ("asset", "model", "in_model")
 ROBOT_FILES = ("asset", "model", "map")
@@ -141,6 +142,8 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
             return ROBOT_FORMS
         case ("objects", _, "joints", _) | ("robot", "joints", _) | ("robots", _, "joints", _):
             return JOINT_FORMS
+        case (*_, "randomize", _) | (*_, "randomize", _, _, _):
+            return DRAW_FORMS
     return ()
 
 

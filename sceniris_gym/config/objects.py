@@ -18,6 +18,7 @@ from sceniris_gym.config import fields
 from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
 from sceniris_gym.config.loader import HOLDOUT, JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, VARIANTS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
+from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
 from sceniris_gym.config.section import Section
 
@@ -99,6 +100,7 @@ class ObjectConfig(Section):
     reachable: fields.Reachable = False
     by: str = ROBOT
     grasp: str | None = None
+    randomize: dict[ObjectWord, DrawConfig] = Field(default_factory=dict)
 
     @property
     def support(self) -> SupportConfig | None:

@@ -25,6 +25,7 @@ from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.validation import SceneNames, check_names
@@ -81,6 +82,7 @@ class SceneConfig(Section):
     bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
     model: Model = None
     home: str | None = None
+    randomize: SceneDraws | None = None
     _where: str = PrivateAttr("SceneConfig")
     _written: Mapping[str, Any] | None = PrivateAttr(None)
 
@@ -178,6 +180,12 @@ class SceneConfig(Section):
             config = SceneConfig(**fields | {"objects": dict(reversed(objects.items())), "groups": groups})
         config._where = self.where
         return config
+
+    @property
+    def is_randomized(self) -> bool:
+        """True if physics or looks are drawn, and not only poses."""
+        parts = (*self.objects.values(), *self.all_robots.values())
+        return self.randomize is not None or any(part.randomize for part in parts)
 
     @property
     def has_model_in_memory(self) -> bool:

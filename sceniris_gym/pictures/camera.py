@@ -54,7 +54,9 @@ class FrameCamera:
         self.device: wp.Device = model.qpos0.device
         with wp.ScopedDevice(self.device):
             self.data = mjw.make_data(mjm, nworld, nconmax=1, njmax=1)
-            self.context = picture_context(mjm, nworld, camera, (width, height), background_color=BACKGROUND)
+            # rays are found once for all worlds, unless their fields of view differ
+            rays = {} if model.cam_fovy.shape[0] == 1 else {"use_precomputed_rays": False}
+            self.context = picture_context(mjm, nworld, camera, (width, height), background_color=BACKGROUND, **rays)
 
     def take(self, source: mjw.Data) -> np.ndarray:
         """Return pictures of the first worlds of `source`, (nworld, height, width, 3) uint8. Waits for the device."""

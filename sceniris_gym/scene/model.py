@@ -29,6 +29,7 @@ from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
+from sceniris_gym.scene.draws import FieldDraw, field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
@@ -58,6 +59,7 @@ class SceneModel:
         couplings: Joints that follow others, drivers first; a joint that is drawn by its name drives the one that it
             would follow, where that one is not drawn and the coupling is a straight line.
         apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
+        draws: The physics and looks that resets draw.
         shared: The scene in which the variants of each object are one body, None if no object has variants.
     """
 
@@ -72,6 +74,7 @@ class SceneModel:
     tcps: Mapping[str, str] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     apart: Mapping[str, SceneModel] = field(default_factory=dict)
+    draws: tuple[FieldDraw, ...] = ()
     shared: SceneModel | None = None
 
     @property
@@ -292,6 +295,8 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
         add_parking_ground(spec, len(config.objects))
+    for name in simple_bodies(config, mjm):
+        spec.body(name).simple = False
     keyframe = config.home or HOME
     if spec.key(keyframe) is None:
         spec.add_key(name=keyframe, qpos=qpos, ctrl=ctrl)
@@ -332,7 +337,8 @@ def _scene(
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
     identity = scene_hash(config, mjm, qpos)
     apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
-    scene = SceneModel(config, spec, mjm, bodies, _keyframe(mjm, config), qpos, ctrl, identity, tcps, couplings, apart)
+    key, draws = _keyframe(mjm, config), field_draws(config, mjm, bodies)
+    scene = SceneModel(config, spec, mjm, bodies, key, qpos, ctrl, identity, tcps, couplings, apart, draws)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:

@@ -15,7 +15,8 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.variants import widen_variants
+from sceniris_gym.sim.model_fields import ModelFields, widen
+from sceniris_gym.sim.variants import fields_of_variants
 from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
@@ -149,6 +150,7 @@ class Batch(Fixed):
         full_scene: The scene as it was given, with all variants.
         model: mujoco_warp Model.
         data: mujoco_warp Data.
+        fields: Model fields that have a row for each world.
         step: Takes one control step in all worlds: `substeps` physics steps, then an update of what is needed. Without
             the update, xpos would be one substep older than qpos.
         update: Brings what is needed up to date in all worlds.
@@ -158,7 +160,19 @@ class Batch(Fixed):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("scene", "full_scene", "nworld", "device", "model", "data", "stages", "substeps", "step", "update")
+    FIXED = (
+        "scene",
+        "full_scene",
+        "nworld",
+        "device",
+        "model",
+        "data",
+        "fields",
+        "stages",
+        "substeps",
+        "step",
+        "update",
+    )
     ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
 
     def __init__(
@@ -185,13 +199,15 @@ class Batch(Fixed):
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(mjm)
-            widen_variants(scene, self.model, nworld)
+            for name in fields_of_variants() if scene.shared is not None else ():
+                widen(self.model, name, nworld)
             if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
             # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step
             silence_iterations(self.model)
             room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
             self.data = mjw.make_data(mjm, nworld, **room)
+        self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.stages = update_stages(needs)
         self.substeps = substeps
         self.update = LaunchSequence(self._launch_update, self.device, graph=graph)

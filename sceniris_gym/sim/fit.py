@@ -28,7 +28,7 @@ _MEASURES = {
 _TOLERANCE = 1.0e-6
 """Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
 _CURE_OF_VARIANTS = (
-    "Objects have variants, so make Model and Data from it: sceniris_gym.sim.variants.put_model(compiled, nworld), "
+    "Objects have variants, so make Model and Data from it: sceniris_gym.put_model(compiled, nworld), "
     "mjw.make_data(compiled.sim_mjm, nworld=...)."
 )
 _CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
-from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.plan import slot_names
+from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import places_of_geoms
 from sceniris_gym.sim.write import Poses
@@ -34,30 +36,6 @@ def fields_of_variants() -> tuple[str, ...]:
     named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
     known = mjw.Model.__dataclass_fields__
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
-
-
-def put_model(compiled: CompiledScene, nworld: int) -> mjw.Model:
-    """Return a mujoco_warp Model of a scene as it is simulated, with a row for each world where variants differ.
-
-    Args:
-        compiled: The compiled scene.
-        nworld: Number of worlds.
-    """
-    with wp.ScopedDevice(compiled.device):
-        m = mjw.put_model(compiled.sim_mjm)
-    widen_variants(compiled.scene, m, nworld)
-    return m
-
-
-def widen_variants(scene: SceneModel, m: mjw.Model, nworld: int) -> None:
-    """Give the fields in which variants differ a row for each world, if the scene has variants."""
-    for name in fields_of_variants() if scene.shared is not None else ():
-        array = getattr(m, name)
-        if array.shape[0] != nworld:
-            with wp.ScopedDevice(array.device):
-                wide = wp.array(np.repeat(array.numpy()[:1], nworld, axis=0), dtype=array.dtype)
-            wide._is_batched = True  # as mujoco_warp marks its own
-            setattr(m, name, wide)
 
 
 @wp.kernel
@@ -147,9 +125,12 @@ class VariantWriter:
 
     Args:
         scene: A scene in which objects have variants.
-        m: Model of the scene as it is simulated, with a row for each world where variants differ: see `put_model`.
+        m: Model of the scene as it is simulated, with a row for each world where variants differ: see
+            `model_fields.put_model`.
         nworld: Number of worlds.
         mask: The worlds to write into, shape (nworld,), bool; read at every launch.
+        varied: Copies of these fields, to which the same is written, with the colours that are seen:
+            `ModelFields.varied`.
 
     Attributes:
         variant: The variant of each object that is present, numbered as in the scene file, objects in the order of
@@ -159,12 +140,14 @@ class VariantWriter:
         SceneMismatchError: The Model has one row for all worlds.
     """
 
-    def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, mask: wp.array) -> None:
+    def __init__(
+        self, scene: SceneModel, m: mjw.Model, nworld: int, mask: wp.array, varied: Mapping[str, wp.array]
+    ) -> None:
         for name in fields_of_variants():
             if getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
                     f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
-                    "have variants. Make the Model by sceniris_gym.sim.variants.put_model(compiled, nworld)."
+                    "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
                 )
         self._mask, self._device = mask, m.qpos0.device
         full, sim, variants = scene.mjm, scene.sim.mjm, scene.config.variants
@@ -184,12 +167,13 @@ class VariantWriter:
             masses = [float(full.body_mass[body]) for members in bodies for body in members]
             others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
             self._inputs = [
-                *self._words(scene, m, bodies),
+                *self._words(scene, m, bodies, varied),
                 *self._sources(scene, bodies),
                 wp.array(np.cumsum([0, *counts[:-1]]), dtype=int),
                 wp.array([*masses, others], dtype=wp.float64),
             ]
-        self._fields = [getattr(m, name) for name in fields_of_variants()]  # kernels have their addresses alone
+        # kernels have their addresses alone
+        self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
         self._outputs = [self._qpos, self._mocap_pos, self._mocap_quat, m.body_subtreemass]
 
     def launch(self, poses: Poses, present: wp.array, rows: wp.array | None = None) -> Poses:
@@ -217,21 +201,24 @@ class VariantWriter:
         )
         return Poses(self._qpos, self._mocap_pos, self._mocap_quat)
 
-    def _words(self, scene: SceneModel, m: mjw.Model, bodies: list[list[int]]) -> list[wp.array]:
+    def _words(
+        self, scene: SceneModel, m: mjw.Model, bodies: list[list[int]], varied: Mapping[str, wp.array]
+    ) -> list[wp.array]:
         """Return the table of all variants in words of 32 bits, and the words of the model that they are written to."""
         table: list[np.ndarray] = []
         shared, adr, num, address, stride = ([] for _ in range(5))
         size = 0
-        for i, (name, members) in enumerate(zip(scene.config.variants, bodies, strict=True)):
-            rows = _rows(scene, name, members)
+        for k, (name, members) in enumerate(zip(scene.config.variants, bodies, strict=True)):
+            rows = [(getattr(m, field), i, v) for field, i, v in _rows(scene, name, members, seen=False)]
+            copied = [(varied.get(field), i, v) for field, i, v in _rows(scene, name, members, seen=True)]
+            rows += [(array, i, v) for array, i, v in copied if array is not None]
             width = sum(values.shape[1] for _, _, values in rows)
             table.append(np.concatenate([values for _, _, values in rows], axis=1).ravel())
-            for field, element, values in rows:
-                array = getattr(m, field)
+            for array, element, values in rows:
                 first = array.ptr + element * array.strides[1]
                 address += [first + 4 * word for word in range(values.shape[1])]
                 stride += [array.strides[0]] * values.shape[1]
-            shared += [i] * width
+            shared += [k] * width
             adr += range(size, size + width)
             num += [width] * width
             size += width * len(members)
@@ -268,14 +255,18 @@ def _mocap_bodies(mjm: mujoco.MjModel) -> np.ndarray:
     return bodies[np.argsort(mjm.body_mocapid[bodies])]
 
 
-def _rows(scene: SceneModel, name: str, bodies: list[int]) -> list[tuple[str, int, np.ndarray]]:
-    """Return the values of an object's variants: field, element of the simulated model, words (nvariant, width)."""
+def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, np.ndarray]]:
+    """Return the values of an object's variants: field, element of the simulated model, words (nvariant, width).
+
+    If they are to be `seen`, colours are those of materials where these show.
+    """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
     _, places = places_of_geoms(full, bodies)
     geom, dof = int(sim.body_geomadr[body]), int(sim.body_dofadr[body])
     found = []
     for field in fields_of_variants():
         kind, theirs, ours = field.partition("_")[0], getattr(full, field), getattr(sim, field)
+        theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
         words = np.int32 if theirs.dtype.kind == "i" else np.float32
         theirs, ours = (np.reshape(values, (len(values), -1)).astype(words) for values in (theirs, ours))
         if kind == "body":

@@ -85,6 +85,8 @@ def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> d
         array = getattr(state.data, name)
         if array.size:
             found[f"data.{name}"] = wp.to_torch(array)
+    for name, array in state.model_rows.items():
+        found[f"model.{name}"] = wp.to_torch(array)
     for name in _OF_LAYOUTS:
         array = getattr(layouts, name)
         if array.size:

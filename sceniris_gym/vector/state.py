@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any
+from typing import Any, overload
 
 import mujoco
 import numpy as np
@@ -19,12 +20,12 @@ from sceniris_gym.program.reach import ReachTarget
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import actuator_controls, sleeps
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import base_frame
 from sceniris_gym.vector.joint_writer import JointWriter
 from sceniris_gym.vector.pose_writer import PoseWriter
-from sceniris_gym.vector.task_random import draw_uniform, task_stream
 from sceniris_gym.vector.variants import Boxes, VariantView
 
 Joints = str | tuple[int, ...]
@@ -75,8 +76,6 @@ class State:
         self.ctrl = wp.to_torch(d.ctrl)
         self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
         self._qpos, self._qvel = wp.to_torch(d.qpos), wp.to_torch(d.qvel)
-        self._written = {"qpos": self._qpos, "qvel": self._qvel, "ctrl": self.ctrl, "act": wp.to_torch(d.act)}
-        self._written |= {"history": wp.to_torch(d.history)} if self.mjm.nhistory else {}
         self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
         self._site_xpos = wp.to_torch(d.site_xpos)
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
@@ -87,6 +86,11 @@ class State:
         if layouts.reaching is not None:
             self._layout_grasp = wp.to_torch(layouts.grasp)
             self._layout_joints = {q: wp.to_torch(getattr(layouts, q)) for q in ("grasp_qpos", "pregrasp_qpos")}
+
+    @property
+    def model_rows(self) -> dict[str, wp.array]:
+        """The arrays of the physics model that have a row for each world, by name."""
+        return self._batch.fields.rows
 
     @property
     def finite(self) -> Tensor:
@@ -261,7 +265,7 @@ class State:
         width = qpos.shape[1]
 
         def make() -> JointWriter:
-            return JointWriter(self.mjm, self._written, self._joints(name, "put_joints")[:width])
+            return JointWriter(self.mjm, self.data, self._batch.fields.rest, self._joints(name, "put_joints")[:width])
 
         writer = self._once(make, "joints", name, width)
         writer.write(qpos, mask & qpos.isfinite().all(dim=1))
@@ -316,19 +320,75 @@ class State:
         asleep[:, trees] = torch.where(mask[:, None], trees.int(), asleep[:, trees])
         awake[:, trees] = torch.where(mask[:, None], 0, awake[:, trees])
 
+    def model_field(self, name: str, of: str | None = None) -> Tensor:
+        """Return a field of the physics model with a row for each world, to write to in `Task.on_reset`.
+
+        Ask for it in `Task.bind`: steps have all other fields once for all worlds. What follows from the field, such as
+        the inverse weights of bodies, is brought up to date after `on_reset`; other fields do not follow: to make a
+        body heavier, scale "body_mass" and "body_inertia".
+
+        Args:
+            name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
+            of: An element of the model, or an object or a robot, of which a field of bodies has the row of the root
+                body, and other fields those of all geoms, joints or actuators inside.
+
+        Returns:
+            A view that steps read, in the units of MuJoCo, shape (num_envs, number of elements, ...); (num_envs, ...)
+            for `of` a single element.
+
+        Raises:
+            UnknownNameError: There is no such field or element, or layouts depend on it.
+            ArgumentError: The field is asked for after `bind`, or the model has none of what it scales.
+        """
+        return self._once(
+            lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of
+        )
+
+    def parameter(self, name: str) -> Tensor:
+        """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).
+
+        These are factors for `scale`, terms for `add`, and values for `abs` and `choice`. They are in the group
+        `critic`, too, under the name "parameters".
+
+        Args:
+            name: The name of the draw: "can.mass", "robot.gains", "gravity", "lights.lamp.diffuse".
+
+        Raises:
+            UnknownNameError: The scene draws nothing of this name.
+        """
+        return wp.to_torch(self._batch.fields.parameter(name, "State.parameter"))
+
+    @property
+    def parameters(self) -> Tensor | None:
+        """All numbers that `randomize` of the scene has drawn, shape (num_envs, n); None if it draws nothing."""
+        numbers = [self.parameter(draw.name) for draw in self.scene.draws]
+        return torch.cat(numbers, dim=1) if numbers else None
+
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""
         return int(actuator_controls(self.mjm)[0][self._id("actuator", name, "actuator")])
 
-    def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor:
-        """Draw uniform numbers in [low, high), shape (num_envs, n).
+    @overload
+    def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor: ...
+    @overload
+    def random(self, n: str, low: tuple[int, ...] = ()) -> Tensor: ...
+    def random(self, n: int | str, low: Any = None, high: float = 1.0, *, stream: int = 0) -> Tensor:
+        """Draw uniform numbers: `random(n, low, high)` for this step, or `random(name, shape)` for this episode.
 
-        They depend only on the world's seed and episode, the steps since its reset, and `stream`: a second call in the
-        same step gives the same numbers, so use another stream for another purpose.
+        With a number they are in [low, high), by default [0, 1), shape (num_envs, n), and depend only on the world's
+        seed and episode, the steps since its reset, and `stream`: a second call in the same step gives the same
+        numbers, so use another stream for another purpose.
+
+        With a name they are in [0, 1), shape (num_envs, *shape), and depend only on seed, episode and name.
         """
-        values = torch.empty(self.num_envs, n, device=self.device)
-        number = task_stream(self._split, stream)
         layouts = self._layouts
+        if isinstance(n, str):
+            shape = low or ()
+            values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
+            draw_named(layouts.seed, layouts.episode, self._split, n, wp.from_torch(values))
+            return values.reshape(self.num_envs, *shape)
+        values = torch.empty(self.num_envs, n, device=self.device)
+        number, low = task_stream(self._split, stream), low or 0.0
         draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values
 

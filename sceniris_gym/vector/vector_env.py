@@ -49,10 +49,12 @@ from sceniris_gym.vector.sensing import Sensing, Sensors, as_sensing
 from sceniris_gym.vector.snapshot import Snapshot, live_tensors, put, take
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
-from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.task_checks import check_observation, check_outcome
 
 OUTPUTS = ("torch", "numpy")
+PARAMETERS = "parameters"
+"""The name of drawn physics and looks in the group `critic`."""
 
 
 class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
@@ -99,7 +101,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
-        sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
+        sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
+            attributes, or None.
         output: "torch" (tensors on `device`) or "numpy".
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
         render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
@@ -189,6 +192,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             split=split,
             prefetch=prefetch,
             needs=self.task.needs,
+            fields=self.batch.fields,
             graph=graph,
         )
         self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
@@ -208,15 +212,17 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
         with self._on_torch_stream():
             self.task.bind(self.state)
+            self.batch.fields.close()
             self.batch.update()
-            observation = self.task.observe(self.state)
+            observation = self._task_observation()
             check_observation(self.task, observation, self.num_envs)
-            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation)
+            action_size = self.task.action_size or self.compiled.mjm.nu
+            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation, action_size)
             observation = spaces.chosen(observation, self._groups)
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
-        self.single_action_space = spaces.action_space(self.task.action_size or self.compiled.mjm.nu)
+        self.single_action_space = spaces.action_space(action_size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         return flat
@@ -260,10 +266,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
+        self.batch.fields.check()
         with self._on_torch_stream():
             if kept is not None:
-                due = put(kept, self.compiled.hash, self._live(), None if mask is None else due)
-                self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
+                live, given_to = self._live(), None if mask is None else due
+                due = put(kept, self.compiled.hash, live, given_to)
+                if self.randomizer.variants is not None:  # which brings the model of the variants as it was made
+                    self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
+                    put(kept, self.compiled.hash, live, given_to)
                 self.batch.update()
                 self.statistics.start(due)
             else:
@@ -345,9 +355,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._check_open()
         if not self._ready:
             raise gymnasium.error.ResetNeeded("Call reset() before step().")
+        self.batch.fields.check()
         with self._on_torch_stream():
             action = as_action(actions, self.action_space, self.device)
-            self.task.apply(self.state, action)
+            delayed = action if self._sensors is None else self._sensors.delayed_action(self.state, action)
+            self.task.apply(self.state, delayed)
             self.batch.step()
             self.state.elapsed.add_(1)
             outcome = self._outcome(action)
@@ -418,14 +430,23 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.state.elapsed.masked_fill_(mask, 0)
         self.statistics.start(mask)
         self.task.on_reset(self.state, mask)
+        if self.batch.fields.asked:
+            self.randomizer.refresh()
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
         """Return the flat observation, in new tensors or in one of the two buffers."""
-        observation = self.task.observe(self.state)
+        observation = self._task_observation()
         if self._sensors is not None:
             observation = self._sensors(self.state, observation)
         observation = spaces.chosen(observation, self._groups)
         return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
+
+    def _task_observation(self) -> Observation:
+        """Return what the task observes, with the numbers that the scene has drawn in the group `critic`."""
+        observation, parameters = self.task.observe(self.state), self.state.parameters
+        if parameters is None or "critic" not in observation:
+            return observation
+        return {**observation, "critic": {**observation["critic"], PARAMETERS: parameters}}
 
     def _layout_info(self) -> dict[str, Any]:
         s, sampler = self.state, self.randomizer.levels

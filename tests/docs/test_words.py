@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 from sceniris_gym.config import loader, objects, orientation, relations, robot, variants
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.randomize import DrawConfig, SceneDraws
 from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.config.section import Section
 
@@ -33,6 +34,8 @@ MODELS: dict[str, type[BaseModel]] = {
     "tcp": robot.TcpConfig,
     "group": GroupConfig,
     "heap": HeapConfig,
+    "draw": DrawConfig,
+    "whole scene": SceneDraws,
 }
 """The models, by their names in the table."""
 FIELDS = {(place, field.alias or name): field for place, m in MODELS.items() for name, field in m.model_fields.items()}

@@ -18,8 +18,9 @@ from sceniris_gym.pictures.camera import FrameCamera
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch, default_budget
+from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
-from sceniris_gym.sim.variants import fields_of_variants, put_model
+from sceniris_gym.sim.variants import fields_of_variants
 from tests.layout.scenes import write_mjcf
 
 THINGS = ("can", "mug", "book", "brick")
@@ -200,3 +201,29 @@ def test_there_is_room_for_the_contacts_of_every_variant(compiled: CompiledScene
         for stand in STANDS:
             own = build_model(SceneConfig.load(words({"asset": thing}, {"asset": stand})))
             assert (room >= default_budget(own.mjm)).all()
+
+
+def test_draws_of_physics_are_relative_to_the_variant():
+    """Masses, frictions and colours are those of the variant that a world has, times what was drawn for it."""
+    drawn = {"mass": {"scale": [0.5, 2.0]}, "friction": {"scale": [0.5, 1.0]}, "rgba": {"scale": [0.5, 0.9]}}
+    compiled = compile_scene(words({"asset": list(THINGS), "randomize": drawn}, {"asset": list(STANDS)}), "cpu")
+    batch = Batch(compiled.scene, NWORLD, "cpu")
+    randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=False)
+    for mask in (None, np.arange(NWORLD) % 2 == 0):
+        randomizer.reset(mask)
+    m, full, body = batch.model, compiled.mjm, compiled.scene.sim.bodies["target"]
+    scale = batch.fields.parameter("target.mass", "here").numpy()[:, 0]
+    assert np.unique(scale).size == NWORLD
+    own = [compiled.scene.bodies[f"target/{name}"] for name in THINGS]
+    bodies = np.array(own)[randomizer.variant.numpy()[:, 1]]
+    np.testing.assert_allclose(m.body_mass.numpy()[:, body], full.body_mass[bodies] * scale, rtol=1e-5)
+    np.testing.assert_allclose(m.body_inertia.numpy()[:, body], full.body_inertia[bodies] * scale[:, None], rtol=1e-5)
+    weight = full.body_invweight0[bodies] / scale[:, None]
+    np.testing.assert_allclose(m.body_invweight0.numpy()[:, body], weight, rtol=1e-3)
+    sim = compiled.sim_mjm
+    slots = np.flatnonzero(sim.geom_bodyid == body)
+    for world in range(NWORLD):
+        used = slots[m.geom_margin.numpy()[world, slots] > -1.0]
+        theirs = np.flatnonzero(full.geom_bodyid == bodies[world])
+        ratio = m.geom_friction.numpy()[world, used, 0].max() / full.geom_friction[theirs, 0].max()
+        assert 0.49 < ratio < 1.01
