@@ -55,6 +55,7 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
         "04_own_task": example("04_own_task").SCENE,
         "14_images": example("14_images").SCENE,
         "12_model_in_memory": {"model": str(folder / "model.xml"), "objects": in_memory.OBJECTS},
+        "18_variants": example("18_variants").SCENE,
         "13_own_mesh": own_mesh.scene(folder / "wedge.xml"),
         "16_randomised_task": example("16_randomised_task").SCENE,
         "17_randomised_loop": {"model": str(folder / "ground.xml"), "objects": loop.OBJECTS},

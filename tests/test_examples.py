@@ -296,3 +296,12 @@ def test_an_own_loop_draws_masses_and_frictions(capsys: pytest.CaptureFixture[st
     load("17_randomised_loop").main(nworld=8, device="cpu")
     found = float(re.findall(r"correlation of friction and way: ([-0-9.]+)", capsys.readouterr().out)[0])
     assert found < -0.8
+
+
+@pytest.mark.slow
+def test_things_of_worlds_are_others_after_every_reset(capsys: pytest.CaptureFixture[str]):
+    """Each of them has the mass of its own, wherever it comes up, and stays on the table."""
+    load("18_variants").main(nworld=12, resets=2, seconds=0.2, device="cpu")
+    found = re.findall(r"(\w+): (\d+) worlds, ([0-9.]+) kg, 100% still", capsys.readouterr().out)
+    assert sum(int(number) for _, number, _ in found) == 24
+    assert len({name for name, _, _ in found}) == len({(name, mass) for name, _, mass in found}) > 4

@@ -48,6 +48,8 @@ BOUNDS = {
     "joint": Bound(-MOST_FAR, MOST_FAR, "m or rad"),
     "noise": Bound(0.0, MOST_FAR, "m or rad"),
     "field of view": Bound(1.0, 179.0, "degrees"),
+    "scale": Bound(0.01, 100.0, ""),
+    "weight": Bound(0.0, 1.0e6, ""),
     "direction": Bound(-1.0e6, 1.0e6, ""),
     "model length": Bound(-1.0e5, 1.0e5, "m"),
     "friction": Bound(0.0, 1.0e6, ""),

@@ -16,6 +16,7 @@ from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, Unknow
 from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
 from sceniris_gym.scene.number_check import check_numbers
+from sceniris_gym.scene.scaling import scale_asset
 
 FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
@@ -32,8 +33,13 @@ class Home:
     ctrl: dict[str, float]
 
 
-def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> Home:
-    """Attach the asset of an object as a body of the object's kind, and return its start pose."""
+def attach_object(
+    spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, below: mujoco.MjsFrame | None = None
+) -> Home:
+    """Attach the asset of an object as a body of the object's kind, and return its start pose.
+
+    With `below`, attach it to that frame as it is, instead of to the world.
+    """
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
         marker.add_site(name=f"{name}/site", size=[0.02, 0.0, 0.0], rgba=[0.1, 0.8, 0.2, 0.6])
@@ -50,9 +56,12 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
         return Home({}, {})
     where = f"{where}: objects.{name}"
     child = _load_asset(config.asset, f"{where}.asset")
+    if config.scale != 1.0:
+        scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
-    root = attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
-    make_kind(spec, root, name, config.kind, f"{where}.kind")
+    root = attach(spec, child, name, below or spec.worldbody.add_frame(), f"{where}.asset")
+    if below is None:
+        make_kind(spec, root, name, config.kind, f"{where}.kind")
     return home
 
 

@@ -14,13 +14,14 @@ from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls
 from sceniris_gym.sim.field_drawer import FieldDrawer
 from sceniris_gym.sim.rest import scene_rest
+from sceniris_gym.sim.variants import fields_of_variants
 
 
 class ModelFields:
     """Fields of a Model that have a row for each world.
 
     Args:
-        scene: The scene.
+        scene: The scene; what it simulates is `scene.sim`.
         m: The Model.
         d: Data of the worlds.
         grow: Give a field with one row for all worlds a row for each when it is asked for. Otherwise it is refused, as
@@ -29,9 +30,14 @@ class ModelFields:
     Attributes:
         rest: The controls and activations that hold a pose.
         asked: The fields that somebody asked for, to write to.
+        varied: The values of the present variants for the fields in which variants of objects differ, with a row for
+            each world; empty without variants. Resets write them before anything else is drawn.
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
+        names = fields_of_variants() if scene.shared is not None else ()
+        self.varied = {name: wp.clone(getattr(m, name)) for name in names}
+        scene = scene.sim
         self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
@@ -69,7 +75,8 @@ class ModelFields:
         """Return the array of a field, with a row for each world; `source` is the field that it follows from."""
         if name not in self._nominal:
             array = getattr(owner(self._model, name), name)
-            self._nominal[name] = wp.clone(array[:1]) if array.size else array
+            made = wp.clone(array[:1]) if array.size else array
+            self._nominal[name] = self.varied.get(name, made)
             self._widen(name, source or name, where)
             for kind in FOLLOWERS:
                 if name in kind.SOURCES and kind not in self._followers:
@@ -79,7 +86,10 @@ class ModelFields:
         return getattr(owner(self._model, name), name)
 
     def nominal(self, name: str) -> wp.array:
-        """Return the values of the model as it was made, shape (1, ...); of a field that was asked for."""
+        """Return the values of the model as it was made, of a field that was asked for, shape (1, ...).
+
+        Where variants of objects differ, they have a row for each world.
+        """
         return self._nominal[name]
 
     def parameter(self, name: str, where: str) -> wp.array:
@@ -110,7 +120,7 @@ class ModelFields:
             seen, nominal = nominal_values(self._scene.mjm, "geom_rgba"), self._nominal["geom_rgba"].numpy()
             for draw in draws:
                 if draw.word.field == "geom_rgba":
-                    nominal[0, draw.rows] = seen[draw.rows]
+                    nominal[:, draw.rows] = seen[draw.rows]
             self._nominal["geom_rgba"].assign(nominal)
         return FieldDrawer(draws, arrays, self._nominal, self._nworld)
 
@@ -162,16 +172,19 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
     Args:
         compiled: The compiled scene.
         nworld: Number of worlds.
-        fields: Names of the fields; those that the scene randomizes, and what follows from either, have rows as well.
+        fields: Names of the fields; those that the scene randomizes, what follows from either, and those in which
+            variants of objects differ have rows as well.
 
     Raises:
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
     with wp.ScopedDevice(compiled.device):
-        m = mjw.put_model(compiled.mjm)
-        for name in (*drawn_fields(compiled.scene.draws), *fields):
-            check_field(name, compiled.mjm, "put_model")
+        m = mjw.put_model(compiled.sim_mjm)
+        for name in fields_of_variants() if compiled.config.variants else ():
+            widen(m, name, nworld)
+        for name in (*drawn_fields(compiled.scene.sim.draws), *fields):
+            check_field(name, compiled.sim_mjm, "put_model")
             widen(m, name, nworld)
             for kind in FOLLOWERS:
                 for output in kind.OUTPUTS if name in kind.SOURCES else ():

@@ -38,6 +38,7 @@ from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
+from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
 from sceniris_gym.sim.write import Poses, StateWriter
 
@@ -77,7 +78,9 @@ class ResetRandomizer(Fixed, StaysHere):
     Args:
         compiled: The compiled scene, on the device of `data`.
         model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
-            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ.
+            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ. If objects
+            have variants, `sceniris_gym.put_model(compiled, nworld)` makes it, and `data` is made from
+            `compiled.sim_mjm`.
         data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch returns an
             nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of `data`.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
@@ -101,6 +104,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
     Attributes:
         fields: Model fields that have a row for each world.
+        variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
+            the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
 
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
@@ -162,6 +167,11 @@ class ResetRandomizer(Fixed, StaysHere):
         with wp.ScopedDevice(self.device):
             self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
             self._nacon = wp.zeros_like(data.nacon)
+            self.variant = wp.zeros((data.nworld, 0), dtype=int)
+        self.variants = None
+        if compiled.config.variants:
+            self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
+            self.variant = self.variants.variant
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._split = getattr(layout_source, "split", split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
@@ -285,14 +295,23 @@ class ResetRandomizer(Fixed, StaysHere):
         if scene not in ("", self.compiled.hash):
             mismatch = self.compiled.scene.mismatch(scene, "Give layouts of this scene.")
             raise SceneMismatchError(f"layouts: each of them {mismatch}")
-        poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
+        poses, nrow = _poses_of(layouts, self.compiled.mjm, self.device), layouts.qpos.shape[0]
+        present = layouts.present
+        if self.variants is not None and not isinstance(present, wp.array):
+            present = wp.array(present, dtype=int, ndim=2, device=self.device)
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
             seed, episode = layouts.seed, layouts.episode
             if isinstance(layouts, LayoutTable):
                 seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
-            self._launch_write(poses, seed, episode, on_device)
+            self._launch_write(poses, present, seed, episode, on_device)
+
+    def launch_variants(self, mask: wp.array) -> None:
+        """Give the masked worlds the variants of their present layouts, without a reset."""
+        if self.variants is not None:
+            fill_mask(mask, self._mask)
+            self.variants.launch(_poses(self.layouts), self.layouts.present)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
@@ -312,20 +331,19 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def _make_writer(self, origins: Any) -> StateWriter:
         """Return the writer of what a reset writes, at home where layouts do not say."""
-        scene, mjm, d = self.compiled.scene, self.compiled.mjm, self.data
+        scene, mjm, d = self.compiled.scene.sim, self.compiled.sim_mjm, self.data
         plastic, bodies = keyframe_plastic(mjm, scene.keyframe) if scene.keyframe >= 0 else None, None
         if not self._whole:
             bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
         if origins is not None:
             origins = as_origins(origins, d.nworld, self.device)
-            warn_of_origins(scene, origins.numpy(), "ResetRandomizer: origins")
+            warn_of_origins(self.compiled.scene, origins.numpy(), "ResetRandomizer: origins")
         return StateWriter(mjm, d, self._mask, self.fields.rest, bodies=bodies, origins=origins, plastic=plastic)
 
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        poses = Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
-        self._launch_write(poses, layouts.seed, layouts.episode)
+        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
@@ -335,10 +353,15 @@ class ResetRandomizer(Fixed, StaysHere):
         for stage in self._stages:
             stage(self.model, self.data)
 
-    def _launch_write(self, poses: Poses, seed: wp.array, episode: wp.array, rows: wp.array | None = None) -> None:
+    def _launch_write(
+        self, poses: Poses, present: Any, seed: wp.array, episode: wp.array, rows: wp.array | None = None
+    ) -> None:
         m, d = self.model, self.data
+        drawn = rows
+        if self.variants is not None:
+            poses, rows = self.variants.launch(poses, present, rows), None
         self._contacts.launch_drop()
-        self.fields.launch_draw(self._mask, seed, episode, self._split, rows)
+        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)
@@ -346,6 +369,10 @@ class ResetRandomizer(Fixed, StaysHere):
             wp.copy(d.nacon, self._nacon)
         self._writer.launch(poses, rows)
         self._launch_stages()
+
+
+def _poses(layouts: Layouts) -> Poses:
+    return Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
 
 
 def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> LayoutSource:
@@ -359,7 +386,7 @@ def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> Layo
     return PreparedLayouts(generator, stream, graph=graph) if prefetch else generator
 
 
-def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -> Poses:
+def _poses_of(layouts: Layouts | LayoutTable, m: mujoco.MjModel, device: wp.Device) -> Poses:
     """Return the poses of stored layouts, on the device.
 
     Raises:

@@ -56,6 +56,7 @@ SETTINGS = {
     "TabletopReachPixels-v0": Settings(epochs=2, teacher=2.0),
     "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "TabletopLiftAny-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
     "ClutterExtract-v0": Settings(

@@ -59,7 +59,7 @@ class Rendering:
         if self._window is None:
             # by its name, as the viewer imports the environments
             viewer: Any = importlib.import_module("sceniris_gym.viewer.window")
-            self._window = viewer.Window(batch.scene, self.worlds)
+            self._window = viewer.Window(batch.full_scene, self.worlds)
         self._window.show(batch, layouts, seconds)
 
     def close(self) -> None:

@@ -71,10 +71,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     index into `images.names`). Pictures are taken after resets, so that none shows the layout before.
 
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
-    each world, and after a step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has
-    `final_obs` and `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as
-    torch lacks uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64`
-    is the seed.
+    each world, `layout_variants` (the number of the present variant, by object) if objects have variants, and after a
+    step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has `final_obs` and
+    `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks
+    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
     processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
@@ -219,7 +219,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             fields=self.batch.fields,
             graph=graph,
         )
-        self.state = State(self.batch, self.randomizer.layouts, split)
+        self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
         self.device = self.state.device
         self.images, self.final_images = make_images(self.batch, images, render_every, graph=graph), final_images
         self.statistics = EpisodeStatistics(num_envs, self.device)
@@ -296,7 +296,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.batch.fields.check()
         with self._on_torch_stream():
             if kept is not None:
-                due = put(kept, self.compiled.hash, self._live(), None if mask is None else due)
+                live, given_to = self._live(), None if mask is None else due
+                due = put(kept, self.compiled.hash, live, given_to)
+                if self.randomizer.variants is not None:  # which brings the model of the variants as it was made
+                    self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
+                    put(kept, self.compiled.hash, live, given_to)
                 self.batch.update()
                 self.statistics.start(due)
             else:
@@ -480,13 +484,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             GROUP: self.images.take(self.images.due(self.state.elapsed) if mask is None else mask, copy or self.copy)
         }
 
-    def _layout_info(self) -> dict[str, Tensor]:
+    def _layout_info(self) -> dict[str, Any]:
         s, sampler = self.state, self.randomizer.levels
-        info = {
+        info: dict[str, Any] = {
             "layout_seed": s.seed.clone(),
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        if s.variants.names:
+            info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
         return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
 
     def _returned(self, value: Any) -> Any:

@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from sceniris_gym.config import objects, orientation, relations, robot
+from sceniris_gym.config import loader, objects, orientation, relations, robot, variants
 from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig
@@ -45,6 +45,8 @@ MODELS: dict[str, type[BaseModel]] = {
 FIELDS = {(place, field.alias or name): field for place, m in MODELS.items() for name, field in m.model_fields.items()}
 READ_BEFORE = {
     ("scene", "base"),
+    *(("object", word) for word in (loader.VARIANTS, loader.HOLDOUT)),
+    *(("variant", word) for word in variants.DRAWN),
     *(("orientation", word) for word in orientation._WORDS),
     *(("reachable", word) for word in objects._REACH_WORDS),
 }

@@ -61,7 +61,7 @@ def _place(
         layouts.body_quat[row, body] = search.body_quat[c, body]
     if lane > 0:
         return
-    slot = program.obj_slot[obj]
+    slot = program.obj_place[obj]
     if program.obj_kind[obj] != ObjectKind.STATIC:
         layouts.place[row, slot] = search.place[c]
         layouts.bounds[row, slot] = search.bounds[c]
