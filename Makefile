@@ -72,7 +72,7 @@ test-mjlab:
 	$(MJLAB)/bin/python -m pip install -e '.[mjlab]' pytest "$$(grep '^torch==' constraints.txt)"
 	$(MJLAB)/bin/python -m pytest -q --durations=5 tests/adapters/test_mjlab.py
 
-# MJX needs MuJoCo 3.17, and so does Newton.
+# MJX and Newton need MuJoCo 3.17, whose differences the tests for the oldest versions would find.
 test-jax:
 	test -x $(JAX)/bin/python || $(PYTHON) -m venv $(JAX)
 	$(JAX)/bin/python -m pip install "$$(grep '^torch==' constraints.txt)"
@@ -83,6 +83,7 @@ test-newton:
 	test -x $(NEWTON)/bin/python || $(PYTHON) -m venv $(NEWTON)
 	$(NEWTON)/bin/python -m pip install "$$(grep '^torch==' constraints.txt)"
 	$(NEWTON)/bin/python -m pip install -e '.[newton]' pytest "$$(grep '^torch==' constraints.txt)"
+	$(NEWTON)/bin/python -m pytest -q --durations=5 -m oldest $$(grep -rl 'mark\.oldest' tests)
 	$(NEWTON)/bin/python -m pytest -q --durations=5 tests/adapters/test_newton.py
 
 demo: $(STAMP)

@@ -71,6 +71,7 @@ class RequestedLayouts(StaysHere):
         layouts = self._generator.layouts
         self._home = [wp.clone(array[0]) for array in (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)]
         self._generator.generate(wp.zeros(nworld, dtype=wp.bool, device=compiled.device))  # records its graph
+        wp.synchronize_device(compiled.device)  # the streams of later launches do not wait for this one
 
     @launching
     def launch(
