@@ -55,19 +55,19 @@ def _pose_hand(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, grasp, start, failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, candidates, row, grasp, start, failed, qpos, body_pos, body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
             continue
-        worldid = reach_search.world[c]
+        row = reach_search.row[c]
         grasp = reach_search.grasp[c]
         qpos = reach_search.qpos[c]
-        _take_joints(program, reach.hand_body, layouts.qpos[worldid], qpos)
+        _take_joints(program, reach.hand_body, layouts.qpos[row], qpos)
         _open_gripper(reach, grasp, qpos)
-        pos, quat = tcp_of(reach, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
+        pos, quat = tcp_of(reach, grasp, layouts.body_pos[row], layouts.body_quat[row])
         root = reach.hand_body[0]
         reach_search.body_pos[c, root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
         reach_search.body_quat[c, root] = wp.normalize(mul_quat(quat, reach.hand_quat))
@@ -89,7 +89,7 @@ def _pose_arm(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
+    # ReachSearch in: column, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
     #   body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,
@@ -97,18 +97,18 @@ def _pose_arm(
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
             continue
-        worldid = reach_search.world[c]
+        row = reach_search.row[c]
         qpos = reach_search.qpos[c]
         joints = reach_search.grasp_qpos[c]
         if step >= ReachStep.SELF_AT_PREGRASP:
             joints = reach_search.pregrasp_qpos[c]
-        _take_joints(program, reach.arm_body, layouts.qpos[worldid], qpos)
+        _take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
         for i in range(MAX_JOINTS):
             if i < reach.arm.njoint:
                 qpos[reach.arm_qposadr[i]] = joints[i]
         _open_gripper(reach, reach_search.grasp[c], qpos)
-        reach_search.body_pos[c, reach.base_body] = layouts.body_pos[worldid, reach.base_body]
-        reach_search.body_quat[c, reach.base_body] = layouts.body_quat[worldid, reach.base_body]
+        reach_search.body_pos[c, reach.base_body] = layouts.body_pos[row, reach.base_body]
+        reach_search.body_quat[c, reach.base_body] = layouts.body_quat[row, reach.base_body]
         for i in range(reach.arm_body.shape[0]):
             pose_body(program, reach.arm_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
 

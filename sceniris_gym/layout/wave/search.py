@@ -40,11 +40,11 @@ class Search:
 
     # Worlds
     pending: wp.array[bool]  # has no layout yet
-    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
     restart: wp.array[int]  # the next restart
     ticket: wp.array[int]  # its number among the pending worlds of this round
-    best: wp.array[int]  # the lowest restart of this round that placed everything
+    best: wp.array[int]  # the lowest restart of this round that is done
     # Rows
+    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
     row_world: wp.array[int]
     row_restart: wp.array[int]
     row_object: wp.array[int]  # the object to place next; `nobject` once all are placed
@@ -118,6 +118,15 @@ def narrow_pair_num(search: Search) -> int:
 def queue_row(search: Search, row: int):
     """Queue a row for the next wave."""
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+
+
+@wp.func
+def finish_row(search: Search, row: int, staged: bool):
+    """Pass on a row that has placed all its objects: to the reach stage if there is one, else its restart is done."""
+    if staged:
+        search.waiting[row] = True
+    else:
+        wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
 
 
 @wp.func
@@ -249,6 +258,11 @@ class Workspace:
         """Number of worlds."""
         return self.layouts.seed.shape[0]
 
+    @property
+    def nrow(self) -> int:
+        """Number of rows."""
+        return self.search.row_world.shape[0]
+
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
@@ -270,8 +284,8 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     s = Search()
     zeros = partial(allocate, Search, s)
     with wp.ScopedDevice(compiled.device):
-        zeros(nworld, "pending waiting restart ticket best")
-        zeros(nrow, "row_world row_restart row_object row_trial row_attempts row_first row_trials")
+        zeros(nworld, "pending restart ticket best")
+        zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
         zeros((2, nrow), "queue")
         zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
         zeros(1, "candidates cuts narrow_pairs enclosed any_overflowed")
