@@ -108,6 +108,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
         load_kernels(self._work, staged=self._stage is not None)
+        if self._stage is not None:
+            self._stage.launch_pose_hands()
         self.reseed(seed)
 
     @property
@@ -169,6 +171,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_test_collisions(work)
         if work.program.visual:
             launch_test_containment(work)
+        if self._stage is not None:
+            self._stage.launch_test_hands()
         launch_accept(work, staged)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:

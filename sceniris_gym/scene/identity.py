@@ -43,6 +43,8 @@ _ARRAYS = (
     *("wrap_type", "wrap_objid", "wrap_prm"),
 )
 """Arrays of a MjModel that shape layouts."""
+_CLEAR_LAW = "free grasps 1"
+"""Version of the law of `reachable: clear`; raise it where the same words come to mean other layouts."""
 _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
 
 
@@ -76,6 +78,8 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         for robot in config.all_robots.values():
             path = map_of(robot)  # the reach of the arm shapes the layouts, too
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
+    if any(part.reachable == "clear" for part in config.objects.values()):
+        digest.update(_CLEAR_LAW.encode())
     return digest.hexdigest()[:16]
 
 

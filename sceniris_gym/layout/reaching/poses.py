@@ -46,6 +46,30 @@ def _open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
         follow_joint(reach.follow_driveradr, reach.follow_qposadr, reach.follow_coef, i, qpos)
 
 
+@wp.func
+def pose_hand(
+    program: Program,
+    reach: Reach,
+    grasp: int,
+    back: float,
+    target_pos: wp.array[wp.vec3],
+    target_quat: wp.array[wp.vec4],
+    from_qpos: wp.array[float],
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+):
+    """Pose the hand at a grasp of a posed target, or `back` [m] along the approach axis."""
+    _take_joints(program, reach.hand_body, from_qpos, qpos)
+    _open_gripper(reach, grasp, qpos)
+    pos, quat = tcp_of(reach, grasp, target_pos, target_quat)
+    root = reach.hand_body[0]
+    body_pos[root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
+    body_quat[root] = wp.normalize(mul_quat(quat, reach.hand_quat))
+    for i in range(1, reach.hand_body.shape[0]):
+        pose_body(program, reach.hand_body[i], qpos, body_pos, body_quat)
+
+
 @wp.kernel(grid_stride=False)
 def _pose_hand(
     program: Program,
@@ -63,16 +87,18 @@ def _pose_hand(
         if not takes_step(reach, reach_search, c, step):
             continue
         row = reach_search.row[c]
-        grasp = reach_search.grasp[c]
-        qpos = reach_search.qpos[c]
-        _take_joints(program, reach.hand_body, layouts.qpos[row], qpos)
-        _open_gripper(reach, grasp, qpos)
-        pos, quat = tcp_of(reach, grasp, layouts.body_pos[row], layouts.body_quat[row])
-        root = reach.hand_body[0]
-        reach_search.body_pos[c, root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
-        reach_search.body_quat[c, root] = wp.normalize(mul_quat(quat, reach.hand_quat))
-        for i in range(1, reach.hand_body.shape[0]):
-            pose_body(program, reach.hand_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
+        pose_hand(
+            program,
+            reach,
+            reach_search.grasp[c],
+            back,
+            layouts.body_pos[row],
+            layouts.body_quat[row],
+            layouts.qpos[row],
+            reach_search.qpos[c],
+            reach_search.body_pos[c],
+            reach_search.body_quat[c],
+        )
 
 
 def launch_pose_hand(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:

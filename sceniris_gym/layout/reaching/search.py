@@ -82,6 +82,10 @@ class ReachSearch:
     qpos: wp.array2d[float]
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
+    # The hand posed at each grasp of `early_grasp`, in the frame of the grasped body.
+    hand_qpos: wp.array2d[float]
+    hand_pos: wp.array2d[wp.vec3]
+    hand_quat: wp.array2d[wp.vec4]
 
 
 @wp.func
@@ -121,7 +125,7 @@ def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bo
     return reach.reach_tier[reach_search.column[reach_search.row[c]]] == Tier.CLEAR
 
 
-def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize) -> ReachSearch:
+def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
     """Allocate the arrays of a search for the joints of `nrow` rows."""
     ncand, mjm = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm
     s = ReachSearch()
@@ -133,4 +137,6 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize) ->
         zeros(ncand, "row grasp start failed grasp_qpos pregrasp_qpos")
         zeros((ncand, mjm.nq), "qpos")
         zeros((ncand, mjm.nbody), "body_pos body_quat")
+        zeros((early, mjm.nq), "hand_qpos")
+        zeros((early, mjm.nbody), "hand_pos hand_quat")
     return s

@@ -10,6 +10,7 @@ from functools import partial
 
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.sequence import repeat_launches
+from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_test_hands
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
@@ -36,7 +37,8 @@ class ReachStage:
             (one.view, any(t.tier == Tier.CLEAR for t in reaching.targets if t.arm == number))
             for number, one in enumerate(reaching.arms)
         ]
-        self.search = create_reach_search(compiled, work.nrow, work.size)
+        self.search = create_reach_search(compiled, work.nrow, work.size, work.search.free.shape[1])
+        self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
         # every wave either tries at least one start of each row, or is filled to its capacity
         most, capacity = sum(STARTS * len(t.grasp_set.grasps) for t in reaching.targets), self.search.failed.shape[0]
         self._most_waves = most + -(-work.nrow * most // capacity)
@@ -44,6 +46,16 @@ class ReachStage:
     def launch_start(self) -> None:
         """Clear the queue of rows, which is not empty if earlier launches were interrupted."""
         self.search.rows_left.zero_()
+
+    def launch_pose_hands(self) -> None:
+        """Pose the hand at each grasp that objects may block, once and for all."""
+        for reach in self._early:
+            launch_pose_hands(self._work, reach, self.search)
+
+    def launch_test_hands(self) -> None:
+        """Reject candidates that leave a target of tier `clear` no free grasp."""
+        for reach in self._early:
+            launch_test_hands(self._work, reach, self.search)
 
     def launch(self) -> None:
         """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world."""

@@ -18,6 +18,7 @@ from sceniris_gym.layout.reaching.search import (
     reach_candidate_num,
     takes_step,
 )
+from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.placement.grasps import first_accepted, passes_map
@@ -36,6 +37,15 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: in
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
     grasp = first_accepted(reach, column, layouts.variant[row, column], base, body_pos, body_quat)
     layouts.grasp[row, column] = wp.max(grasp, layouts.grasp[row, column])
+
+
+@wp.func
+def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, column: int):
+    """Write the lowest free grasp of a target that every object had to leave one."""
+    for early in range(reach.early_grasp.shape[0]):
+        grasp = reach.early_grasp[reach.early_grasp.shape[0] - 1 - early]
+        if reach.grasp_reach[grasp] == column and search.row_free[row, reach.early_grasp.shape[0] - 1 - early]:
+            layouts.grasp[row, column] = grasp - reach.reach_graspadr[column]
 
 
 @wp.func
@@ -65,11 +75,38 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
             search.waiting[row] = False
             wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
         return
+    if reach.reach_early[found]:
+        _skip_blocked(reach, layouts, search, row, found)
     reach_search.column[row] = found
     reach_search.number[row] = 0
     reach_search.tried[row] = 0
     reach_search.furthest[row] = ReachStep.MAP
     queue_row(reach_search, row)
+
+
+@wp.func
+def _comes_later(reach: Reach, search: Search, row: int) -> bool:
+    """Return True if an earlier restart of a row's world waits too, where one arm is all: that one is tried first."""
+    if reach.last > 0:
+        return False
+    worldid = search.row_world[row]
+    for i in range(search.row_restart[row] - search.restart[worldid]):
+        if search.waiting[row_of_restart(search, worldid, i)]:
+            return True
+    return False
+
+
+@wp.func
+def _next_waiting(reach: Reach, search: Search, row: int) -> int:
+    """Return the row of the next restart of a row's world that waits for it; -1 for none."""
+    if reach.last > 0:
+        return -1
+    worldid = search.row_world[row]
+    for i in range(search.row_restart[row] - search.restart[worldid] + 1, search.restarts_at_once[0]):
+        other = row_of_restart(search, worldid, i)
+        if search.waiting[other]:
+            return other
+    return -1
 
 
 @wp.kernel
@@ -79,7 +116,7 @@ def _open_rows(
     # Layouts in: qpos, mocap_pos, mocap_quat, present, grasp, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos
     layouts: LayoutsView,
-    # Search in: best, waiting, row_world, row_restart
+    # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: arm, rows_left, source
@@ -92,7 +129,7 @@ def _open_rows(
         if search.waiting[row] and not is_sound(program, layouts, row):  # its world falls back, whatever is in reach
             search.waiting[row] = False
             wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
-    if search.waiting[row] and reach_search.arm[row] == reach.number:
+    if search.waiting[row] and reach_search.arm[row] == reach.number and not _comes_later(reach, search, row):
         _move_to(reach, layouts, search, reach_search, row, 0)
 
 
@@ -241,7 +278,7 @@ def _accept(
     # Layouts in: present, grasp, row_rejections, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos, row_rejections
     layouts: LayoutsView,
-    # Search in: best, row_world, row_restart
+    # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: column, number, tried, furthest, first, trials, queue, rows_left, source, rows, grasp, start,
@@ -261,6 +298,9 @@ def _accept(
         else:
             layouts.row_rejections[row, reach.reach_obj[column], _reject_cause(reach, reach_search, row)] += 1
             search.waiting[row] = False
+            following = _next_waiting(reach, search, row)
+            if following >= 0:
+                _move_to(reach, layouts, search, reach_search, following, 0)
 
 
 def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:

@@ -72,6 +72,8 @@ def _place(
         if column >= 0:
             layouts.variant[row, column] = search.turn[c].variant
             layouts.grasp[row, column] = search.grasp[c]
+        for i in range(search.free.shape[1]):
+            search.row_free[row, i] = search.free[c, i]
 
 
 @wp.func
@@ -194,8 +196,8 @@ def _accept(
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
     # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
-    #   rows_left, source, rows, cause, turn, place, bounds, grasp, qpos, body_pos, body_quat
-    # Search out: best, waiting, row_object, row_trial, row_attempts, queue, rows_left, candidates
+    #   rows_left, source, rows, cause, turn, place, bounds, grasp, free, qpos, body_pos, body_quat
+    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, rows_left, candidates
     search: Search,
 ):
     block, lane = wp.tid()

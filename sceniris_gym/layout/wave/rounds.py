@@ -17,6 +17,7 @@ from sceniris_gym.program.device_reach import Reach
 wp.set_module_options({"enable_backward": False})
 
 _NEVER = wp.constant(1 << 30)
+_LEFT = wp.constant(0.1)
 
 
 @wp.func
@@ -36,7 +37,7 @@ def _start(
     # Layouts out: attempts, present, pending_episode, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
-    # Search out: pending, restart, waiting, worlds_left, rows_left, candidates
+    # Search out: pending, restart, waiting, worlds_left, rows_left, restarts_at_once, candidates
     search: Search,
 ):
     worldid = wp.tid()
@@ -47,6 +48,7 @@ def _start(
     if worldid == 0:
         search.rows_left[0] = 0
         search.candidates[0] = 0
+        search.restarts_at_once[0] = 0
     if mask:
         if not mask[worldid]:
             return
@@ -95,7 +97,7 @@ def _open_row(
 
 
 @wp.func
-def _row_of_restart(search: Search, worldid: int, number: int) -> int:
+def row_of_restart(search: Search, worldid: int, number: int) -> int:
     """Return the row of restart `number` of a world, counted within this round."""
     if number == 0:
         return worldid
@@ -105,14 +107,15 @@ def _row_of_restart(search: Search, worldid: int, number: int) -> int:
 @wp.kernel
 def _plan_round(
     program: Program,
-    # Search in: worlds_left
+    # Search in: worlds_left, restarts_at_once
     # Search out: worlds_left, tickets, restarts_at_once
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
     extra = search.row_world.shape[0] - search.pending.shape[0]
-    # after so many restarts fewer than half a world is expected to be pending
-    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
+    # after so many restarts hardly a world is expected to be pending; twice as many as were too few
+    wanted = int(wp.ceil(wp.log(float(worlds) / _LEFT) / -wp.log(program.restart_rate)))
+    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])
     search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
     search.tickets[0] = 0
@@ -140,7 +143,7 @@ def _open_rows(
     for i in range(search.restarts_at_once[0]):
         restart = search.restart[worldid] + i
         if restart <= program.restarts:
-            _open_row(program, reach, layouts, search, _row_of_restart(search, worldid, i), worldid, restart, staged)
+            _open_row(program, reach, layouts, search, row_of_restart(search, worldid, i), worldid, restart, staged)
 
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
@@ -224,7 +227,7 @@ def _settle(
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
-    # Search out: pending, restart, worlds_left
+    # Search out: pending, restart, waiting, worlds_left
     search: Search,
 ):
     worldid = wp.tid()
@@ -235,9 +238,11 @@ def _settle(
     last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
     row = worldid
     for i in range(last - first + 1):
-        row = _row_of_restart(search, worldid, i)
+        row = row_of_restart(search, worldid, i)
         _count_row(layouts, search, worldid, row)
     search.restart[worldid] = last + 1
+    for i in range(search.restarts_at_once[0]):
+        search.waiting[row_of_restart(search, worldid, i)] = False
     sound = True
     if best < _NEVER:
         sound = is_sound(program, layouts, row)

@@ -52,6 +52,7 @@ class Search:
     row_first: wp.array[int]  # the row's first candidate in this wave
     row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
     row_attempts: wp.array[int]  # candidates drawn in this restart
+    row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
     # Counts
     worlds_left: wp.array[int]
@@ -64,6 +65,7 @@ class Search:
     cuts: wp.array[int]  # number of candidates in `cut`
     narrow_pairs: wp.array[int]
     enclosed: wp.array[int]
+    hands: wp.array[int]  # number of entries in `hand`
     any_overflowed: wp.array[int]  # 1: at least one candidate has `overflowed` set
     # Candidates
     row: wp.array[int]
@@ -77,6 +79,8 @@ class Search:
     place: wp.array[wp.vec4]
     bounds: wp.array[wp.vec4]
     grasp: wp.array[int]
+    free: wp.array2d[bool]  # grasps that it leaves free, of those in `early_grasp`
+    hand: wp.array[int]  # (candidate, grasp) that are near each other, as indices into `free`
     overflowed: wp.array[int]  # 1: a stack or queue had no room for all of its collision test; one lane repeats it
     covered: wp.array[int]  # 1: an obstacle is above its point
     overhanging: wp.array[int]  # 1: part of its footprint lies off the support
@@ -138,6 +142,7 @@ def begin_wave(search: Search):
     search.cuts[0] = 0
     search.narrow_pairs[0] = 0
     search.enclosed[0] = 0
+    search.hands[0] = 0
     search.any_overflowed[0] = 0
 
 
@@ -267,10 +272,10 @@ class Workspace:
         """Launch a kernel whose lanes work independently."""
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
-        """Launch a kernel in which the lanes of a block share a candidate."""
+    def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any, blocks: int | None = None) -> None:
+        """Launch a kernel in which the lanes of a block share a candidate, by default with all blocks."""
         words = {"block_dim": self.size.block_dim, "device": self.device}
-        wp.launch_tiled(kernel, dim=[self.size.blocks], inputs=inputs, outputs=outputs, **words)
+        wp.launch_tiled(kernel, dim=[blocks or self.size.blocks], inputs=inputs, outputs=outputs, **words)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
@@ -280,6 +285,8 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         words = 5 * compiled.sides + 2 * compiled.pieces
         ncand = min(ncand, max(_MOST_WORDS // words, 1))
     related = ncand if compiled.related else 0
+    targets = () if compiled.reaching is None else compiled.reaching.targets
+    early = sum(len(target.grasp_set.grasps) for target in targets if target.early)
     visual = compiled.config.geometry == "visual"
     s = Search()
     zeros = partial(allocate, Search, s)
@@ -288,10 +295,13 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
         zeros((2, nrow), "queue")
         zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
-        zeros(1, "candidates cuts narrow_pairs enclosed any_overflowed")
+        zeros(1, "candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
+        zeros((nrow, early), "row_free")
+        zeros((ncand, early), "free")
+        zeros(ncand * early, "hand")
         zeros((related, MAX_RELATIONS), "relations side_num")
         zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")
