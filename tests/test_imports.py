@@ -36,6 +36,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
             ["collide"],
             ["placement"],
             ["layout"],
+            ["levels"],
             ["sim"],
             ["pictures"],
             ["vector"],

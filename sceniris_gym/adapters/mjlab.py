@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, SceneKeyError, import_extra
 from sceniris_gym.layout.compile import compile_scene
@@ -19,7 +21,7 @@ from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
-from sceniris_gym.vector.arguments import fresh_seed
+from sceniris_gym.vector.arguments import as_chosen_layouts, fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
 EventTermCfg: Any = import_extra("mjlab.managers.event_manager", "mjlab", "mjlab").EventTermCfg
@@ -85,6 +87,31 @@ class PlaceLayouts(ManagerTermBase):
         self._tell()
         if not self._kept:
             self._placed = ids, self.state(ids)
+
+    def choose(self, ids: Sequence[str], env_ids: Sequence[int] | None = None) -> None:
+        """Give environments the layouts with these ids at their next reset. They go on from there.
+
+        Args:
+            ids: Layout ids of the scene and split.
+            env_ids: The environment of each id; None is all of them in order.
+
+        Raises:
+            ArgumentError: Not one id for each environment.
+            LayoutIdError, SceneMismatchError: A malformed id, or one of another scene or split.
+        """
+        num_envs = self._env.num_envs
+        wanted = list(range(num_envs)) if env_ids is None else [int(i) for i in env_ids]
+        if isinstance(ids, str) or len(ids) != len(wanted):
+            raise ArgumentError(
+                f"choose: ids should be {len(wanted)} layout ids, one per environment, got {short(ids)}."
+            )
+        by_env = dict(zip(wanted, ids, strict=True))
+        chosen = as_chosen_layouts(
+            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.hash, self._generator.split
+        )
+        assert chosen is not None
+        seeds, episodes, given = chosen
+        self._generator.reseed(seeds, given, episodes)
 
     def reset(self, env_ids: Tensor | None) -> None:
         """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""

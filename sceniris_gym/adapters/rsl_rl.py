@@ -29,10 +29,11 @@ class RslRlVecEnv(VecEnv):
 
     `extras` of a step has `time_outs` (truncated and not terminated), `success` of the step, and `log` (also the
     attribute of this name), scalars on the device. `Episode/<term>` (sum over an episode), `Episode/success` (at its
-    last step) and `Episode/length` (control steps) are means over the episodes that finished in the step; if none did,
-    they keep their values, which are 0 at first. `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are
-    means over the present layouts of the worlds, and `Reset/reject_<cause>` is the share of that cause in all
-    candidates rejected so far. Stored layouts have no attempts and no rejections: these are 0.
+    last step), `Episode/broken` (its state was no longer finite) and `Episode/length` (control steps) are means over
+    the episodes that finished in the step; if none did, they keep their values, which are 0 at first.
+    `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the present layouts of the worlds,
+    and `Reset/reject_<cause>` is the share of that cause in all candidates rejected so far. Stored layouts have no
+    attempts and no rejections: these are 0.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch", copy=True, and max_episode_steps.
@@ -77,9 +78,11 @@ class RslRlVecEnv(VecEnv):
         """The wrapped environment."""
         return self.env
 
-    def reset(self, seed: int | None = None) -> tuple[TensorDict, dict[str, Any]]:
-        """Reset all worlds; rsl-rl's runners never call this."""
-        observation, info = self.env.reset(seed=seed)
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[TensorDict, dict[str, Any]]:
+        """Reset worlds as SceneVectorEnv.reset does; rsl-rl's runners never call this."""
+        observation, info = self.env.reset(seed=seed, options=options)
         self._observation = self._as_tensordict(observation)
         return self._observation, info
 

@@ -28,10 +28,10 @@ class SB3VecEnv(VecEnv):
     """A SceneVectorEnv as a VecEnv of Stable-Baselines3: numpy arrays, a list of infos, one observation group.
 
     A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
-    finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step) and `episode`
-    (`r`, `l` and `t` as in Monitor, from the environment's own rewards). These infos are gathered on the device first,
-    so that only those of finished worlds are copied. `reset_infos` has `layout_seed`, `layout_episode` and
-    `layout_fallback` of the present layout of each world.
+    finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the
+    state was no longer finite) and `episode` (`r`, `l` and `t` as in Monitor, from the environment's own rewards).
+    These infos are gathered on the device first, so that only those of finished worlds are copied. `reset_infos` has
+    `layout_seed`, `layout_episode` and `layout_fallback` of the present layout of each world.
 
     All worlds share one environment. `get_attr` and `env_method` ask it, or else its task, once, and repeat the answer
     for every index. `set_attr` works only for all worlds together, and so do options, which are those of
@@ -155,7 +155,7 @@ class SB3VecEnv(VecEnv):
         rows = torch.as_tensor(worlds, device=self.env.device)
         # a world that diverged has NaNs in its last observation, and NaN * 0 would spoil a replay buffer's targets
         last = to_host(info["final_obs"][self.group][rows].nan_to_num(0.0, 0.0, 0.0))
-        success = to_host(info["final_info"]["success"][rows])
+        success, broken = (to_host(info["final_info"][name][rows]) for name in ("success", "broken"))
         layouts = _rows({name: values[rows] for name, values in self._layouts(info).items()}, len(worlds))
         seconds = round(time.time() - self._began, 6)
         for k, i in enumerate(worlds):
@@ -163,6 +163,7 @@ class SB3VecEnv(VecEnv):
                 "terminal_observation": last[k],
                 "TimeLimit.truncated": bool(flags[1, i] and not flags[0, i]),
                 "is_success": bool(success[k]),
+                "broken": bool(broken[k]),
                 "episode": {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": seconds},
             }
             self.reset_infos[i] = layouts[k]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table, read_rejected
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 from sceniris_gym.scene.model import build_model
 
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
@@ -119,7 +119,7 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
     """Write rows to an npz file, whole or not at all, with their scene and seeds."""
     parts = {"layouts": rows.table, "rejected": rows.rejected}
-    columns = {f"{part}_{f.name}": getattr(t, f.name) for part, t in parts.items() for f in fields(LayoutTable)}
+    columns = {f"{part}_{name}": getattr(t, name) for part, t in parts.items() for name in COLUMNS}
     columns |= {
         "rejected_object": np.array(rows.names, str),
         "rejected_cause": np.array(["collision"] * len(rows.names), str),
@@ -144,7 +144,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         columns = read_arrays(path)
         found = str(columns["hash"])
         table, rejected = (
-            LayoutTable(**{f.name: columns[f"{part}_{f.name}"] for f in fields(LayoutTable)})
+            LayoutTable(**{name: columns[f"{part}_{name}"] for name in COLUMNS}, scene=found)
             for part in ("layouts", "rejected")
         )
         names, seed = columns["rejected_object"], int(columns["seed"])
@@ -177,10 +177,10 @@ def _check_columns(
     check("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
     for part, rows in (("layouts", table), ("rejected", rejected)):
         n = len(np.atleast_1d(rows.valid))
-        for f in fields(LayoutTable):
-            like = row[f.name] if f.name in (row.dtype.names or ()) else getattr(bare, f.name)
-            if rows is table or "grasp" not in f.name:  # nothing reads the grasps of candidates
-                check(f"{part}_{f.name}", getattr(rows, f.name), (n, *like.shape[1:]), like.dtype)
+        for name in COLUMNS:
+            like = row[name] if name in (row.dtype.names or ()) else getattr(bare, name)
+            if rows is table or "grasp" not in name:  # nothing reads the grasps of candidates
+                check(f"{part}_{name}", getattr(rows, name), (n, *like.shape[1:]), like.dtype)
     for name in names.tolist():
         if name not in compiled.placed:
             raise UnknownNameError("object", name, f"--rows {path}: rejected_object", compiled.placed)

@@ -42,8 +42,8 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     """Make a layout again, and return it as a table of one row."""
-    generator = LayoutGenerator(compiled, 1, seed=[layout.seed], split=layout.split)
-    generator.layouts.episode.fill_(layout.episode - 1)
+    generator = LayoutGenerator(compiled, 1, split=layout.split)
+    generator.reseed([layout.seed], episodes=layout.episode)
     generator.generate()
     return read_table(generator)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from sceniris_gym.config.stored_arrays import UNREADABLE
 from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
 _OPEN = 64  # memory maps at once: each keeps a file open
 _AGAIN = "Remove the file, and repeat the data set's `sceniris-gym generate` with --resume."
@@ -156,7 +156,8 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             raise ArgumentError("LayoutDataset.table: a table has all columns. Open the data set without 'columns'.")
         rows = self.rows(np.arange(first, first + count))
         states = LayoutTable.from_states(rows["qpos"], rows["mocap_pos"], rows["mocap_quat"], rows["present"])
-        return replace(states, **{f.name: rows[f.name] for f in fields(LayoutTable) if f.name in rows})
+        columns = {name: rows[name] for name in COLUMNS if name in rows}
+        return replace(states, **columns, scene=self.manifest["hash"])
 
     def _open_parts(self) -> None:
         """Let the memory maps that were used last stay open."""

@@ -44,7 +44,10 @@ class LayoutsView:
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
-    pending_episode: wp.array[int]  # the episode that is being made
+    next_seed: wp.array[wp.uint64]  # with next_episode: the layout that a reseed asked for
+    next_episode: wp.array[int]  # -1 for the next episode of the same seed
+    pending_seed: wp.array[wp.uint64]  # with pending_episode: the layout that is being made
+    pending_episode: wp.array[int]
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
     place: wp.array2d[wp.vec4]
     bounds: wp.array2d[wp.vec4]
@@ -58,6 +61,25 @@ class LayoutsView:
     rejected_qpos: wp.array2d[float]
     rejected_mocap_pos: wp.array2d[wp.vec3]
     rejected_mocap_quat: wp.array2d[wp.quat]
+
+
+@wp.func
+def open_episode(layouts: LayoutsView, worldid: int):
+    """Set the pending seed and episode of a world: those that a reseed asked for, or else the next episode."""
+    if layouts.next_episode[worldid] >= 0:
+        layouts.pending_seed[worldid] = layouts.next_seed[worldid]
+        layouts.pending_episode[worldid] = layouts.next_episode[worldid]
+    else:
+        layouts.pending_seed[worldid] = layouts.seed[worldid]
+        layouts.pending_episode[worldid] = layouts.episode[worldid] + 1
+
+
+@wp.func
+def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
+    """Give a world the seed and the episode of the layout that `made` has for it."""
+    layouts.seed[worldid] = made.pending_seed[worldid]
+    layouts.episode[worldid] = made.pending_episode[worldid]
+    layouts.next_episode[worldid] = -1
 
 
 @wp.func
@@ -122,7 +144,7 @@ class Layouts(StaysHere):
         view: The arrays as kernels take them; see `create` for their length.
         mocap_pose: Memory of `mocap_pos` and `mocap_quat`, shape (nrow, nmocap, 8): an unused number, position and
             orientation. A pose is then seven numbers in a row, and a quaternion is aligned as a vector of four.
-        seed: 64-bit seed of each world, shape (nworld,), uint64.
+        seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
         mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap).
@@ -213,8 +235,9 @@ class Layouts(StaysHere):
             mocap_pose = wp.array(np.tile(np.hstack([padding, mocap_pos, mocap_quat]), (nrow, 1, 1)), dtype=float)
             view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
-            zeros(nworld, "seed status attempts first_pass_valid")
-            view.episode, view.pending_episode = (wp.full(nworld, -1, dtype=int) for _ in range(2))
+            zeros(nworld, "seed next_seed pending_seed status attempts first_pass_valid")
+            for name in ("episode", "next_episode", "pending_episode"):
+                setattr(view, name, wp.full(nworld, -1, dtype=int))
             counts = max(len(compiled.placed), 1), len(Cause)
             zeros(counts, "rejections")
             zeros((nrow, *counts), "row_rejections")

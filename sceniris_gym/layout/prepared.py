@@ -16,7 +16,7 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView, copy_layout, layout_width
+from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, open_episode
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.rounds import count_rejections
 
@@ -43,7 +43,8 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts out: pending_seed, pending_episode
     served: LayoutsView,
     # Layouts in: seed, episode
     prepared: LayoutsView,
@@ -66,21 +67,22 @@ def _find_missing(
         wp.atomic_add(nwaiting, 0, 1)
     missing[worldid] = True
     if known == _READY:
-        if prepared.seed[worldid] == served.seed[worldid]:
-            missing[worldid] = prepared.episode[worldid] != served.episode[worldid] + 1
+        open_episode(served, worldid)
+        if prepared.seed[worldid] == served.pending_seed[worldid]:
+            missing[worldid] = prepared.episode[worldid] != served.pending_episode[worldid]
 
 
 @wp.kernel
 def _serve(
-    # Layouts in: episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, row_rejections
+    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, pending_seed, pending_episode, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: rejections, pending_episode, row_rejections
-    # Layouts out: episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, rejections
+    # Layouts in: rejections, pending_seed, pending_episode, row_rejections
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp,
+    #   grasp_qpos, pregrasp_qpos, rejections, next_episode
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -90,14 +92,14 @@ def _serve(
     # Worlds whose layouts were made in place advance here too: after an interrupt all worlds have advanced, or none.
     if missing[worldid]:
         if i == 0:
-            served.episode[worldid] = served.pending_episode[worldid]
+            close_episode(served, served, worldid)
         if i < served.rejections.shape[0]:
             count_rejections(served, worldid, i, served.rejections)
         return
     if i < served.rejections.shape[0]:
         count_rejections(prepared, worldid, i, served.rejections)
     if i == 0:
-        served.episode[worldid] = prepared.episode[worldid]
+        close_episode(prepared, served, worldid)
         served.status[worldid] = prepared.status[worldid]
         served.attempts[worldid] = prepared.attempts[worldid]
         served.first_pass_valid[worldid] = prepared.first_pass_valid[worldid]
@@ -126,14 +128,15 @@ def _decide(
 
 @wp.kernel
 def _begin(
-    # Layouts in: seed, episode
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts out: pending_seed, pending_episode
     served: LayoutsView,
     # In:
     begins: wp.array[int],
     # Out:
     stage: wp.array[int],
     being_made: wp.array[bool],
-    # Layouts out: seed, episode
+    # Layouts out: next_seed, next_episode
     prepared: LayoutsView,
 ):
     worldid = wp.tid()
@@ -144,8 +147,9 @@ def _begin(
     being_made[worldid] = chosen
     if chosen:
         stage[worldid] = _BEING_MADE
-        prepared.seed[worldid] = served.seed[worldid]
-        prepared.episode[worldid] = served.episode[worldid]
+        open_episode(served, worldid)
+        prepared.next_seed[worldid] = served.pending_seed[worldid]
+        prepared.next_episode[worldid] = served.pending_episode[worldid]
 
 
 @wp.kernel

@@ -10,36 +10,48 @@ import warp as wp
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SeedError
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.program.compiled import MOST_EPISODES
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
 def _reseed(
-    seed_in: wp.array[wp.uint64],
+    seeds: wp.array[wp.uint64],
+    episodes: wp.array[int],
     mask: wp.array[bool],
-    # Layouts out:
-    seed: wp.array[wp.uint64],
-    episode: wp.array[int],
+    # Layouts in: seed, episode, next_seed
+    # Layouts out: seed, next_seed, next_episode
+    layouts: LayoutsView,
 ):
     worldid = wp.tid()
     if mask:
         if not mask[worldid]:
             return
-    seed[worldid] = seed_in[worldid]
-    episode[worldid] = -1
+    layouts.next_seed[worldid] = layouts.seed[worldid]
+    if seeds:
+        layouts.next_seed[worldid] = seeds[worldid]
+    layouts.next_episode[worldid] = 0
+    if episodes:
+        layouts.next_episode[worldid] = episodes[worldid]
+    if layouts.episode[worldid] < 0:  # there is no layout that has another seed
+        layouts.seed[worldid] = layouts.next_seed[worldid]
 
 
-def launch_reseed(seeds: wp.array, mask: wp.array | None, seed: wp.array, episode: wp.array) -> None:
-    """Give the masked worlds new seeds, so that the next layout that they get is that of episode 0.
+def launch_reseed(
+    layouts: LayoutsView, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None
+) -> None:
+    """Choose the next layouts of the masked worlds. Their present layouts keep their seeds and episodes.
 
     Args:
-        seeds: New seeds, shape (nworld,), uint64, on the device like all other arrays.
+        layouts: The layouts, on the device like all other arrays.
+        seeds: Seeds, shape (nworld,), uint64; None keeps those of the present layouts.
         mask: Which worlds, shape (nworld,), bool; all if None.
-        seed: Seeds of the worlds' layouts to write to, shape (nworld,), uint64.
-        episode: Their episodes to write to, shape (nworld,), int32.
+        episodes: Episodes, shape (nworld,), int32; None is episode 0.
     """
-    wp.launch(_reseed, dim=seed.shape[0], inputs=[seeds, mask], outputs=[seed, episode], device=seed.device)
+    nworld, device = layouts.seed.shape[0], layouts.seed.device
+    wp.launch(_reseed, dim=nworld, inputs=[seeds, episodes, mask], outputs=[layouts], device=device)
 
 
 def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:
@@ -84,6 +96,30 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
         if not _is_seed(value):
             raise SeedError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
     return np.fromiter(seed, np.uint64, len(seed))
+
+
+def episodes_on_device(episode: Any, nworld: int, device: Any) -> wp.array:
+    """Return an episode for each world on a device, shape (nworld,), int32.
+
+    Args:
+        episode: One for all worlds, or one per world on the host; or an int32 Warp array on the device.
+        nworld: Number of worlds.
+        device: The device.
+
+    Raises:
+        SeedError: Not integers from 0 to 2^31 - 1, or not one per world.
+    """
+    if isinstance(episode, wp.array):
+        if episode.dtype is not wp.int32 or episode.shape != (nworld,) or episode.device != wp.get_device(device):
+            raise SeedError(f"episodes on the device should be an int32 array of shape ({nworld},) on {device}.")
+        return episode
+    try:
+        wanted = np.broadcast_to(np.asarray(episode), (nworld,))
+    except ValueError:
+        raise SeedError(f"episodes should be one integer, or {nworld} of them; got {short(episode)}.") from None
+    if wanted.dtype.kind not in "iu" or (wanted < 0).any() or (wanted >= MOST_EPISODES).any():
+        raise SeedError(f"episodes should be integers from 0 to 2^31 - 1, got {short(episode)}.")
+    return wp.array(wanted.astype(np.int32), dtype=int, device=device)
 
 
 def _is_seed(value: object) -> bool:

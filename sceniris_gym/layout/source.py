@@ -12,7 +12,7 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask
-from sceniris_gym.layout.seeds import launch_reseed, seeds_on_device
+from sceniris_gym.layout.seeds import episodes_on_device, launch_reseed, seeds_on_device
 
 
 class LayoutSource(StaysHere):
@@ -37,14 +37,15 @@ class LayoutSource(StaysHere):
         """
         raise NotImplementedError
 
-    def launch_reseed(self, seeds: wp.array, mask: wp.array | None) -> None:
-        """Give the masked worlds new seeds; the next layout that they get is that of episode 0.
+    def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
+        """Choose the next layouts of the masked worlds; their present ones keep their seeds and episodes.
 
         Args:
-            seeds: Seeds on the device, shape (nworld,), uint64.
+            seeds: Seeds on the device, shape (nworld,), uint64; None keeps those of the present layouts.
             mask: Which worlds, shape (nworld,), bool; all if None.
+            episodes: Episodes on the device, shape (nworld,), int32; None is episode 0.
         """
-        launch_reseed(seeds, mask, self.layouts.seed, self.layouts.episode)
+        launch_reseed(self.layouts.view, seeds, mask, episodes)
 
     def after_reset(self) -> None:
         """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""
@@ -70,20 +71,29 @@ class LayoutSource(StaysHere):
         self.after_reset()
 
     @launching
-    def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
-        """Give the masked worlds new seeds; the next layout that they get is that of episode 0.
+    def reseed(
+        self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
+    ) -> None:
+        """Choose the next layouts of the masked worlds, which go on from there.
+
+        The present layouts keep their seeds and episodes until the next ones are served.
 
         Args:
             seeds: Seed of world 0, world i gets seed + i; or one 64-bit seed per world, shape (nworld,), on the host or
-                as a uint64 Warp array on the device.
+                as a uint64 Warp array on the device; None keeps the seeds of the present layouts.
             mask: As in generate.
+            episodes: Episode of all worlds, or one per world, shape (nworld,), on the host or as an int32 Warp array on
+                the device; None is episode 0 of new seeds.
 
         Raises:
-            SeedError: Not 64-bit integers, or not one per world.
+            SeedError: Not 64-bit seeds, episodes below 2^31, or not one per world.
             MaskError, MaskTypeError: As in generate.
         """
-        layouts = self.layouts
-        self.launch_reseed(seeds_on_device(seeds, layouts.nworld, layouts.seed.device), self._checked(mask))
+        nworld, device = self.layouts.nworld, self.layouts.seed.device
+        keeps = seeds is None and episodes is not None
+        wanted = None if keeps else seeds_on_device(seeds, nworld, device)
+        first = None if episodes is None else episodes_on_device(episodes, nworld, device)
+        self.launch_reseed(wanted, self._checked(mask), first)
 
     def _checked(self, mask: Any) -> wp.array | None:
         return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)

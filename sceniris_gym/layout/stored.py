@@ -7,7 +7,15 @@ import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_layout, layout_width
+from sceniris_gym.layout.layouts import (
+    Layouts,
+    LayoutsView,
+    Status,
+    close_episode,
+    copy_layout,
+    layout_width,
+    open_episode,
+)
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import fill_struct
@@ -27,20 +35,21 @@ def _serve(
     mask: wp.array[wp.bool],
     stride: int,
     width: int,
-    # Layouts in: seed, episode
-    # Layouts out: episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos,
+    #   next_episode, pending_seed, pending_episode
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
     if mask:
         if not mask[worldid]:
             return
-    episode = layouts.episode[worldid] + 1
-    rank = layouts.seed[worldid] + wp.uint64(episode) * wp.uint64(stride)
+    open_episode(layouts, worldid)
+    rank = layouts.pending_seed[worldid] + wp.uint64(layouts.pending_episode[worldid]) * wp.uint64(stride)
     row = int(rank % wp.uint64(stored.qpos.shape[0]))
     for i in range(width):
         copy_layout(stored, row, layouts, worldid, i)
-    layouts.episode[worldid] = episode
+    close_episode(layouts, layouts, worldid)
     layouts.status[worldid] = Status.VALID
 
 

@@ -40,6 +40,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
         grasp_pose=grasp_poses(generator.compiled, states, columns["grasp"]),
         grasp_qpos=read(layouts.grasp_qpos)[:, :, :njoint],
         pregrasp_qpos=read(layouts.pregrasp_qpos)[:, :, :njoint],
+        scene=generator.compiled.hash,
         **columns,
     )
 

@@ -6,7 +6,8 @@ It only knows MuJoCo states, so that code that judges layouts shares nothing wit
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -37,6 +38,7 @@ class LayoutTable:
         grasp_qpos: The arm's joints [rad or m] in that grasp, nan where the arm's map alone decided, shape (nrow,
             nreach, njoint), float32.
         pregrasp_qpos: The same for the pre-grasp, nan for tiers below `clear`.
+        scene: Hash of the scene; empty if it is unknown, as of bare states.
     """
 
     qpos: np.ndarray
@@ -53,6 +55,7 @@ class LayoutTable:
     grasp_pose: np.ndarray
     grasp_qpos: np.ndarray
     pregrasp_qpos: np.ndarray
+    scene: str = ""
 
     @classmethod
     def from_states(
@@ -63,7 +66,7 @@ class LayoutTable:
         Raises:
             ArgumentTypeError: One of them is no NumPy array.
         """
-        states = {"qpos": qpos, "mocap_pos": mocap_pos, "mocap_quat": mocap_quat, "present": present}
+        states: dict[str, Any] = {"qpos": qpos, "mocap_pos": mocap_pos, "mocap_quat": mocap_quat, "present": present}
         for name, array in states.items():
             if not isinstance(array, np.ndarray) or array.ndim == 0:
                 raise ArgumentTypeError(
@@ -89,13 +92,14 @@ class LayoutTable:
     @classmethod
     def concatenate(cls, tables: Sequence[LayoutTable]) -> LayoutTable:
         """Return the rows of all tables, at least one, as one table."""
-        return cls(**{f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(cls)})
+        columns = {name: np.concatenate([getattr(t, name) for t in tables]) for name in COLUMNS}
+        return cls(**columns, scene=tables[0].scene)
 
     def __len__(self) -> int:
         return len(self.qpos)
 
     def __getitem__(self, index: slice | np.ndarray) -> LayoutTable:
-        return LayoutTable(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+        return replace(self, **{name: getattr(self, name)[index] for name in COLUMNS})
 
     def chunks(self, size: int) -> Iterator[tuple[int, LayoutTable]]:
         """Yield the first row index and the rows of each chunk of at most `size` rows."""
@@ -107,3 +111,7 @@ class LayoutTable:
         data.qpos[:] = self.qpos[i]
         data.mocap_pos[:] = self.mocap_pos[i]
         data.mocap_quat[:] = self.mocap_quat[i]
+
+
+COLUMNS = tuple(f.name for f in fields(LayoutTable) if f.name != "scene")
+"""Names of the arrays of a LayoutTable."""

@@ -27,6 +27,8 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
@@ -83,6 +85,8 @@ class ResetRandomizer(Fixed, StaysHere):
             `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
             the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
         layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
+        levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
+            from episode to episode of one seed.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
@@ -102,7 +106,7 @@ class ResetRandomizer(Fixed, StaysHere):
     """
 
     FIXED = ("compiled", "model", "data", "device", "layout_source")
-    ARGUMENTS = ("layouts", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    ARGUMENTS = ("layouts", "levels", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -116,6 +120,7 @@ class ResetRandomizer(Fixed, StaysHere):
         split: str = "train",
         prefetch: bool | wp.Stream | None = None,
         layout_source: LayoutSource | None = None,
+        levels: Levels | None = None,
         # what a reset writes:
         write: Literal["all", "placed"] = "all",
         origins: Any = None,
@@ -138,6 +143,9 @@ class ResetRandomizer(Fixed, StaysHere):
                 "layout_source, which may be a PreparedLayouts."
             )
         check_type(layout_source, LayoutSource, "ResetRandomizer: layout_source")
+        if levels is not None:
+            check_type(levels, Levels, "ResetRandomizer: levels")
+            layout_source = LevelSampler(layout_source, levels, split)
         self.layout_source: LayoutSource = layout_source
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
@@ -154,28 +162,39 @@ class ResetRandomizer(Fixed, StaysHere):
         """The latest layouts, one row per world."""
         return self.layout_source.layouts
 
+    @property
+    def levels(self) -> LevelSampler | None:
+        """The sampler of levels, if the worlds play levels."""
+        return self.layout_source if isinstance(self.layout_source, LevelSampler) else None
+
     @launching
-    def reset(self, mask: Any = None, *, env_ids: Any = None) -> None:
-        """Give the masked worlds, or those with these numbers, their next layouts.
+    def reset(self, mask: Any = None, *, env_ids: Any = None, seeds: Any = None, episodes: Any = None) -> None:
+        """Give the masked worlds, or those with these numbers, their next layouts or chosen ones.
 
         Args:
             mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds. It may be
                 false everywhere, which resets nothing.
             env_ids: Instead of a mask the numbers of the worlds, in any order: a sequence, a slice, or integers of
                 shape (n,) as a Warp array, torch tensor or numpy array. An empty one resets nothing.
+            seeds: Seeds of these layouts, one for each world; see `reseed`. The worlds go on from there.
+            episodes: Their episodes, 0 if there are seeds alone; of the present seeds if there are no `seeds`.
 
         Raises:
             MaskTypeError: Not an array of booleans, or of integers; or both of them given.
             MaskError: Wrong shape, or a world that does not exist.
+            SeedError: See `reseed`.
         """
         nworld = self.data.nworld
         if env_ids is None:
-            self.launch_reset(None if mask is None else as_mask(mask, nworld, self.device))
+            chosen = None if mask is None else as_mask(mask, nworld, self.device)
         elif mask is None:
-            mask_of_ids(as_ids(env_ids, nworld, self.device), self._mask)
-            self.launch_reset(self._mask)
+            chosen = self._mask
+            mask_of_ids(as_ids(env_ids, nworld, self.device), chosen)
         else:
             raise MaskTypeError("reset should have a mask or env_ids, not both.")
+        if seeds is not None or episodes is not None:
+            self.reseed(seeds, chosen, episodes)
+        self.launch_reset(chosen)
 
     def launch_reset(self, mask: wp.array | None) -> None:
         """Reset the masked worlds: `reset` without its checks.
@@ -187,9 +206,11 @@ class ResetRandomizer(Fixed, StaysHere):
         self._reset()
         self.layout_source.after_reset()
 
-    def reseed(self, seeds: int | Sequence[int] | np.ndarray | wp.array, mask: Any = None) -> None:
-        """Give the masked worlds new seeds; their next layouts are those of episode 0. See `LayoutSource.reseed`."""
-        self.layout_source.reseed(seeds, mask)
+    def reseed(
+        self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
+    ) -> None:
+        """Choose the next layouts of the masked worlds by seeds and episodes. See `LayoutSource.reseed`."""
+        self.layout_source.reseed(seeds, mask, episodes)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
@@ -203,6 +224,11 @@ class ResetRandomizer(Fixed, StaysHere):
             SceneMismatchError: The layouts are of another scene.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
+        scene = layouts.scene if isinstance(layouts, LayoutTable) else layouts.compiled.hash
+        if scene not in ("", self.compiled.hash):
+            raise SceneMismatchError(
+                f"layouts are of scene {scene} and should be of {self.compiled.hash}. Give layouts of this scene."
+            )
         poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):

@@ -95,6 +95,7 @@ class Options:
         resume: go on from the checkpoint in the folder, if there is one
         device: cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu
         bank: replay this many stored layouts instead of making fresh ones
+        levels: replay layouts by "learnability" or by "failure" (see docs/levels.md); by default each is fresh
         uniform: place uniformly, without checks for collisions and reach
         reachable: keep `reachable` of the scene's objects
         changes: settings to try instead of the task's, as name=value
@@ -113,6 +114,7 @@ class Options:
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     device: str | None = None
     bank: int | None = None
+    levels: str | None = None
     uniform: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     reachable: bool = True
     changes: tuple[str, ...] = ()

@@ -29,6 +29,7 @@ from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json, replacing
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.levels.choice import Levels
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, evaluations, without_layouts
@@ -75,7 +76,8 @@ class Run:
             source = layout_sources.bank(layout_sources.valid_rows(compiled, options.bank, seed))
         elif options.uniform:
             source = layout_sources.uniform()
-        self.env = RslRlVecEnv(make_env(options.task, options.num_envs, compiled, layout_source=source), seed)
+        words = {"layout_source": source, "levels": Levels(options.levels) if options.levels else None}
+        self.env = RslRlVecEnv(make_env(options.task, options.num_envs, compiled, **words), seed)
         self.judges = judges_of(options.task, options.layouts, options.device)
         self._warm_up()
         self.runner = runner_of(self.env, self.settings, options.seed)
@@ -179,6 +181,9 @@ class Run:
             "episode": wp.to_torch(layouts.episode).cpu(),
             "elapsed": state.elapsed.cpu(),
         }
+        sampler = self.env.unwrapped.randomizer.levels
+        if sampler is not None:
+            progress["levels"] = sampler.state()
         with replacing(self.checkpoint) as temporary:
             self.runner.save(str(temporary), progress)
 
@@ -188,8 +193,11 @@ class Run:
         self.seconds, self.iterations = progress["seconds"], progress["iterations"]
         self.judged_at, self.saved_at = progress["judged_at"], progress["seconds"]
         os.truncate(self.log, progress["log_size"])
-        episode = wp.to_torch(self.env.unwrapped.randomizer.layouts.episode)
-        episode.copy_(progress["episode"])
+        randomizer = self.env.unwrapped.randomizer
+        if randomizer.levels is not None:
+            randomizer.levels.restore(progress["levels"])
+        else:
+            randomizer.reseed(None, episodes=progress["episode"].numpy() + 1)
         self.env.reset()  # starts the next episodes
         self.env.episode_length_buf = progress["elapsed"].to(self.env.device)
         # different action noise than at the start of the run

@@ -14,17 +14,27 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, UnknownNameError
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    MaskError,
+    SceneMismatchError,
+    SeedError,
+    UnknownNameError,
+)
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
 _MOST_PIXELS = 1 << 14  # along an edge
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
+LAYOUTS, STATE = "layouts", "state"
+RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE)
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
@@ -136,7 +146,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
 
     Raises:
         ArgumentTypeError: The options are no mapping.
-        UnknownNameError: An option other than reset_mask.
+        UnknownNameError: An option that `reset` does not know.
         MaskTypeError: Not an array of booleans.
         MaskError: Wrong shape, or false everywhere.
     """
@@ -144,8 +154,8 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
         raise ArgumentTypeError(f"reset: options should be {{'{RESET_MASK}': mask}} or None, got {short(options)}.")
     options = options or {}
     for name in options:
-        if name != RESET_MASK:
-            raise UnknownNameError("option", str(name), "reset", [RESET_MASK])
+        if name not in RESET_OPTIONS:
+            raise UnknownNameError("option", str(name), "reset", RESET_OPTIONS)
     if options.get(RESET_MASK) is None:
         return None
     name = f"options['{RESET_MASK}']"
@@ -153,6 +163,72 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     if not mask.any():
         raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
     return mask
+
+
+def as_chosen_layouts(
+    value: Any, num_envs: int, scene: str, split: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Return seeds, episodes and a mask of the worlds whose layouts are chosen, each (num_envs,); None for no choice.
+
+    Args:
+        value: `options["layouts"]`: a layout id for all worlds, a sequence with one for each world (None for its next
+            layout), or {"seed": seeds, "episode": episodes} as `info` has them under `layout_seed` and
+            `layout_episode`, each a number for all worlds or an array.
+        num_envs: Number of worlds.
+        scene: Hash of the scene.
+        split: Split of the layouts.
+
+    Raises:
+        ArgumentError: Anything else, or not one for each world.
+        LayoutIdError, SeedError: A malformed id, seed or episode.
+        SceneMismatchError: An id of another scene or split.
+    """
+    if value is None:
+        return None
+    where = f"options['{LAYOUTS}']"
+    if isinstance(value, Mapping):
+        if set(value) != {"seed", "episode"}:
+            raise ArgumentError(f"{where} should have the keys 'seed' and 'episode', got {short(list(value))}.")
+        seeds, episodes = (_numbers_of_worlds(value[name], num_envs, f"{where}['{name}']") for name in value)
+        if (episodes < 0).any() or (episodes >= MOST_EPISODES).any():
+            raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 1, got {short(value['episode'])}.")
+        return seeds.astype(np.uint64), episodes.astype(np.int32), np.ones(num_envs, bool)
+    texts = [value] * num_envs if isinstance(value, str | LayoutId) else value
+    if not isinstance(texts, Sequence) or len(texts) != num_envs:
+        raise ArgumentError(
+            f"{where} should be a layout id, a sequence of {num_envs} of them, one per world, or a mapping with 'seed' "
+            f"and 'episode', got {short(value)}."
+        )
+    ids = [one if isinstance(one, LayoutId | None) else own_id(str(one), scene, split, where) for one in texts]
+    found = [LayoutId(scene, split, 0, 0) if one is None else one for one in ids]
+    return (
+        np.array([one.seed for one in found], np.uint64),
+        np.array([one.episode for one in found], np.int32),
+        np.array([one is not None for one in ids]),
+    )
+
+
+def own_id(text: str, scene: str, split: str, where: str) -> LayoutId:
+    """Read a layout id, and refuse one of another scene or split.
+
+    Raises:
+        LayoutIdError: A malformed id.
+        SceneMismatchError: Another scene or split.
+    """
+    found = LayoutId.parse(text)
+    if (found.scene, found.split) != (scene, split):
+        raise SceneMismatchError(
+            f"{where}: layout '{text}' should be of scene {scene} and split '{split}', as the environment is."
+        )
+    return found
+
+
+def _numbers_of_worlds(value: Any, num_envs: int, name: str) -> np.ndarray:
+    """Return integers, one for each world, shape (num_envs,); torch tensors may be on any device."""
+    found = value.detach().cpu().numpy() if isinstance(value, Tensor) else np.asarray(value)
+    if found.dtype.kind not in "iu" or found.shape not in ((), (num_envs,)):
+        raise ArgumentError(f"{name} should be an integer, or one for each of {num_envs} worlds, got {short(value)}.")
+    return np.broadcast_to(found, (num_envs,))
 
 
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import torch
-import warp as wp
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.vector.arguments import LAYOUTS, own_id
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
@@ -76,7 +76,7 @@ def evaluate(
     elif not isinstance(ids, Iterable):
         count = number if ids is None else as_count(ids, "evaluate: ids", 0)
         ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
-    wanted = [_own_id(text, inner, split) for text in ids]
+    wanted = [own_id(text, inner.compiled.hash, split, "evaluate") for text in ids]
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]
@@ -85,35 +85,9 @@ def evaluate(
     return results
 
 
-def reset_to(envs: VectorEnv, inner: SceneVectorEnv, ids: Sequence[LayoutId]) -> tuple[Any, dict[str, Any]]:
-    """Reset every world to a layout of its own, and return observation and info.
-
-    Args:
-        envs: The environment, or wrappers around it.
-        inner: The environment.
-        ids: A layout id for each world.
-    """
-    observation, info = envs.reset(seed=[i.seed for i in ids])  # type: ignore[arg-type]
-    if any(i.episode > 0 for i in ids):
-        before = torch.tensor([i.episode - 1 for i in ids], dtype=torch.int32, device=inner.device)
-        wp.to_torch(inner.randomizer.layouts.episode).copy_(before)
-        observation, info = envs.reset()
-    return observation, info
-
-
-def _own_id(text: str, envs: SceneVectorEnv, split: str) -> LayoutId:
-    """Parse an id, and refuse one of another scene or split than the environment's."""
-    found = LayoutId.parse(text)
-    if (found.scene, found.split) != (envs.compiled.hash, split):
-        raise SceneMismatchError(
-            f"evaluate: layout '{text}' should be of scene {envs.compiled.hash} and split '{split}', as envs is."
-        )
-    return found
-
-
 def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, ids: list[LayoutId]) -> list:
     """Run one episode in each world."""
-    observation, info = reset_to(envs, inner, ids)
+    observation, info = envs.reset(options={LAYOUTS: ids})
     fallback = _tensor(info["layout_fallback"], inner)
     running = torch.ones_like(fallback)
     last, ever = torch.zeros_like(running), torch.zeros_like(running)

@@ -35,7 +35,10 @@ class SceneEnv(Fixed, gymnasium.Env):
         self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Give the world a fresh layout: episode 0 of `seed`, or the next episode if it is None."""
+        """Give the world a fresh layout: episode 0 of `seed`, or the next episode if it is None.
+
+        options={"layouts": id} gives it the layout with this id.
+        """
         observation, info = self.envs.reset(seed=seed, options=options)
         if seed is not None:
             self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed

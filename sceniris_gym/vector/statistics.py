@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-COUNTS = ("episodes", "length", "success")
+COUNTS = ("episodes", "length", "success", "broken")
 """Names of the sums besides the reward terms."""
 
 
@@ -24,8 +24,9 @@ class EpisodeStatistics:
         device: Torch device.
 
     Attributes:
-        names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), and the reward
-            terms, which are known after the first step.
+        names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), "broken"
+            (ended since its state was no longer finite), and the reward terms, which are known after the first step.
+        finished: Worlds whose episode finished in the last step, shape (num_envs,), bool.
     """
 
     def __init__(self, num_envs: int, device: torch.device) -> None:
@@ -35,28 +36,38 @@ class EpisodeStatistics:
         self._running = self._finished = self._counts[:0]
         self._latest = (torch.zeros_like(self._counts), self._finished)
         self._ended = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        self.finished = self._ended
 
     def start(self, mask: Tensor) -> None:
         """Begin new episodes in the worlds of `mask`, shape (num_envs,), bool."""
         self._running.masked_fill_(mask, 0.0)
         self._ended.logical_and_(~mask)
 
-    def add(self, terms: tuple[str, ...], gained: Tensor, success: Tensor, done: Tensor, elapsed: Tensor) -> None:
+    def add(
+        self,
+        terms: tuple[str, ...],
+        gained: Tensor,
+        success: Tensor,
+        broken: Tensor,
+        done: Tensor,
+        elapsed: Tensor,
+    ) -> None:
         """Add a step of all worlds.
 
         Args:
             terms: Names of the reward terms, the same in every step.
             gained: Values of these terms, shape (len(terms), num_envs).
             success: Worlds in which the goal is reached, shape (num_envs,), bool.
+            broken: Worlds whose state is no longer finite, shape (num_envs,), bool.
             done: Worlds whose episode is terminated or truncated, shape (num_envs,), bool.
             elapsed: Steps of the episode, shape (num_envs,).
         """
         if self.names == COUNTS:
             self._make_room(terms)
         self._running.add_(gained)
-        counted = done & ~self._ended
+        self.finished = counted = done & ~self._ended
         self._latest = (
-            torch.stack([counted, counted * elapsed, counted & success]),
+            torch.stack([counted, counted * elapsed, counted & success, counted & broken]),
             torch.where(counted, self._running, 0.0),
         )
         self._counts.add_(self._latest[0])
@@ -79,19 +90,21 @@ class EpisodeStatistics:
 
         Returns:
             `episodes` (their number), `return`, `length` [control steps], `success` (share of the episodes whose last
-            step was a success) and `reward_terms` (sum over an episode, by name); NaN if no episode finished.
+            step was a success) and `reward_terms` (sum over an episode, by name); NaN if no episode finished. `broken`
+            is the number of episodes that ended since positions or velocities were no longer finite.
         """
         sums = self.sums().tolist()
         if clear:
             self.clear()
         count = int(sums[0])
-        length, success, *terms = (value / count if count else float("nan") for value in sums[1:])
+        length, success, _, *terms = (value / count if count else float("nan") for value in sums[1:])
         by_name = dict(zip(self.names[len(COUNTS) :], terms, strict=True))
         return {
             "episodes": count,
             "return": sum(terms) if count else float("nan"),
             "length": length,
             "success": success,
+            "broken": int(sums[3]),
             "reward_terms": by_name,
         }
 

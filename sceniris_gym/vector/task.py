@@ -61,7 +61,7 @@ class Task:
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return the reward terms of the last step, each of shape (num_envs,); the reward is their sum.
 
-        A term may have any name but those of statistics: episodes, length, return and success.
+        A term may have any name but those of statistics: episodes, length, return, success and broken.
         """
         raise NotImplementedError
 

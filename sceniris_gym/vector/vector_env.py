@@ -24,13 +24,18 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
+    LAYOUTS,
+    RESET_MASK,
+    STATE,
     as_action,
     as_autoreset_mode,
+    as_chosen_layouts,
     as_compiled_scene,
     as_groups,
     as_reset_mask,
@@ -41,6 +46,7 @@ from sceniris_gym.vector.arguments import (
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing, Sensors, as_sensing
+from sceniris_gym.vector.snapshot import Snapshot, live_tensors, put, take
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
 from sceniris_gym.vector.task import Task
@@ -57,9 +63,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
 
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
-    each world, and after a step `success` and `reward_terms` of that step. With SAME_STEP it also has `final_obs` and
-    `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks
-    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
+    each world, and after a step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has
+    `final_obs` and `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as
+    torch lacks uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64`
+    is the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
     processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
@@ -73,8 +80,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     `compiled`, `randomizer` and the like cannot be exchanged: captured steps and resets, also in graphs of the
     caller's, use the arrays of the scene that the environment was made with. Make another environment instead.
 
-    A world whose positions or velocities are no longer finite is terminated, with reward 0. With autoreset DISABLED, a
-    finished world keeps running until it is reset.
+    A world whose positions or velocities are no longer finite is `broken`: it is terminated, with reward 0, and
+    `statistics` counts it. With autoreset DISABLED, a finished world keeps running until it is reset.
 
     Args:
         task: A Task, its class, or "module:Class".
@@ -87,6 +94,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetRandomizer. Not with a layout_source.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
+        levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
+            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
@@ -113,7 +122,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """
 
     FIXED = ("compiled", "batch", "randomizer", "state", "statistics", "num_envs", "device", "split", "rank")
-    ARGUMENTS = ("scene", "overrides", "layout_source", "prefetch", "graph", "nconmax", "njmax")
+    ARGUMENTS = ("scene", "overrides", "layout_source", "levels", "prefetch", "graph", "nconmax", "njmax")
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
@@ -130,6 +139,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         split: str = "train",
         prefetch: bool | None = None,
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
+        levels: Levels | None = None,
         # episodes:
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
@@ -175,6 +185,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.batch.model,
             self.batch.data,
             layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
+            levels=levels,
             split=split,
             prefetch=prefetch,
             needs=self.task.needs,
@@ -214,7 +225,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Give worlds a fresh layout.
+        """Give worlds fresh layouts, or chosen ones.
 
         Args:
             seed: World i gets seed + i and starts at episode 0; a list of num_envs seeds is taken as it is. With None,
@@ -222,43 +233,98 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 None in a list draws a seed.
             options: {"reset_mask": mask} resets, and reseeds, only the masked worlds; the others do not change. The
                 mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
+                {"layouts": ids} gives world i the layout with id `ids[i]`, or its next one where that is None; a single
+                id is for all worlds, and {"seed": ..., "episode": ...} takes `layout_seed` and `layout_episode` of an
+                `info`. The world goes on from that episode. {"state": snapshot} goes on where worlds were when
+                `snapshot` was called: each row in its own world, or with a mask in the masked worlds in order.
 
         Raises:
             ArgumentTypeError: The options are no mapping.
+            ArgumentError: Two of seed, layouts and state, or layouts or rows of a state that are not one per world.
             SeedError: Not integers from 0 to 2^64 - 1, or not one per world.
-            UnknownNameError: An option other than reset_mask.
+            LayoutIdError, SceneMismatchError: A malformed layout id, or one of another scene or split; or a state of
+                another scene or task.
+            UnknownNameError: An option other than these three.
             MaskTypeError: The mask is not an array of booleans.
             MaskError: The mask has the wrong shape, or is false everywhere.
-            ResetNeeded: The first reset has a mask.
+            ResetNeeded: The first reset has a mask or a state.
         """
         self._check_open()
-        mask = as_reset_mask(options, self.num_envs)
-        if not self._ready and mask is not None:
-            raise gymnasium.error.ResetNeeded("The first reset() should be of all worlds. Leave out the reset_mask.")
-        if seed is None and not self._ready:
-            # it is -1 after a generator was assigned to np_random
-            seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
-        seeds = as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready)
+        mask, given = as_reset_mask(options, self.num_envs), options or {}
+        kept = given.get(STATE)
+        if not self._ready and (mask is not None or kept is not None):
+            raise gymnasium.error.ResetNeeded(
+                "The first reset() should be of all worlds. Leave out reset_mask and state."
+            )
+        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.compiled.hash, self.split)
+        if sum(part is not None for part in (seed, chosen, kept)) > 1:
+            raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
+        due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         with self._on_torch_stream():
-            if seeds is not None:
-                numbers, given = seeds
-                if mask is not None:
-                    given &= mask
-                self.randomizer.reseed(numbers, given)
-                if mask is None and isinstance(seed, int | np.integer):
-                    self._np_random, self._np_random_seed = seeding.np_random(int(seed))
-                elif given.any():
-                    self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
-            due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
-            others = ~due
-            self._reset_worlds(due)
-            self._autoreset.logical_and_(others)
+            if kept is not None:
+                due = put(kept, self.compiled.hash, self._live(), None if mask is None else due)
+                self.batch.update()
+                self.statistics.start(due)
+            else:
+                self._reseed(seed, chosen, mask)
+                self._reset_worlds(due.clone())
+            self._autoreset.logical_and_(~due)
             if not self._ready:
                 self.batch.check_budget()
                 self._ready = True
             observation = self._observe(0)
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
             return self._returned(observation), self._returned(self._layout_info())
+
+    @exclusive
+    def snapshot(self, mask: Any = None) -> Snapshot:
+        """Copy the state of the masked worlds, for `reset(options={"state": snapshot})`.
+
+        It has the physics, the layout, the steps since the reset, and the memory of the task: every tensor of the task
+        and its helpers that has `num_envs` rows. On a CPU an episode goes on to the same bits; on a GPU the state has
+        the same bits, and later steps differ as two runs do. Statistics count a restored episode from there on.
+
+        Args:
+            mask: As `reset_mask`; None is all worlds.
+
+        Raises:
+            ResetNeeded: There was no reset yet.
+            MaskError, MaskTypeError: As in `reset`.
+        """
+        self._check_open()
+        if not self._ready:
+            raise gymnasium.error.ResetNeeded("Call reset() before snapshot().")
+        wanted = as_reset_mask({RESET_MASK: mask}, self.num_envs)
+        worlds = np.arange(self.num_envs) if wanted is None else np.flatnonzero(wanted)
+        with self._on_torch_stream():
+            return take(self.compiled.hash, self._live(), torch.from_numpy(worlds).to(self.device))
+
+    def _live(self) -> dict[str, Tensor]:
+        """Return all tensors that a snapshot has rows of."""
+        memory = {"task": self.task, "sensors": self._sensors}
+        return live_tensors(self.state, self.randomizer.layouts, memory)
+
+    def _reseed(
+        self, seed: Any, chosen: tuple[np.ndarray, np.ndarray, np.ndarray] | None, mask: np.ndarray | None
+    ) -> None:
+        """Choose the layouts that the next reset of the masked worlds serves; see `reset`."""
+        if seed is None and not self._ready:
+            # it is -1 after a generator was assigned to np_random
+            seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
+        seeds = as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready)
+        if seeds is not None:
+            numbers, given = seeds
+            if mask is not None:
+                given &= mask
+            self.randomizer.reseed(numbers, given)
+            if mask is None and isinstance(seed, int | np.integer):
+                self._np_random, self._np_random_seed = seeding.np_random(int(seed))
+            elif given.any():
+                self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
+        if chosen is not None:
+            numbers, episodes, given = chosen
+            self.randomizer.reseed(numbers, given if mask is None else given & mask, episodes)
+            self.np_random = np.random.default_rng(numbers)
 
     @exclusive
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
@@ -310,9 +376,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             check_outcome(task, terms, success, terminated, self.num_envs)
             self._stepped = True
         success = success.clone()  # the task may write to it in a reset
-        finite = s.finite
-        gained = torch.where(finite, torch.stack(list(terms.values())), 0.0).float()
-        terminated = terminated | ~finite
+        broken = ~s.finite
+        gained = torch.where(broken, 0.0, torch.stack(list(terms.values()))).float()
+        terminated = terminated | broken
         truncated = torch.zeros_like(terminated)
         if self.max_episode_steps is not None:
             truncated = s.elapsed >= self.max_episode_steps
@@ -320,22 +386,30 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             # worlds that ended in the last step are reset by this one, in which nothing counts for them
             due = self._autoreset.clone()
-            gained, success = torch.where(due, 0.0, gained), success & ~due
+            gained, success, broken = torch.where(due, 0.0, gained), success & ~due, broken & ~due
             terminated, truncated = terminated & ~due, truncated & ~due
             self._reset_worlds(due)
             self._autoreset.copy_(terminated | truncated)
         reward, terms = gained.sum(dim=0), dict(zip(terms, gained, strict=True))
         done = terminated | truncated
-        self.statistics.add(tuple(terms), gained, success, done, s.elapsed)
-        info: dict[str, Any] = {"success": success, "reward_terms": terms}
+        self.statistics.add(tuple(terms), gained, success, broken, done, s.elapsed)
+        self._tell_levels(success)
+        info: dict[str, Any] = {"success": success, "broken": broken, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            info["final_obs"] = self._observe(1)
-            info["final_info"] = {"success": success, "reward_terms": dict(terms), **self._layout_info()}
+            final = {**info, "reward_terms": dict(terms), **self._layout_info()}
+            info["final_obs"], info["final_info"] = self._observe(1), final
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._reset_worlds(done)
         info |= self._layout_info()
         returned = (self._observe(0), reward, terminated, truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
+
+    def _tell_levels(self, success: Tensor) -> None:
+        """Count the successes of the episodes that finished, if the worlds play levels by that."""
+        sampler, layouts = self.randomizer.levels, self.randomizer.layouts
+        if sampler is not None and sampler.levels.score != "given":
+            outcome, finished = wp.from_torch(success.float()), wp.from_torch(self.statistics.finished)
+            sampler.launch_update(sampler.level, layouts.seed, layouts.episode, outcome, finished)
 
     def _reset_worlds(self, mask: Tensor) -> None:
         """Reset the worlds of a mask on the device, to which the task may write."""
@@ -353,12 +427,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
 
     def _layout_info(self) -> dict[str, Tensor]:
-        s = self.state
-        return {
+        s, sampler = self.state, self.randomizer.levels
+        info = {
             "layout_seed": s.seed.clone(),
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
 
     def _returned(self, value: Any) -> Any:
         """Return tensors, and dicts of them, as the `output` of the environment."""

@@ -157,8 +157,7 @@ class LayoutDeck:
 
 
 def _made(generator: LayoutGenerator, where: Where) -> LayoutTable:
-    generator.reseed([(where.seed + i) % 2**64 for i in range(generator.nworld)])
-    generator.layouts.episode.fill_(where.episode - 1)
+    generator.reseed([(where.seed + i) % 2**64 for i in range(generator.nworld)], episodes=where.episode)
     generator.generate()
     wp.synchronize_device(generator.compiled.device)
     return read_table(generator)

@@ -14,7 +14,7 @@ import torch
 
 from sceniris_gym.errors import SceneMismatchError, ScenirisError
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.vector.evaluation import reset_to
+from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer.plots import Plots
 from sceniris_gym.viewer.policies import GROUP, Policy
@@ -65,7 +65,7 @@ class EnvView:
         chosen = [self._layout(self.first + i) for i in range(self.envs.num_envs)]
         if self._pasted is not None:
             chosen[0], self._pasted = self._pasted, None
-        self._observation, _ = reset_to(self.envs, self.envs, chosen)
+        self._observation, _ = self.envs.reset(options={LAYOUTS: chosen})
         self._ended = np.zeros(self.envs.num_envs, bool)
         self._success = np.zeros(self.envs.num_envs, bool)
         self._step = 0

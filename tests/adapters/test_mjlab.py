@@ -135,6 +135,26 @@ def test_the_same_seed_gives_the_same_layouts_and_another_split_others():
     assert not np.array_equal(found[0], found[2])
 
 
+def test_chosen_environments_get_the_layouts_of_ids():
+    """At their next reset, and go on from there; what `extras` tells until then is of the present layouts."""
+    env = ManagerBasedRlEnv(plain_cfg(cubes_on()), "cpu")
+    env.reset()
+    term = env.event_manager.get_term_cfg("layouts").func
+    env.reset(env_ids=torch.arange(NUM_ENVS))
+    wanted = term.layouts.pose("cube_0")[2].clone()
+    term.choose([term.compiled.layout_id(7, 1), term.compiled.layout_id(7, 0)], [4, 0])
+    env.reset(env_ids=torch.tensor([1]))
+    assert env.extras["layout_seed"].tolist() == [5, 6, 7, 8, 9, 10]
+    env.reset(env_ids=torch.tensor([0, 4]))
+    assert env.extras["layout_seed"].tolist() == [7, 6, 7, 8, 7, 10]
+    assert env.extras["layout_episode"].tolist() == [0, 2, 1, 1, 1, 1]
+    assert torch.equal(term.layouts.pose("cube_0")[4], wanted)
+    with pytest.raises(ArgumentError, match="should be 6 layout ids"):
+        term.choose(["a:train:0:0"])
+    with pytest.raises(SceneMismatchError, match="should be of scene"):
+        term.choose(["a:train:0:0"], [1])
+
+
 def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():
     """A cabinet without a freejoint, which mjlab gives a mocap root, with its drawer drawn and a cube on its tray."""
     scene = {

@@ -282,7 +282,7 @@ def test_the_bytes_that_are_copied_grow_with_the_number_of_worlds_alone(make, mo
         assert done.all() == done.any() == (steps == 1)
         per_world.append(sum(copied) / num_envs)
     observation = 4 * envs.observation_space.shape[0]
-    finished = observation + 1 + 8 + 4 + 1 if steps == 1 else 0
+    finished = observation + 2 + 8 + 4 + 1 if steps == 1 else 0
     assert per_world == [observation + 4 + 2 + finished] * 3
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,11 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError, ScenirisError
+from sceniris_gym.errors import CountError, MaskError, MaskTypeError, ScenirisError, SeedError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.scene.model import build_model
@@ -152,13 +154,41 @@ def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: CompiledScene):
         generator.generate()
     mask = _mask([False, True, False, True])
     generator.reseed([100, 101, 102, 103], mask)
-    assert generator.layouts.seed.numpy().tolist() == [10, 101, 12, 103]
-    assert generator.layouts.episode.numpy().tolist() == [1, -1, 1, -1]
+    assert generator.layouts.seed.numpy().tolist() == [10, 11, 12, 13]  # of the layouts that are there
+    assert generator.layouts.episode.numpy().tolist() == [1] * 4
     generator.generate()
+    assert generator.layouts.seed.numpy().tolist() == [10, 101, 12, 103]
+    assert generator.layouts.episode.numpy().tolist() == [2, 0, 2, 0]
     expected = _by_id(mid, [10, 12], 3) | _by_id(mid, [101, 103], 1)
     assert all(expected[k] == v for k, v in _rows(generator).items())
     generator.reseed(wp.array(np.array([1, 2, 3, 4], np.uint64), dtype=wp.uint64, device="cpu"), mask)
+    generator.generate()
     assert generator.layouts.seed.numpy().tolist() == [10, 2, 12, 4]
+
+
+@pytest.mark.parametrize("make", [LayoutGenerator, lambda *args: PreparedLayouts(LayoutGenerator(*args), graph=False)])
+def test_episodes_are_chosen_and_worlds_go_on_from_there(mid: CompiledScene, make: Callable):
+    """With new seeds or the present ones, one episode for all or one for each; the others go on as they would have."""
+    source = make(mid, 4)
+    source.generate()
+    source.reseed([7, 8, 9, 10], _mask([True, False, True, False]), episodes=[4, 0, 2, 0])
+    source.generate()
+    expected = _by_id(mid, [7], 5) | _by_id(mid, [9], 3) | _by_id(mid, [1, 3], 2)
+    assert all(expected[k] == v for k, v in _rows(source).items())
+    source.reseed(None, episodes=1)
+    source.generate()
+    source.generate(_mask([True, True, True, False]))
+    assert source.layouts.episode.numpy().tolist() == [2, 2, 2, 1]
+    assert source.layouts.seed.numpy().tolist() == [7, 1, 9, 3]
+    expected = _by_id(mid, [7, 1, 9], 3) | _by_id(mid, [3], 2)
+    assert all(expected[k] == v for k, v in _rows(source).items())
+
+
+@pytest.mark.parametrize("episodes", [-1, 1 << 31, [0, 1], 0.5, "first"])
+def test_wrong_episodes_are_refused(mid: CompiledScene, episodes: Any):
+    """Negative, too large, not one for each world, or no integers."""
+    with pytest.raises(SeedError, match="episodes should be"):
+        LayoutGenerator(mid, 4).reseed(0, episodes=episodes)
 
 
 def test_an_unknown_split_is_refused(mid: CompiledScene):

@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, close_episode, open_episode
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
@@ -26,11 +26,12 @@ Maker = Callable[[CompiledScene], LayoutSource]
 
 
 @wp.kernel(enable_backward=False)
-def _lift(mask: wp.array[wp.bool], episode: wp.array[int], qpos: wp.array2d[float]):
+def _lift(mask: wp.array[wp.bool], layouts: LayoutsView):
     i = wp.tid()
     if not mask or mask[i]:
-        episode[i] = episode[i] + 1
-        qpos[i, 2] = float(episode[i])
+        open_episode(layouts, i)
+        layouts.qpos[i, 2] = float(layouts.pending_episode[i])
+        close_episode(layouts, layouts, i)
 
 
 class Lifted(LayoutSource):
@@ -41,8 +42,7 @@ class Lifted(LayoutSource):
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Lift."""
-        inputs = [mask, self.layouts.episode, self.layouts.qpos]
-        wp.launch(_lift, dim=NWORLD, inputs=inputs, device=self.layouts.qpos.device)
+        wp.launch(_lift, dim=NWORLD, inputs=[mask, self.layouts.view], device=self.layouts.qpos.device)
 
 
 class Counted(Lifted):
@@ -109,10 +109,11 @@ def test_new_seeds_start_again_at_their_first_episode(mid: CompiledScene, make: 
     for _ in range(2):
         other.launch_generate(None)
     other.launch_reseed(wp.array([33, 1, 30, 2], dtype=wp.uint64, device="cpu"), mask_of([True, False, True, False]))
-    assert other.layouts.seed.numpy().tolist() == [33, 31, 30, 33]
-    assert other.layouts.episode.numpy().tolist() == [-1, 1, -1, 1]
+    assert other.layouts.seed.numpy().tolist() == [30, 31, 32, 33]  # until the next layouts are served
+    assert other.layouts.episode.numpy().tolist() == [1] * NWORLD
     other.launch_generate(None)
     np.testing.assert_array_equal(other.layouts.qpos.numpy()[[0, 2]], first[[3, 0]])
+    assert other.layouts.seed.numpy().tolist() == [33, 31, 30, 33]
     assert other.layouts.episode.numpy().tolist() == [0, 2, 0, 2]
 
 
@@ -188,5 +189,6 @@ def test_masks_and_seeds_of_all_libraries_are_taken(mid: CompiledScene, make: Ma
     source.generate(mask_of([True, True, True, False]))
     assert source.layouts.episode.numpy().tolist() == [2, 1, 0, -1]
     source.reseed([7, 8, 9, 10], np.array([True, False, False, True]))
+    source.generate()
     assert source.layouts.seed.numpy().tolist() == [7, 31, 32, 10]
-    assert source.layouts.episode.numpy().tolist() == [-1, 1, 0, -1]
+    assert source.layouts.episode.numpy().tolist() == [0, 2, 1, 0]

@@ -132,10 +132,12 @@ def test_new_seeds_start_at_episode_zero(crane: CompiledScene, table: LayoutTabl
     for _ in range(2):
         stored.generate()
     stored.reseed([4, 5, 6], wp.array([False, True, True], dtype=wp.bool, device="cpu"))
-    assert stored.layouts.seed.numpy().tolist() == [0, 5, 6]
-    assert stored.layouts.episode.numpy().tolist() == [1, -1, -1]
+    assert stored.layouts.seed.numpy().tolist() == [0, 1, 2]
+    assert stored.layouts.episode.numpy().tolist() == [1, 1, 1]
     assert_rows(stored.layouts, table, [1, 2, 3])
     stored.generate()
+    assert stored.layouts.seed.numpy().tolist() == [0, 5, 6]
+    assert stored.layouts.episode.numpy().tolist() == [2, 0, 0]
     assert_rows(stored.layouts, table, [2, 5, 6])
     stored.reseed(1)
     stored.generate()

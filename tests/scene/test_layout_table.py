@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import mujoco
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import ArgumentTypeError
-from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
 # A free body, a hinge, and two mocap bodies.
 MODEL = """
@@ -26,12 +25,12 @@ def _table(nrow: int, seed: int) -> LayoutTable:
     draws = np.random.default_rng(seed)
     shapes = {"qpos": (8,), "mocap_pos": (2, 3), "mocap_quat": (2, 4), "present": (3,), "grasp": (2,)}
     shapes |= {"grasp_pose": (2, 7), "grasp_qpos": (2, 6), "pregrasp_qpos": (2, 6)}
-    return LayoutTable(**{f.name: draws.random((nrow, *shapes.get(f.name, ()))) for f in fields(LayoutTable)})
+    return LayoutTable(**{name: draws.random((nrow, *shapes.get(name, ()))) for name in COLUMNS})
 
 
 def _rows(table: LayoutTable) -> list[tuple[np.ndarray, ...]]:
     """All that a table says of each row."""
-    return [tuple(getattr(table, f.name)[i] for f in fields(table)) for i in range(len(table))]
+    return [tuple(getattr(table, name)[i] for name in COLUMNS) for i in range(len(table))]
 
 
 def _same(a: list[tuple[np.ndarray, ...]], b: list[tuple[np.ndarray, ...]]) -> bool:
@@ -96,7 +95,7 @@ def test_of_mere_states_nothing_else_is_claimed():
     assert (states.episode == -1).all()
     assert states.grasp.shape == (4, 0)
     assert len(LayoutTable.concatenate([states, states])[2:7]) == 5
-    assert all(len(getattr(states, f.name)) == 4 for f in fields(states))
+    assert all(len(getattr(states, name)) == 4 for name in COLUMNS)
 
 
 @pytest.mark.parametrize("name", ["qpos", "mocap_pos", "mocap_quat", "present"])

@@ -7,7 +7,15 @@ import pytest
 import torch
 from gymnasium.vector import AutoresetMode
 
-from sceniris_gym.errors import MaskError, MaskTypeError, SeedError, UnknownNameError
+from sceniris_gym.errors import (
+    ArgumentError,
+    LayoutIdError,
+    MaskError,
+    MaskTypeError,
+    SceneMismatchError,
+    SeedError,
+    UnknownNameError,
+)
 from tests.vector.stepping import actions, assert_equal, state
 
 
@@ -137,3 +145,63 @@ def test_wrong_seeds_are_refused(make_env, seed):
     """A seed is an integer of 64 bits, or one for each world."""
     with pytest.raises(SeedError):
         make_env(2).reset(seed=seed)
+
+
+@pytest.mark.parametrize("prefetch", [False, True])
+def test_chosen_layouts_are_those_of_their_ids(make_env, prefetch):
+    """By ids or by the numbers of an info, in the first reset or later; worlds go on from there, others as they would.
+
+    Layouts are compared with those that a world reaches by itself.
+    """
+    plain, envs = make_env(3), make_env(3, prefetch=prefetch)
+    plain.reset(seed=[7, 8, 9])
+    wanted = [plain.reset() for _ in range(3)]
+    ids = [envs.compiled.layout_id(seed, episode) for seed, episode in ((7, 1), (8, 3), (9, 2))]
+    for _ in range(2):  # the first reset, and a later one
+        found, info = envs.reset(options={"layouts": ids})
+        for world, episode in enumerate((1, 3, 2)):
+            assert_equal(found, wanted[episode - 1][0], [world])
+        assert info["layout_seed"].tolist() == [7, 8, 9]
+        assert info["layout_episode"].tolist() == [1, 3, 2]
+    again, _ = envs.reset(options={"layouts": {"seed": info["layout_seed"], "episode": info["layout_episode"].numpy()}})
+    assert_equal(again, found)
+    found, info = envs.reset(options={"layouts": [None, ids[0], None], "reset_mask": np.array([True, True, False])})
+    assert info["layout_seed"].tolist() == [7, 7, 9]
+    assert info["layout_episode"].tolist() == [2, 1, 2]
+    assert_equal(found, wanted[1][0], [0, 2])
+    _, info = envs.reset(options={"layouts": ids[2]})
+    assert info["layout_seed"].tolist() == [9, 9, 9]
+
+
+def test_a_reseed_shows_once_its_layout_is_served(make_env):
+    """The episode that runs keeps its seed and its number in all infos, until the reset."""
+    envs = make_env(2)
+    envs.reset(seed=3)
+    envs.randomizer.reseed([50, 60], episodes=4)
+    *_, info = envs.step(actions(2, ending=(1,)))
+    assert info["final_info"]["layout_seed"].tolist() == [3, 4]
+    assert info["final_info"]["layout_episode"].tolist() == [0, 0]
+    assert info["layout_seed"].tolist() == [3, 60]
+    assert info["layout_episode"].tolist() == [0, 4]
+
+
+@pytest.mark.parametrize(
+    ("layouts", "error", "match"),
+    [
+        (["a:train:0:0"] * 2, SceneMismatchError, "should be of scene"),
+        (["nonsense"] * 2, LayoutIdError, "should be scenehash"),
+        ([7, 8], LayoutIdError, "should be scenehash"),
+        ([None], ArgumentError, "a sequence of 2"),
+        (3, ArgumentError, "a sequence of 2"),
+        ({"seed": 0}, ArgumentError, "keys 'seed' and 'episode'"),
+        ({"seed": [0, 1, 2], "episode": 0}, ArgumentError, "one for each of 2"),
+        ({"seed": 0, "episode": -1}, SeedError, r"2\^31"),
+    ],
+)
+def test_wrong_layouts_are_refused(make_env, layouts, error, match):
+    """Ids of other scenes or of no scene, and not one for each world."""
+    envs = make_env(2)
+    with pytest.raises(error, match=match):
+        envs.reset(options={"layouts": layouts})
+    with pytest.raises(ArgumentError, match="one of seed"):
+        envs.reset(seed=1, options={"layouts": [None, None]})

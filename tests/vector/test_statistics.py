@@ -75,10 +75,10 @@ def test_the_latest_sums_are_of_the_last_step_alone(make_env):
     """Before any step, in one that finishes nothing, and in one that does, also after a reading."""
     envs = make_env(2, max_episode_steps=2)
     envs.reset(seed=0)
-    assert envs.statistics.latest().tolist() == [0.0] * 3
+    assert envs.statistics.latest().tolist() == [0.0] * 4
     for _ in range(2):
         total = envs.step(torch.zeros(2, 5))[1]
-        assert envs.statistics.latest().tolist() == [0.0] * 5
+        assert envs.statistics.latest().tolist() == [0.0] * 6
         total = total + envs.step(torch.zeros(2, 5))[1]
         envs.statistics.read()
         latest = dict(zip(envs.statistics.names, envs.statistics.latest().tolist(), strict=True))
@@ -119,15 +119,16 @@ def test_with_autoreset_disabled_an_end_counts_once(make_env):
 
 def test_success_is_that_of_the_last_step():
     """One of two worlds ends in success, the other had it in between."""
-    statistics = EpisodeStatistics(2, torch.device("cpu"))
+    statistics, no = EpisodeStatistics(2, torch.device("cpu")), torch.zeros(2, dtype=torch.bool)
     for success, done in (([False, True], [False, False]), ([True, False], [True, True])):
         gained = torch.tensor([[1.0, 2.0]])
-        statistics.add(("near",), gained, torch.tensor(success), torch.tensor(done), torch.tensor([2, 2]))
+        statistics.add(("near",), gained, torch.tensor(success), no, torch.tensor(done), torch.tensor([2, 2]))
     assert statistics.read() == {
         "episodes": 2,
         "return": 3.0,
         "length": 2.0,
         "success": 0.5,
+        "broken": 0,
         "reward_terms": {"near": 3.0},
     }
 

@@ -212,7 +212,10 @@ def test_a_world_with_nans_is_ended_and_cured(make_env):
     qvel[0] = np.nan
     envs.batch.data.qvel.assign(qvel)
     observation, reward, terminated, _, info = envs.step(actions(2))
-    assert terminated.tolist() == info["_final_obs"].tolist() == [True, False]
+    assert terminated.tolist() == info["_final_obs"].tolist() == info["broken"].tolist() == [True, False]
+    assert info["final_info"]["broken"].tolist() == [True, False]
+    assert info["final_info"]["layout_seed"].tolist() == [0, 1]
+    assert envs.statistics.read()["broken"] == 1
     assert float(reward[0]) == 0.0
     assert torch.isfinite(observation["critic"]).all()
     twin = make_env(2)

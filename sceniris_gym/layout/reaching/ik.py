@@ -79,7 +79,7 @@ def _choose_starts(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: seed, qpos, pending_episode, body_pos, body_quat
+    # Layouts in: qpos, pending_seed, pending_episode, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart
     search: Search,
@@ -111,7 +111,7 @@ def _choose_starts(
             trial = search.row_restart[row] * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
             worldid = search.row_world[row]
-            seed = layouts.seed[worldid]
+            seed = layouts.pending_seed[worldid]
             q = _drawn(reach.arm, seed, layouts.pending_episode[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
 

@@ -28,7 +28,7 @@ def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.ui
         return -1
     stream = numbered_stream(split, BANK_STREAM)
     words = philox(
-        layouts.seed[worldid],
+        layouts.pending_seed[worldid],
         wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0)),
     )
     return first + int(words[0] % wp.uint32(num))

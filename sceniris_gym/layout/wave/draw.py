@@ -111,7 +111,7 @@ def _draw(
     program: Program,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: seed, present, pending_episode, place, body_pos, body_quat
+    # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart, rows_left, source, candidates, row, obj, trial, cause, turn, heading, point,
     #   qpos, body_pos, body_quat
@@ -125,7 +125,7 @@ def _draw(
         row = search.row[c]
         obj = search.obj[c]
         trial = trial_of(program, search, c)
-        seed = layouts.seed[search.row_world[row]]
+        seed = layouts.pending_seed[search.row_world[row]]
         episode = layouts.pending_episode[search.row_world[row]]
         stream = stream_of(program, split, obj)
         search.cause[c] = Cause.NONE

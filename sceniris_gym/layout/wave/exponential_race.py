@@ -35,7 +35,7 @@ def point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, sear
     """Return the counter of a candidate's point."""
     world = search.row_world[search.row[c]]
     n = PointCounter()
-    n.seed = layouts.seed[world]
+    n.seed = layouts.pending_seed[world]
     n.episode = layouts.pending_episode[world]
     n.stream = stream_of(program, split, search.obj[c])
     n.trial = trial_of(program, search, c)

@@ -169,7 +169,7 @@ def _draw_points(
     program: Program,
     split: wp.uint32,
     blocks: int,
-    # Layouts in: seed, present, pending_episode, place, bounds, body_pos, body_quat
+    # Layouts in: present, pending_seed, pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart, cuts, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat,
     #   relations, sides, side_num, pieces, piece, piece_area, winner, cut

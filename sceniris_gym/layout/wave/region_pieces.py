@@ -173,7 +173,7 @@ def _measure_pieces(
     split: wp.uint32,
     lanes: int,
     least_parts: int,
-    # Layouts in: seed, pending_episode, body_pos, body_quat
+    # Layouts in: pending_seed, pending_episode, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart, cuts, row, obj, trial, turn, sides, side_num, pieces, piece, winner, cut
     # Search out: piece_area, winner

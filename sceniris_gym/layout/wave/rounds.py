@@ -6,7 +6,7 @@ restarts of the round are not counted. An unsound layout is never served: its wo
 
 import warp as wp
 
-from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.layouts import LayoutsView, Status, close_episode, open_episode
 from sceniris_gym.layout.wave.bank import fall_back
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
 from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
@@ -33,8 +33,8 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode
-    # Layouts out: attempts, present, pending_episode, row_rejections
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
     # Search out: pending, restart, waiting, worlds_left, rows_left, restarts_at_once, candidates
@@ -52,14 +52,14 @@ def _start(
     if mask:
         if not mask[worldid]:
             return
-    episode = layouts.episode[worldid] + 1
-    layouts.pending_episode[worldid] = episode
+    open_episode(layouts, worldid)
     layouts.attempts[worldid] = 0
     _clear_rejections(layouts, worldid)
     search.pending[worldid] = True
     search.restart[worldid] = 0
     wp.atomic_add(search.worlds_left, 0, 1)
-    draw_groups(program, layouts.seed[worldid], episode, split, layouts.present[worldid])
+    seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
+    draw_groups(program, seed, episode, split, layouts.present[worldid])
 
 
 def launch_start(work: Workspace, mask: wp.array | None) -> None:
@@ -221,8 +221,8 @@ def _settle(
     program: Program,
     reach: Reach,
     split: wp.uint32,
-    # Layouts in: seed, qpos, mocap_pos, mocap_quat, attempts, grasp, grasp_qpos, pregrasp_qpos, pending_episode,
-    #   row_rejections, place, bounds, variant, body_pos, body_quat
+    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
+    #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
@@ -279,8 +279,8 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
-    # Layouts in: rejections, pending_episode, row_rejections
-    # Layouts out: episode, rejections
+    # Layouts in: rejections, pending_seed, pending_episode, row_rejections
+    # Layouts out: seed, episode, rejections, next_episode
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()
@@ -288,7 +288,7 @@ def _finish(
         if not mask[worldid]:
             return
     if obj == 0:
-        layouts.episode[worldid] = layouts.pending_episode[worldid]
+        close_episode(layouts, layouts, worldid)
     count_rejections(layouts, worldid, obj, layouts.rejections)
 
 

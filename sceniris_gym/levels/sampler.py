@@ -1,0 +1,155 @@
+"""`LevelSampler`: a source of layouts that chooses the next one of each world out of a buffer of levels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from warp.utils import array_cast
+
+from sceniris_gym.device.random import SPLITS, STREAM_BITS
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.levels.buffer import (
+    KEPT,
+    create_buffer,
+    launch_choose,
+    launch_forget,
+    launch_refresh,
+    launch_update,
+)
+from sceniris_gym.levels.choice import Levels
+
+LEVEL_STREAM = (1 << STREAM_BITS) - 4
+
+
+class LevelSampler(LayoutSource):
+    """A source whose worlds play levels: layouts of another source, chosen by how earlier episodes on them went.
+
+    A world's next level is chosen when its present one begins, so that it can be made ahead, and the score of an
+    episode counts from the next choice on. Nothing waits for the host. Choices are a pure function of the seeds of the
+    worlds and of all outcomes, whatever the device runs beside.
+
+    Weights are refreshed every `Levels.every` resets, outside of graphs of the caller's own; until then choices go by
+    the old ones.
+
+    Args:
+        source: Makes the layouts; reseeded by the sampler alone from now on.
+        levels: The choice.
+        split: "train" or "eval".
+
+    Attributes:
+        layouts: The latest layouts of the source.
+        level: Place in the buffer of each world's level, -1 for a fresh one, shape (nworld,), int32.
+        size: Number of levels in the buffer; waits for the device.
+    """
+
+    def __init__(self, source: LayoutSource, levels: Levels, split: str = "train") -> None:
+        self.source, self.levels, self.layouts = source, levels, source.layouts
+        nworld, device = source.layouts.nworld, source.layouts.qpos.device
+        self._device, self._stream = device, wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
+        self._since = 0
+        self._buffer = buffer = create_buffer(levels, nworld, device)
+        wp.copy(buffer.base, self.layouts.view.next_seed)
+
+    @property
+    def level(self) -> wp.array:
+        """See the class."""
+        return self._buffer.level
+
+    @property
+    def size(self) -> int:
+        """See the class."""
+        return int((self._buffer.stamp.numpy() >= 0).sum())
+
+    def launch_generate(self, mask: wp.array | None) -> None:
+        """Serve the masked worlds their levels, and choose those that follow."""
+        self.source.launch_generate(mask)
+        launch_choose(self._buffer, mask, self._stream, self.levels.replay)
+        self.source.launch_reseed(self._buffer.next_seed, mask, self._buffer.next_episode)
+
+    def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
+        """See `LayoutSource`; the worlds draw their fresh levels by these seeds from then on."""
+        self.source.launch_reseed(seeds, mask, episodes)
+        launch_forget(self._buffer, seeds, mask)
+
+    def launch_update(
+        self, level: wp.array, seed: wp.array, episode: wp.array, outcome: wp.array, mask: wp.array | None
+    ) -> None:
+        """Tell how episodes went: update the levels that are in the buffer, and insert the others.
+
+        A level is inserted in the place of one with a lower score, if there is one.
+
+        Args:
+            level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32.
+            seed: Its seed, shape (n,), uint64.
+            episode: Its episode, shape (n,), int32.
+            outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
+            mask: Which rows count, shape (n,), bool; all if None.
+        """
+        launch_update(self._buffer, level, seed, episode, outcome, mask)
+
+    def update(self, level: Any, seed: Any, episode: Any, score: Any) -> None:
+        """Give scores to levels that were played: those of the buffer are updated, others inserted.
+
+        Args:
+            level: `layout_level` of an info, shape (n,): a torch tensor or NumPy array of integers, as all others.
+            seed: `layout_seed` of the same info, shape (n,).
+            episode: `layout_episode`, shape (n,).
+            score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
+                successes are counted: 1 for a success, 0 for a failure.
+
+        Raises:
+            ArgumentError: Not arrays of one length.
+        """
+        columns = {"level": (level, wp.int32), "seed": (seed, wp.uint64), "episode": (episode, wp.int32)}
+        columns["score"] = score, wp.float32
+        arrays = [self._column(name, *column) for name, column in columns.items()]
+        if len({array.shape for array in arrays}) != 1:
+            shapes = ", ".join(str(array.shape) for array in arrays)
+            raise ArgumentError(f"LevelSampler.update: arrays should have one length, got {shapes}.")
+        self.launch_update(*arrays, mask=None)
+
+    def _column(self, name: str, values: Any, dtype: type) -> wp.array:
+        """Return a column on the device, seeds as the 64 bits that they are."""
+        numbers = values.detach().contiguous() if hasattr(values, "detach") else np.asarray(values)
+        if numbers.ndim != 1:
+            raise ArgumentError(f"LevelSampler.update: {name} should have shape (n,), got {tuple(numbers.shape)}.")
+        given = wp.array(numbers) if isinstance(numbers, np.ndarray) else wp.from_torch(numbers)
+        given = given.to(self._device)
+        if dtype is wp.uint64 and given.dtype in (wp.int64, wp.uint64):
+            return given.view(wp.uint64)
+        made = wp.empty(given.shape, dtype=dtype, device=self._device)
+        array_cast(given, made)
+        return made
+
+    def after_reset(self) -> None:
+        """Refresh the weights every so many resets."""
+        self.source.after_reset()
+        self._since += 1
+        if self._since >= self.levels.every and not self._device.is_capturing:
+            self._since = 0
+            launch_refresh(self._buffer, self.levels)
+
+    def rejection_counts(self) -> dict[str, dict[str, int]]:
+        """See `LayoutSource`."""
+        return self.source.rejection_counts()
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device."""
+        return {name: getattr(self._buffer, name).numpy().copy() for name in KEPT}
+
+    def restore(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from a `state` of a sampler of the same capacity and number of worlds.
+
+        Raises:
+            ArgumentError: It is of another one.
+        """
+        for name in KEPT:
+            array = getattr(self._buffer, name)
+            if name not in state or state[name].shape != array.shape:
+                raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
+            array.assign(state[name])
+        self.source.launch_reseed(self._buffer.next_seed, None, self._buffer.next_episode)
+        launch_refresh(self._buffer, self.levels)

@@ -1,0 +1,113 @@
+"""`Snapshot`: the state of worlds in the middle of their episodes, kept to go on from there again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import FunctionType, ModuleType
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.sim.randomizer import PROMISED
+from sceniris_gym.vector.state import State
+
+_OF_LAYOUTS = (
+    *("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "present"),
+    *("grasp", "grasp_qpos", "pregrasp_qpos"),
+)
+
+_FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
+"""Packages whose objects hold no memory of a task."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The state of worlds, a row for each.
+
+    Attributes:
+        scene: Hash of the scene.
+        worlds: The world that each row is of, shape (nrow,), int64.
+        rows: What has a row for each world, by name: the state in mujoco_warp's Data, the layout, the steps since its
+            reset, and the memory of the task, each of shape (nrow, ...).
+    """
+
+    scene: str
+    worlds: Tensor
+    rows: Mapping[str, Tensor]
+
+    def __len__(self) -> int:
+        return len(self.worlds)
+
+    def __getitem__(self, index: Any) -> Snapshot:
+        return Snapshot(self.scene, self.worlds[index], {name: rows[index] for name, rows in self.rows.items()})
+
+
+def take(scene: str, live: Mapping[str, Tensor], worlds: Tensor) -> Snapshot:
+    """Return the rows of these worlds, copied."""
+    return Snapshot(scene, worlds, {name: tensor[worlds] for name, tensor in live.items()})
+
+
+def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
+    """Write a snapshot back, into its own worlds or, in order, into those of a mask, and return the mask of them.
+
+    Raises:
+        ArgumentTypeError: No Snapshot.
+        SceneMismatchError: A snapshot of another scene or task.
+        ArgumentError: As many rows as the mask has worlds are needed; or a world that does not exist, or twice.
+    """
+    check_type(snapshot, Snapshot, "options['state']")
+    found = {name: tuple(rows.shape[1:]) for name, rows in snapshot.rows.items()}
+    if snapshot.scene != scene or found != {name: tuple(tensor.shape[1:]) for name, tensor in live.items()}:
+        raise SceneMismatchError("options['state'] should be a snapshot of this scene and task. Take one of this one.")
+    num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
+    worlds = snapshot.worlds.to(device) if mask is None else mask.nonzero().flatten()
+    if len(worlds) != len(snapshot):
+        raise ArgumentError(f"options['state'] should have {len(worlds)} rows, one per masked world: {len(snapshot)}.")
+    if len(worlds.unique()) != len(worlds) or (worlds >= num_envs).any():
+        raise ArgumentError(f"options['state'] should be of different worlds below {num_envs}: {worlds.tolist()}.")
+    for name, tensor in live.items():
+        tensor[worlds] = snapshot.rows[name].to(device)
+    written = torch.zeros(num_envs, dtype=torch.bool, device=device)
+    written[worlds] = True
+    return written
+
+
+def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> dict[str, Tensor]:
+    """Return all tensors that have a row for each world, by name, in the memory that steps and resets use."""
+    found = {"elapsed": state.elapsed}
+    for name in PROMISED:
+        array = getattr(state.data, name)
+        if array.size:
+            found[f"data.{name}"] = wp.to_torch(array)
+    for name in _OF_LAYOUTS:
+        array = getattr(layouts, name)
+        if array.size:
+            tensor = wp.to_torch(array)
+            # torch cannot index uint64
+            found[f"layout.{name}"] = tensor.view(torch.int64) if tensor.dtype is torch.uint64 else tensor
+    for name, value in memory.items():
+        found.update(_memory(value, state.num_envs, name, set()))
+    return found
+
+
+def _memory(value: Any, num_envs: int, path: str, seen: set[int]) -> Iterator[tuple[str, Tensor]]:
+    """Yield the tensors with `num_envs` rows in an object, and in its containers and helpers."""
+    if id(value) in seen or isinstance(value, State | type | ModuleType | FunctionType):
+        return
+    seen.add(id(value))
+    if isinstance(value, Tensor):
+        if value.ndim and value.shape[0] == num_envs and (value.stride(0) or num_envs == 1):  # not an expanded one
+            yield path, value
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _memory(item, num_envs, f"{path}.{key}", seen)
+    elif isinstance(value, list | tuple):
+        for i, item in enumerate(value):
+            yield from _memory(item, num_envs, f"{path}.{i}", seen)
+    elif hasattr(value, "__dict__") and type(value).__module__.partition(".")[0] not in _FOREIGN:
+        yield from _memory(vars(value), num_envs, path, seen)

@@ -1,0 +1,27 @@
+"""The words of a choice of levels: wrong ones are refused by name."""
+
+from __future__ import annotations
+
+import pytest
+
+from sceniris_gym.errors import ArgumentError, CountError, UnknownNameError
+from sceniris_gym.levels import Levels
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "match"),
+    [
+        ({"score": "learnable"}, UnknownNameError, "learnability"),
+        ({"priority": "ranks"}, UnknownNameError, "rank"),
+        ({"replay": 1.5}, ArgumentError, "replay should be from 0 to 1"),
+        ({"staleness": -0.1}, ArgumentError, "staleness should be from 0 to 1"),
+        ({"rate": float("nan")}, ArgumentError, "rate should be from 0 to 1"),
+        ({"temperature": 0.0}, ArgumentError, "temperature should be above 0"),
+        ({"capacity": 0}, CountError, "at least 1"),
+        ({"every": 0.5}, CountError, "integer"),
+    ],
+)
+def test_wrong_words_are_refused(words, error, match):
+    """Names that do not exist, shares outside of 0 to 1, numbers that are none."""
+    with pytest.raises(error, match=match):
+        Levels(**words)

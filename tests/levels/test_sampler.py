@@ -1,0 +1,79 @@
+"""Levels in environments: the layout of a level is that of its id, episodes are told, and a sampler goes on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError
+from sceniris_gym.levels import Levels
+from tests.vector.conftest import Reach, make_env, reach_scene  # noqa: F401, fixtures
+from tests.vector.stepping import actions, assert_equal
+
+LEVELS = Levels("failure", replay=0.5, every=1, capacity=64)
+
+
+def _play(envs, steps: int) -> list[dict]:
+    return [envs.step(actions(envs.num_envs, ending=(k % envs.num_envs,)))[-1] for k in range(steps)]
+
+
+@pytest.mark.parametrize("prefetch", [False, True])
+def test_a_level_is_the_layout_of_its_id(make_env, prefetch):  # noqa: F811
+    """With replays in between, and the next ones made ahead or not."""
+    envs, plain = make_env(3, max_episode_steps=3, levels=LEVELS, prefetch=prefetch), make_env(3)
+    envs.reset(seed=5)
+    replayed = 0
+    for _ in range(24):
+        observation, _, _, _, info = envs.step(actions(3))
+        if info["_final_obs"].any():
+            named = {"seed": info["layout_seed"], "episode": info["layout_episode"]}
+            assert_equal(plain.reset(options={"layouts": named})[0], observation)
+            replayed += int((info["layout_level"] >= 0).sum())
+    assert replayed > 3
+    assert envs.randomizer.levels.size > 3
+
+
+def test_levels_depend_on_seeds_and_outcomes_alone(make_env):  # noqa: F811
+    """The same ones in a second run, and after a seed they begin anew."""
+    runs = []
+    for _ in range(2):
+        envs = make_env(4, max_episode_steps=3, levels=LEVELS)
+        envs.reset(seed=1)
+        runs.append([info["layout_seed"].tolist() for info in _play(envs, 20)])
+    assert runs[0] == runs[1]
+    assert len(set(map(tuple, runs[0]))) > 4
+
+
+def test_a_sampler_goes_on_where_it_was(make_env):  # noqa: F811
+    """From its state in another process's environment: the same levels follow."""
+    first, second = (make_env(4, max_episode_steps=3, levels=LEVELS) for _ in range(2))
+    first.reset(seed=1)
+    _play(first, 9)
+    kept = first.randomizer.levels.state()
+    second.reset(seed=2)
+    second.randomizer.levels.restore(kept)
+    for envs in (first, second):
+        envs.randomizer.levels.after_reset()
+    assert_equal(first.reset()[1], second.reset()[1])
+    with pytest.raises(ArgumentError, match=r"seed should have shape \(64,\)"):
+        first.randomizer.levels.restore({"seed": np.zeros(3)})
+
+
+def test_scores_can_be_given(make_env):  # noqa: F811
+    """By infos of episodes that ended before, as torch tensors or NumPy arrays; wrong lengths are refused."""
+    envs = make_env(4, max_episode_steps=2, levels=Levels("given", replay=1.0, every=1))
+    envs.reset(seed=2**63)
+    for _ in range(4):
+        info = envs.step(actions(4))[-1]
+        last, done = info["final_info"], info["_final_info"]
+        columns = [last[f"layout_{name}"][done] for name in ("level", "seed", "episode")]
+        envs.randomizer.levels.update(*columns, torch.linspace(0.1, 1.0, int(done.sum())))
+    assert envs.randomizer.levels.size > 0
+    assert (envs.reset()[1]["layout_level"] >= 0).all()
+    with pytest.raises(ArgumentError, match="one length"):
+        envs.randomizer.levels.update(np.array([-1]), np.array([1]), np.array([0]), np.array([0.5, 0.5]))
+    with pytest.raises(ArgumentError, match=r"shape \(n,\)"):
+        envs.randomizer.levels.update(np.int32(-1), 1, 0, 0.5)
+    with pytest.raises(ArgumentTypeError, match="should be a Levels"):
+        make_env(2, levels="learnability")

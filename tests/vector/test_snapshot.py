@@ -1,0 +1,77 @@
+"""Snapshots: worlds go on where they were, to the bit on a CPU, in their own places or in others."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
+from tests.vector.stepping import actions, assert_equal, leaves, state
+
+SENSING = {"noise": {"tcp": 0.01}, "delay": (0, 2), "dropout": 0.2}
+
+
+def _run(envs, steps: int) -> list[torch.Tensor]:
+    """All that some steps return."""
+    return [leaf.clone() for k in range(steps) for leaf in leaves(envs.step(actions(envs.num_envs) * (1 + k)))]
+
+
+@pytest.mark.parametrize("words", [{}, {"sensing": SENSING}, {"graph": False}])
+def test_an_episode_goes_on_to_the_same_bits(make_env, words):
+    """Observations with noise and delay, rewards, the ends of episodes and the layouts that follow them."""
+    envs = make_env(3, max_episode_steps=5, **words)
+    envs.reset(seed=4)
+    _run(envs, 3)
+    kept, before = envs.snapshot(), state(envs)
+    first = _run(envs, 6)
+    _, info = envs.reset(options={"state": kept})
+    assert_equal(state(envs), before)
+    assert info["layout_seed"].tolist() == [4, 5, 6]
+    assert info["layout_episode"].tolist() == [0, 0, 0]
+    for one, other in zip(first, _run(envs, 6), strict=True):
+        torch.testing.assert_close(one, other, rtol=0.0, atol=0.0, equal_nan=True)
+
+
+def test_rows_go_to_the_masked_worlds_in_order(make_env):
+    """Without the other worlds being touched; a single row can be put into several worlds one after another."""
+    envs = make_env(4)
+    envs.reset(seed=4)
+    _run(envs, 2)
+    kept = envs.snapshot(np.array([False, True, False, True]))
+    assert len(kept) == 2
+    assert kept.worlds.tolist() == [1, 3]
+    _run(envs, 2)
+    before, old = state(envs), {name: rows.numpy() for name, rows in kept.rows.items()}
+    mask = torch.tensor([True, False, True, False])
+    _, info = envs.reset(options={"state": kept, "reset_mask": mask})
+    after = state(envs)
+    assert_equal(after, before, [1, 3])
+    np.testing.assert_array_equal(after["qpos"][[0, 2]], old["data.qpos"])
+    assert info["layout_seed"].tolist() == [5, 5, 7, 7]
+    assert envs.state.elapsed.tolist() == [2, 4, 2, 4]
+    envs.reset(options={"state": kept[[1]], "reset_mask": torch.tensor([False, True, False, False])})
+    np.testing.assert_array_equal(state(envs)["qpos"][1], old["data.qpos"][1])
+
+
+def test_wrong_snapshots_are_refused(make_env):
+    """Of another scene or type, with too many rows, with a seed beside them, or before the first reset."""
+    envs = make_env(2)
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"before snapshot"):
+        envs.snapshot()
+    envs.reset(seed=0)
+    kept = envs.snapshot()
+    with pytest.raises(gymnasium.error.ResetNeeded, match="Leave out"):
+        make_env(2).reset(options={"state": kept})
+    with pytest.raises(ArgumentError, match="should have one of seed"):
+        envs.reset(seed=1, options={"state": kept})
+    with pytest.raises(ArgumentTypeError, match="should be a Snapshot"):
+        envs.reset(options={"state": {}})
+    with pytest.raises(ArgumentError, match="should have 1 rows"):
+        envs.reset(options={"state": kept, "reset_mask": np.array([True, False])})
+    with pytest.raises(ArgumentError, match="different worlds"):
+        envs.reset(options={"state": kept[[0, 0]]})
+    other = type(kept)("0123456789abcdef", kept.worlds, kept.rows)
+    with pytest.raises(SceneMismatchError, match="of this scene and task"):
+        envs.reset(options={"state": other})
