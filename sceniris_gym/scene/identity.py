@@ -54,14 +54,15 @@ _LAW_ARRAYS = (
     *("jnt_stiffness", "qpos_spring", "dof_frictionloss", "dof_armature", "actuator_gainprm", "actuator_biasprm"),
 )
 """Arrays of a MjModel that this law reads as well."""
+_CLEAR_LAW = "free grasps 1"
+"""Version of the law of `reachable: clear`; raise it where the same words come to mean other layouts."""
 _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
 
 
 def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[str, str | None]:
     """Return the hash of a scene, equal for equal scenes in every process and folder: 16 hexadecimal digits.
 
-    Beside it is the hash that version 0.1.0 gave to the scene if that had layouts in which objects could fall, else
-    None.
+    Beside it is the hash that version 0.1.0 gave to the scene if that had other layouts of it, else None.
 
     It covers the words of the scene that differ from their defaults, the files of its model and its assets, the
     reachability map of its arm where that matters, and rows of heaps; but neither names of files, cameras, lights and
@@ -93,15 +94,18 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
             path = map_of(robot)  # the reach of the arm shapes the layouts, too
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
     former = digest.hexdigest()[:16]
-    if not _could_fall(config):
-        return former, None
-    digest.update(_LAW.encode())
-    least, time = 2.0 * mjm.opt.timestep, mjm.geom_solref[:, 0]  # MuJoCo raises the time constants of contacts to that
-    raised = least if ((time > 0.0) & (time < least)).any() else 0.0
-    option = np.hstack([raised, mjm.opt.o_solref, mjm.opt.o_solimp])
-    for array in (option, *(getattr(mjm, name) for name in _LAW_ARRAYS if config.has_model_in_memory)):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:16], former
+    if any(part.reachable == "clear" for part in config.objects.values()):
+        digest.update(_CLEAR_LAW.encode())
+    if _could_fall(config):
+        digest.update(_LAW.encode())
+        # MuJoCo raises the time constants of contacts to two time steps
+        least, time = 2.0 * mjm.opt.timestep, mjm.geom_solref[:, 0]
+        raised = least if ((time > 0.0) & (time < least)).any() else 0.0
+        option = np.hstack([raised, mjm.opt.o_solref, mjm.opt.o_solimp])
+        for array in (option, *(getattr(mjm, name) for name in _LAW_ARRAYS if config.has_model_in_memory)):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    found = digest.hexdigest()[:16]
+    return found, former if found != former else None
 
 
 def _could_fall(config: SceneConfig) -> bool:

@@ -116,8 +116,8 @@ def _draw(
     layouts: LayoutsView,
     # Search in: row_world, row_restart, rows_left, source, candidates, row, obj, trial, cause, turn, heading, point,
     #   qpos, body_pos, body_quat
-    # Search out: rows_left, source, rows, cuts, narrow_pairs, enclosed, any_overflowed, cause, turn, heading, point,
-    #   surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
+    # Search out: rows_left, source, rows, cuts, narrow_pairs, enclosed, hands, any_overflowed, cause, turn, heading,
+    #   point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
     search: Search,
 ):
     if wp.tid() == 0:

@@ -65,7 +65,8 @@ class ArmPairs:
         itself: Each of these robots with itself, as MuJoCo would report it.
         scene: For each reach target the robot with all but markers; the hand (all that the robot's last joint carries)
             may touch the target.
-        hand: The same for the hand alone, without the target.
+        hand: The same for the hand alone, without the target: what no placed object owns first, then by placed object.
+        owners: For each of these pairs the number of the placed object, -1 for none.
         target: The hand with the target.
     """
 
@@ -73,6 +74,7 @@ class ArmPairs:
     itself: dict[str, list[Pair]] = field(default_factory=dict)
     scene: list[list[Pair]] = field(default_factory=list)
     hand: list[list[Pair]] = field(default_factory=list)
+    owners: list[list[int]] = field(default_factory=list)
     target: list[list[Pair]] = field(default_factory=list)
 
 
@@ -204,6 +206,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
     if reaching is None:
         return ArmPairs()
     markers = _marker_bodies(scene)
+    numbers = {body: i for i, o in enumerate(plan.objects) for body in o.bodies}
     carries = {one.robot: carried(rules.mjm, one.arm) for one in reaching.arms if one.robot not in scene.apart}
 
     def apart(own: list[int], others: Iterable[int]) -> list[Pair]:
@@ -218,7 +221,9 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
         target = rules.of(scene.subtree(name))
         others = [c for c, body in enumerate(bodies) if body not in markers.union(robot) and c not in target]
         found.scene.append(apart(moving, others) + apart(arm, target))
-        found.hand.append(apart(hand, others))
+        others.sort(key=lambda c: numbers.get(bodies[c], -1))
+        found.hand.append([pair for other in others for pair in apart(hand, [other])])
+        found.owners.append([numbers.get(bodies[p.b if p.a in hand else p.a], -1) for p in found.hand[-1]])
         found.target.append(apart(hand, target))
     found.itself.update({name: _among(rules, plan, scene.subtree(name)) for name in dict.fromkeys(found.robots)})
     return found
