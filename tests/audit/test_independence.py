@@ -25,6 +25,7 @@ READING = {
     "expansion",  # how much a file says by its aliases
     "paths",  # how users give them
     "tier",  # the names of tiers
+    "variants",  # which objects others mean by one name
 }
 
 
