@@ -108,8 +108,8 @@ class SceneModel:
         """
         if found == self.former_hash:
             return (
-                f"was made by version 0.1.0 or before, whose layouts of this scene differ. Its hash was {found}, and is "
-                f"{self.hash}. Use that version, or make it anew."
+                "was made by version 0.1.0 or before, whose layouts of this scene differ. Its hash was "
+                f"{found}, and is {self.hash}. Use that version, or make it anew."
             )
         return f"is of scene {found}, and this one is {self.hash}. {cure}"
 
