@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,12 +33,12 @@ from sceniris_gym.layout.wave.rounds import (
     launch_finish,
     launch_open_candidates,
     launch_open_rows,
-    launch_reopen,
     launch_settle,
     launch_start,
 )
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
+from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -99,7 +100,15 @@ class LayoutGenerator(Fixed, LayoutSource):
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
-            compiled.program, compiled.related, reaches, SPLITS[split], size, self.layouts.view, search, compiled.device
+            compiled.program,
+            compiled.statics,
+            compiled.related,
+            reaches,
+            SPLITS[split],
+            size,
+            self.layouts.view,
+            search,
+            compiled.device,
         )
         self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and reaching.staged else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
@@ -108,6 +117,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
         load_kernels(self._work, staged=self._stage is not None)
+        if self._stage is not None:
+            self._stage.launch_pose_hands()
         self.reseed(seed)
 
     @property
@@ -129,15 +140,12 @@ class LayoutGenerator(Fixed, LayoutSource):
     def launch_make(self, mask: wp.array | None) -> None:
         """Make the next layouts of the masked worlds, without advancing episodes and counts of rejections yet."""
         self._start(mask)
-        if self._stage is None:
-            self._place()
-        else:
-            repeat_launches(self._work.search.worlds_left, self._place_and_reach, self.compiled.config.restarts + 1)
+        self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds and place their objects, without solving for reach."""
         self._start(mask)
-        self._place()
+        self._try_restarts(None)
         launch_finish(self._work, mask)
 
     def _start(self, mask: wp.array | None) -> None:
@@ -145,24 +153,20 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._stage is not None:
             self._stage.launch_start()
 
-    def _place_and_reach(self) -> None:
-        """Place the objects of pending worlds, and reopen the worlds in which an arm reaches no grasp."""
-        assert self._stage is not None
-        self._place()
-        self._stage.launch()
-        launch_reopen(self._work)
+    def _try_restarts(self, stage: ReachStage | None) -> None:
+        """Try restart after restart until one of every pending world passes everything, or the world falls back."""
+        once = partial(self._round, stage)
+        repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 
-    def _place(self) -> None:
-        """Try restart after restart until every pending world has placed everything or falls back."""
-        repeat_launches(self._work.search.worlds_left, self._round, self.compiled.config.restarts + 1)
+    def _round(self, stage: ReachStage | None) -> None:
+        """Try the next restart of every pending world, or several: place all objects, then look for joints."""
+        launch_open_rows(self._work, stage is not None)
+        repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
+        if stage is not None:
+            stage.launch()
+        launch_settle(self._work)
 
-    def _round(self) -> None:
-        """Try the next restart of every pending world, or several."""
-        launch_open_rows(self._work)
-        repeat_launches(self._work.search.rows_left, self._wave, self._most_waves)
-        launch_settle(self._work, self._stage is not None)
-
-    def _wave(self) -> None:
+    def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
         launch_open_candidates(work)
@@ -176,17 +180,24 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_test_collisions(work)
         if work.program.visual:
             launch_test_containment(work)
-        launch_accept(work)
+        if work.statics is not None:
+            launch_test_standing(work)
+        if self._stage is not None:
+            self._stage.launch_test_hands()
+        launch_accept(work, staged)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return `Layouts.rejections` by name: object (in placement order), then cause in lower case.
 
-        Causes of failing to reach are there if there are reach targets, and `unsound` if a layout was.
+        Causes of failing to reach are there if there are reach targets, `unsound` if a layout was, and `falls` if
+        anything can fall.
         """
         counts = self.layouts.rejections.numpy()
         unused = {Cause.NONE, *(REACH_CAUSES if self.compiled.reaching is None else ())}
         if not counts[:, Cause.UNSOUND].any():
             unused.add(Cause.UNSOUND)
+        if self.compiled.statics is None:
+            unused.add(Cause.FALLS)
         causes = [c for c in Cause if c not in unused]
         return {
             name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(self.compiled.placed)

@@ -35,6 +35,10 @@ _SIZES_OF = {
 """How many numbers of its size a geom collides with: planes are endless, and meshes have vertices."""
 _TOLERANCE = 1.0e-6
 """Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
+_CURE_OF_VARIANTS = (
+    "Objects have variants, so make Model and Data from it: sceniris_gym.put_model(compiled, nworld), "
+    "mjw.make_data(compiled.sim_mjm, nworld=...)."
+)
 _CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."
 
 
@@ -46,7 +50,7 @@ def check_fit(
     mjm: mujoco.MjModel | None = None,
     *,
     where: str = "ResetRandomizer",
-    cure: str = _CURE,
+    cure: str | None = None,
 ) -> None:
     """Check that a Model and Data are those of a compiled scene, and that layouts are made for them.
 
@@ -58,9 +62,10 @@ def check_fit(
         SceneMismatchError: Something differs; the message begins with `where`, names it, and ends with the cure.
     """
     try:
-        _check_model(compiled.mjm, m, mjm)
-        _check_data(compiled.mjm, d)
+        _check_model(compiled, m, mjm)
+        _check_data(compiled.sim_mjm, d)
     except _MisfitError as misfit:
+        cure = cure or (_CURE_OF_VARIANTS if compiled.config.variants else _CURE)
         raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
     _check_layouts(compiled, m, d, layouts)
 
@@ -72,7 +77,7 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
         SceneMismatchError: As `check_fit`.
     """
     try:
-        _check_model(compiled.mjm, mjm, mjm)
+        _check_model(compiled, mjm, mjm)
     except _MisfitError as misfit:
         raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
 
@@ -81,15 +86,17 @@ class _MisfitError(Exception):
     """A difference, as the middle of a message."""
 
 
-def _check_model(ours: mujoco.MjModel, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> None:
+def _check_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> None:
+    ours = compiled.sim_mjm
     for size in _SIZES:
         _same(f"model.{size}", getattr(m, size), getattr(ours, size))
+    shared = [compiled.scene.sim.bodies[name] for name in compiled.config.variants]
     if mjm is not None:
         _check_names(ours, mjm)
     for tables, tolerance in ((_NUMBERS, 0.0), (_MEASURES, _TOLERANCE)):
         for kind, fields in tables.items():
             for field in fields:
-                _check_field(m, ours, kind, field, tolerance)
+                _check_field(m, ours, kind, field, tolerance, shared)
 
 
 def _check_data(ours: mujoco.MjModel, d: mjw.Data) -> None:
@@ -110,8 +117,13 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
             _same(f"the name of {kind} {i}", repr(getattr(theirs, kind)(i).name), repr(getattr(ours, kind)(i).name))
 
 
-def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float) -> None:
-    """Compare a field, in all worlds if each has values of its own; `qpos0` only as the reference of each joint."""
+def _check_field(
+    m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float, shared: list[int]
+) -> None:
+    """Compare a field, in all worlds if each has values of its own; `qpos0` only as the reference of each joint.
+
+    Geoms of the bodies that variants share are left out, as they are those of the variants that worlds have.
+    """
     wanted, found = np.asarray(getattr(mjm, field), float), getattr(m, field)
     found = (found.numpy() if isinstance(found, wp.array) else np.asarray(found)).astype(float)
     if not wanted.size:
@@ -128,6 +140,8 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, kind: str, 
         differs &= ~_placed_anew(mjm, len(found))
     if field == "qpos0":  # the reference of a free or ball joint moves nothing
         differs &= np.isin(mjm.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    if kind == "geom":
+        differs &= ~np.isin(mjm.geom_bodyid, shared)
     if not differs.any():
         return
     world, i = np.argwhere(differs)[0]
