@@ -21,7 +21,7 @@ from sceniris_gym.errors import (
 from sceniris_gym.layout.requested import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.fit import check_model
-from sceniris_gym.sim.rest import rest_map
+from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.write import addresses_of
 
 jax: Any = import_extra("jax", "jax")
@@ -220,15 +220,15 @@ def fresh_training(compiled: CompiledScene, **words: Any) -> Callable[..., Fresh
 def _placing(compiled: CompiledScene) -> Callable[[Any, FreshLayouts], Any]:
     """Return a function that writes the placed bodies of a layout into a world's data, and brings them to rest."""
     mjm, scene = compiled.mjm, compiled.scene
-    rest = rest_map(mjm, scene.home_ctrl, np.zeros(mjm.na), "cpu")
+    rest = scene_rest(scene, wp.get_device("cpu"))
     places = addresses_of(mjm, list(scene.owners), rest)
     is_qpos, is_dof, is_mocap, is_held = (np.zeros(n, bool) for n in (mjm.nq, mjm.nv, mjm.nmocap, mjm.nu + mjm.na))
     is_qpos[places.qposadr] = is_dof[places.dofadr] = is_mocap[places.mocapid] = is_held[places.elements] = True
     first, coef = rest.rowadr.numpy(), np.zeros((mjm.nu + mjm.na, mjm.nq), np.float32)
     for element in places.elements:
         terms = slice(first[element], first[element + 1])
-        coef[element, rest.qposadr.numpy()[terms]] = rest.coef.numpy()[terms]
-    bias, lower, upper = (array.numpy() for array in (rest.bias, rest.lower, rest.upper))
+        coef[element, rest.qposadr.numpy()[terms]] = rest.coef.numpy()[0, terms]
+    bias, lower, upper = rest.bias.numpy()[0], rest.lower.numpy(), rest.upper.numpy()
 
     def place(data: Any, fresh: FreshLayouts) -> Any:
         held = jnp.clip(bias + coef @ fresh.qpos, lower, upper)

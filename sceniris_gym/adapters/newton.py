@@ -16,7 +16,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask, fill_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.fit import check_fit, check_model
 
 newton: Any = import_extra("newton", "newton")
 
@@ -165,7 +165,8 @@ class NewtonRandomizer(StaysHere):
         self.compiled, self.model, self.solver, self.states = compiled, model, solver, states
         self.layout_source: LayoutSource = layout_source
         where = "NewtonRandomizer"
-        check_fit(compiled, solver.mjw_model, data, self.layouts, solver.mj_model, where=where, cure=_CURE)
+        check_model(compiled, solver.mj_model, where, _CURE)
+        check_fit(compiled, solver.mjw_model, data, self.layouts, where=where, cure=_CURE)
         with wp.ScopedDevice(model.device):
             self._world_mask = wp.zeros(nworld + 1, dtype=wp.bool)  # Newton has a global world, which is the last one
             self._mask = self._world_mask[:nworld]

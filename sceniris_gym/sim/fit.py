@@ -74,8 +74,14 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
     """Check that a MjModel is that of a compiled scene in all that layouts depend on; see `check_fit`.
 
     Raises:
-        SceneMismatchError: As `check_fit`.
+        SceneMismatchError: As `check_fit`, or objects have variants, whose worlds have a model each.
     """
+    if compiled.config.variants:
+        name = next(iter(compiled.config.variants))
+        raise SceneMismatchError(
+            f"{where}: objects.{name} has variants, and all worlds should have one model here. Take SceneVectorEnv or "
+            "ResetRandomizer for the scene, or leave the variants out."
+        )
     try:
         _check_model(compiled, mjm, mjm)
     except _MisfitError as misfit:

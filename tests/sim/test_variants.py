@@ -18,6 +18,7 @@ from sceniris_gym.pictures.camera import FrameCamera
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch, default_budget
+from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 from sceniris_gym.sim.variants import fields_of_variants
@@ -227,3 +228,9 @@ def test_draws_of_physics_are_relative_to_the_variant():
         theirs = np.flatnonzero(full.geom_bodyid == bodies[world])
         ratio = m.geom_friction.numpy()[world, used, 0].max() / full.geom_friction[theirs, 0].max()
         assert 0.49 < ratio < 1.01
+
+
+def test_a_loop_with_one_model_for_all_worlds_is_refused(compiled: CompiledScene):
+    """By adapters whose libraries write no fields of the model."""
+    with pytest.raises(SceneMismatchError, match=r"loop: objects\.\w+ has variants.*or leave the variants out"):
+        check_model(compiled, compiled.sim_mjm, "loop", "")
