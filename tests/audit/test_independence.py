@@ -26,6 +26,7 @@ READING = {
     "paths",  # how users give them
     "tier",  # the names of tiers
     "variants",  # which objects others mean by one name
+    "randomize",  # which physics and looks are drawn
 }
 
 
