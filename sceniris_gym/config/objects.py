@@ -12,12 +12,14 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config import fields
 from sceniris_gym.config.bounds import STANDING_GAP
 from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
-from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
+from sceniris_gym.config.loader import HOLDOUT, JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, VARIANTS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
+from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
 from sceniris_gym.config.section import Section
 
@@ -83,6 +85,7 @@ class ObjectConfig(Section):
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]")
     asset: str | None = None
+    scale: fields.Scale = 1.0
     body: str | None = None
     kind: Literal["free", "fixture", "static", "marker"] = "free"
     on: str | None = None
@@ -99,6 +102,7 @@ class ObjectConfig(Section):
     reachable: fields.Reachable = False
     by: str = ROBOT
     grasp: str | None = None
+    randomize: dict[ObjectWord, DrawConfig] = Field(default_factory=dict)
 
     @property
     def support(self) -> SupportConfig | None:
@@ -141,6 +145,10 @@ class ObjectConfig(Section):
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
 
+    @classmethod
+    def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
+        return super()._problem(key, valid if key in (VARIANTS, HOLDOUT) else [*valid, VARIANTS, HOLDOUT])
+
     @model_validator(mode="before")
     @classmethod
     def _reachable_in_words(cls, data: Any) -> Any:
@@ -161,6 +169,8 @@ class ObjectConfig(Section):
     def _agrees_with_itself(self) -> ObjectConfig:
         if self.asset is not None and self.body is not None:
             raise wrong("should have an 'asset', or be a 'body' of the model, not both")
+        if self.asset is None and self.scale != 1.0:
+            raise wrong("should have a 'scale' only together with an 'asset'")
         words = [word.rstrip("_") for word in self.given(("on", "inside", "in_"))]
         if len(words) > 1:
             raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")

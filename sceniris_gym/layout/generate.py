@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,6 @@ from sceniris_gym.layout.wave.rounds import (
     launch_finish,
     launch_open_candidates,
     launch_open_rows,
-    launch_reopen,
     launch_settle,
     launch_start,
 )
@@ -117,6 +117,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
         load_kernels(self._work, staged=self._stage is not None)
+        if self._stage is not None:
+            self._stage.launch_pose_hands()
         self.reseed(seed)
 
     @property
@@ -138,15 +140,12 @@ class LayoutGenerator(Fixed, LayoutSource):
     def launch_make(self, mask: wp.array | None) -> None:
         """Make the next layouts of the masked worlds, without advancing episodes and counts of rejections yet."""
         self._start(mask)
-        if self._stage is None:
-            self._place()
-        else:
-            repeat_launches(self._work.search.worlds_left, self._place_and_reach, self.compiled.config.restarts + 1)
+        self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds and place their objects, without solving for reach."""
         self._start(mask)
-        self._place()
+        self._try_restarts(None)
         launch_finish(self._work, mask)
 
     def _start(self, mask: wp.array | None) -> None:
@@ -154,24 +153,20 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._stage is not None:
             self._stage.launch_start()
 
-    def _place_and_reach(self) -> None:
-        """Place the objects of pending worlds, and reopen the worlds in which an arm reaches no grasp."""
-        assert self._stage is not None
-        self._place()
-        self._stage.launch()
-        launch_reopen(self._work)
+    def _try_restarts(self, stage: ReachStage | None) -> None:
+        """Try restart after restart until one of every pending world passes everything, or the world falls back."""
+        once = partial(self._round, stage)
+        repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 
-    def _place(self) -> None:
-        """Try restart after restart until every pending world has placed everything or falls back."""
-        repeat_launches(self._work.search.worlds_left, self._round, self.compiled.config.restarts + 1)
+    def _round(self, stage: ReachStage | None) -> None:
+        """Try the next restart of every pending world, or several: place all objects, then look for joints."""
+        launch_open_rows(self._work, stage is not None)
+        repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
+        if stage is not None:
+            stage.launch()
+        launch_settle(self._work)
 
-    def _round(self) -> None:
-        """Try the next restart of every pending world, or several."""
-        launch_open_rows(self._work)
-        repeat_launches(self._work.search.rows_left, self._wave, self._most_waves)
-        launch_settle(self._work, self._stage is not None)
-
-    def _wave(self) -> None:
+    def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
         launch_open_candidates(work)
@@ -187,7 +182,9 @@ class LayoutGenerator(Fixed, LayoutSource):
             launch_test_containment(work)
         if work.statics is not None:
             launch_test_standing(work)
-        launch_accept(work)
+        if self._stage is not None:
+            self._stage.launch_test_hands()
+        launch_accept(work, staged)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return `Layouts.rejections` by name: object (in placement order), then cause in lower case.

@@ -244,7 +244,7 @@ class Layouts(StaysHere):
             view.present = wp.ones((nrow, len(compiled.slots)), dtype=int)
             zeros((nrow, nreach), "variant")
             view.grasp = wp.full((nrow if nreach else nworld, nreach), -1, dtype=int)
-            joints = nworld, nreach, MAX_JOINTS
+            joints = nrow if nreach else nworld, nreach, MAX_JOINTS
             view.grasp_qpos, view.pregrasp_qpos = (wp.full(joints, wp.nan, dtype=float) for _ in range(2))
             view.record_all = int(every_cause)
             allocate_record(view, rejected)

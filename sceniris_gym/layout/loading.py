@@ -8,7 +8,7 @@ from pathlib import Path
 import warp as wp
 
 from sceniris_gym.device.kernel_log import tell_of_compiling
-from sceniris_gym.layout.reaching import hits, ik, poses, waves
+from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, waves
 from sceniris_gym.layout.wave import (
     accept,
     collision,
@@ -41,7 +41,10 @@ def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], l
         k.module for k in collision.lane_kernels(visual, block_dim) + (containment.LANE_KERNELS if visual else ())
     ]
     blocks = [wp.get_module(m.__name__) for m in by_block]
-    return lanes, blocks + [k.module for k in collision.block_kernels(visual, block_dim)]
+    own = collision.block_kernels(visual, block_dim) + (
+        free_grasps.BLOCK_KERNELS if work.search.free.shape[1] > 0 else ()
+    )
+    return lanes, blocks + [k.module for k in own]
 
 
 def _is_kept(module: wp.Module, block_dim: int | None) -> bool:

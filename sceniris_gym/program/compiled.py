@@ -110,6 +110,11 @@ class CompiledScene:
         return self.scene.mjm
 
     @property
+    def sim_mjm(self) -> mujoco.MjModel:
+        """The model that is simulated, in which the variants of an object share a body; `mjm` without variants."""
+        return self.scene.sim.mjm
+
+    @property
     def hash(self) -> str:
         """The scene's part of layout ids."""
         return self.scene.hash

@@ -53,6 +53,7 @@ class Reach:
     reach_slot: wp.array[int]
     reach_arm: wp.array[int]  # number of the arm that is to reach it
     reach_late: wp.array[bool]  # it is placed before the base of that arm
+    reach_early: wp.array[bool]  # each object placed after it has to leave it a free grasp
     reach_tier: wp.array[int]
     reach_least: wp.array[int]  # the lowest Verdict of the map that placing accepts
     reach_below: wp.array[bool]  # it stands on something, so grasps from below are not tried
@@ -60,6 +61,8 @@ class Reach:
     reach_graspnum: wp.array[int]
 
     # Grasps.
+    early_grasp: wp.array[int]  # those of targets with `reach_early`
+    grasp_reach: wp.array[int]  # the reach target
     grasp_body: wp.array[int]
     grasp_pos: wp.array[wp.vec3]
     grasp_quat: wp.array[wp.vec4]
@@ -74,6 +77,9 @@ class Reach:
     arm_scene: wp.array[int]  # the robot with all but markers; its hand may touch the target
     arm_hand: wp.array[int]  # the hand alone with all but markers and the target
     arm_target: wp.array[int]  # the hand with the target
+    # How many broad-phase pairs in `arm_hand` of each reach target are with bodies of no placed object, or of one
+    # before each object; they are in that order.
+    hand_before: wp.array2d[int]
 
     # The bank of valid layouts, with rows as in `Program`, by reach targets.
     bank_grasp: wp.array2d[int]

@@ -32,6 +32,7 @@ class ReachTarget:
         number: Its index in placement order.
         arm: Index in `Reaching.arms` of the arm that is to reach it.
         late: Whether it is placed before the base of that arm.
+        early: Whether each object that is placed after it has to leave it a free grasp, if there are any.
         tier: How thoroughly its reachability is proven.
         grasp_set: Its grasps.
     """
@@ -40,6 +41,7 @@ class ReachTarget:
     number: int
     arm: int
     late: bool
+    early: bool
     tier: Tier
     grasp_set: GraspSet
 
@@ -124,6 +126,7 @@ def plan_reaching(
         gripper = Gripper.from_model(own.mjm, arm, own.home_qpos, pieces if own is scene else obstacles(own))
         reach_map = load_map(arm, config.all_robots[robot], config.where)
         base = next((i for i, o in enumerate(objects) if o.name == robot and o.config is not None), -1)
+        drawn = next((i for i, o in enumerate(objects) if o.name == robot), -1)
         default = default_tier(arm, reach_map)
         for i, o, words in asked:
             if by[o.name] != robot:
@@ -132,7 +135,8 @@ def plan_reaching(
             tier = tier if default.needs_map or not tier.needs_map else default
             shape = Graspable(scene, o.name, pieces, home)
             grasps = shape.grasp_set(o.variants, words.drawn_orientation.kind == "any", gripper, words.grasp)
-            targets.append(ReachTarget(o.name, i, len(arms), i < base, tier, grasps))
+            early = tier == Tier.CLEAR and drawn < i < len(objects) - 1
+            targets.append(ReachTarget(o.name, i, len(arms), i < base, early, tier, grasps))
         arms.append(ReachingArm(robot, arm, gripper, reach_map))
     return Reaching(tuple(arms), tuple(sorted(targets, key=lambda target: target.number))) if arms else None
 

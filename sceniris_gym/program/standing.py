@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -18,9 +17,7 @@ from sceniris_gym.geometry.resting_poses import HomeShape, Variant
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import touch_distances
-
-if TYPE_CHECKING:
-    from sceniris_gym.program.plan import Plan
+from sceniris_gym.scene.model import SceneModel
 
 # A piece whose top is as near as this [m] to the height of a surface is part of it.
 _NEAR = 5.0e-4
@@ -106,13 +103,22 @@ NO_STANCE = Stance(None, [], np.array([0.0, 0.9, 0.95, 1e-3]), BOXES, is_whole=T
 """The stance of what need not stand."""
 
 
-def stances(plan: Plan) -> list[Stance | None]:
-    """Return how each object of a plan stands, None for all that need not."""
-    number = {o.name: i for i, o in enumerate(plan.objects)}
-    rules = ContactRules(plan.scene.mjm, "physics")
+def stances(
+    scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData
+) -> list[Stance | None]:
+    """Return how each object of a plan stands, None for all that need not.
+
+    Args:
+        scene: The scene.
+        objects: Its objects in placement order.
+        pieces: All obstacles.
+        home: MjData at the start pose.
+    """
+    number = {o.name: i for i, o in enumerate(objects)}
+    around = _Surroundings(scene, pieces, home, ContactRules(scene.mjm, "physics"), number)
     return [
-        _stance(plan, o, number, rules) if o.config is not None and o.config.has_to_stand and o.heap is None else None
-        for o in plan.objects
+        _stance(around, o) if o.config is not None and o.config.has_to_stand and o.heap is None else None
+        for o in objects
     ]
 
 
@@ -135,21 +141,32 @@ def carrier_of(o: PlacedObject, objects: Iterable[PlacedObject]) -> int | None:
     )
 
 
-def _stance(plan: Plan, o: PlacedObject, number: dict[str, int], rules: ContactRules) -> Stance:
+@dataclass(frozen=True)
+class _Surroundings:
+    """Parts of a plan that decide how its objects stand, and the number of each object by its name."""
+
+    scene: SceneModel
+    pieces: list[Piece]
+    home: mujoco.MjData
+    rules: ContactRules
+    number: dict[str, int]
+
+
+def _stance(around: _Surroundings, o: PlacedObject) -> Stance:
     """Work out how one object stands."""
-    scene, support = plan.scene, o.support
+    scene, support = around.scene, o.support
     assert support is not None
     assert o.config is not None
     is_physics = scene.config.geometry == "physics"  # then the plan has them
-    found = plan.pieces if is_physics else extract_pieces(scene.mjm, "physics", set(o.bodies))
+    found = around.pieces if is_physics else extract_pieces(scene.mjm, "physics", set(o.bodies))
     pieces = [p for p in found if p.body in o.bodies]
-    touch = touch_distances(scene.mjm, rules, pieces, support.body)
+    touch = touch_distances(scene.mjm, around.rules, pieces, support.body)
     own = [p for p, distance in zip(pieces, touch, strict=True) if distance is not None and p.mesh is not None]
     heights = {s.height for surfaces in o.surfaces for s in surfaces}
     below = [
-        p for p in plan.pieces if p.body == support.body and support.geom in (None, p.geom) and _ends_at(p, heights)
+        p for p in around.pieces if p.body == support.body and support.geom in (None, p.geom) and _ends_at(p, heights)
     ]
-    shape = HomeShape(plan.home, o.bodies[0], own)
+    shape = HomeShape(around.home, o.bodies[0], own)
     points, center = shape.points(), shape.center_of_mass
     feet = [_foot(_in_pose([*points, center[None]], v)) if own else NO_FOOT for v in o.variants]
     whole = support.is_floor or all(s.is_endless for surfaces in o.surfaces for s in surfaces)
@@ -157,7 +174,7 @@ def _stance(plan: Plan, o: PlacedObject, number: dict[str, int], rules: ContactR
     owner = scene.config.objects.get(support.owner or "")
     are_boxes = {p.type for p in (*own, *below)} <= boxes
     return Stance(
-        carrier=number.get(support.owner or "") if owner is not None and owner.has_to_stand else None,
+        carrier=around.number.get(support.owner or "") if owner is not None and owner.has_to_stand else None,
         feet=feet,
         spring=_softest(scene.mjm, [p.geom for p in own], [p.geom for p in below]),
         law=BOXES if are_boxes else OTHERS,

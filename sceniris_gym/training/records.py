@@ -10,7 +10,7 @@ from typing import Any
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.training.settings import Settings
 
-CONFIG, LOG, MODEL, JUDGED = "config.json", "log.jsonl", "model.pt", "judged.json"
+CONFIG, LOG, MODEL, JUDGED, TEACHER = "config.json", "log.jsonl", "model.pt", "judged.json", "teacher.pt"
 
 
 def read_config(folder: Path) -> tuple[str, Settings]:

@@ -21,9 +21,11 @@ READING = {
     "loader",
     "limits",
     "bounds",  # of numbers in a scene file
+    "cameras",  # which no layout depends on
     "expansion",  # how much a file says by its aliases
     "paths",  # how users give them
     "tier",  # the names of tiers
+    "variants",  # which objects others mean by one name
 }
 
 

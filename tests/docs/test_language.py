@@ -15,6 +15,7 @@ from PIL import Image
 from docs.examples import FOLDER, PAGES, TEXT_KEY, Example, read_examples
 from docs.seen import View
 from sceniris_gym import errors
+from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
@@ -30,6 +31,7 @@ EXAMPLES = read_examples(*PAGES)
 TEXT = "".join(page.read_text(encoding="utf-8") for page in PAGES)
 PARTS = (
     *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig, StackConfig),
+    *(CameraConfig,),
     *(*KINDS, Connection, Distance, Orientation, Stable),
 )
 NOT_EXPLAINED = {"name", "objects", "asset"}  # what is no matter of placement

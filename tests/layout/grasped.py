@@ -18,7 +18,7 @@ from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
 from sceniris_gym.layout.reaching.stage import ReachStage
-from sceniris_gym.layout.reaching.waves import launch_open_worlds
+from sceniris_gym.layout.reaching.waves import launch_open_rows
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.reach import ReachTarget
@@ -91,12 +91,13 @@ def is_clear(compiled: CompiledScene) -> bool:
 
 
 def waiting(compiled: CompiledScene, nworld: int, **words: int) -> tuple[LayoutGenerator, ReachStage]:
-    """Return a generator whose worlds wait for joints, and its stage, in whose queue they are."""
+    """Return a generator whose rows wait for joints, and its stage, in whose queue they are."""
     generator = LayoutGenerator(compiled, nworld, seed=3, size=replace(default_size("cpu"), **words))
     generator.launch_placing(None)
     stage = generator._stage
     assert stage is not None
-    launch_open_worlds(generator._work, stage._arms[0][0], stage.search)
+    generator._work.search.waiting.fill_(True)
+    launch_open_rows(generator._work, stage._arms[0][0], stage.search)
     return generator, stage
 
 

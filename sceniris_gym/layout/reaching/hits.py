@@ -38,7 +38,7 @@ def _test(
     blocks: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, start, failed, body_pos, body_quat
+    # ReachSearch in: column, candidates, row, start, failed, body_pos, body_quat
     # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
@@ -46,16 +46,16 @@ def _test(
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
     for c in range(block, reach_candidate_num(reach_search), blocks):
-        worldid = reach_search.world[c]
+        row = reach_search.row[c]
         own_pos = reach_search.body_pos[c]
         own_quat = reach_search.body_quat[c]
-        pos = layouts.body_pos[worldid]
-        quat = layouts.body_quat[worldid]
+        pos = layouts.body_pos[row]
+        quat = layouts.body_quat[row]
         step = int(first)
         hit = bool(False)
         while step <= last and not hit:
             if takes_step(reach, reach_search, c, step):
-                pairs = _pairs_of(reach, step, reach_search.column[worldid])
+                pairs = _pairs_of(reach, step, reach_search.column[row])
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
                 found = collides(program, adr, num, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
@@ -76,22 +76,22 @@ def _test_containment(
     blocks: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, start, failed, body_pos, body_quat
+    # ReachSearch in: column, candidates, row, start, failed, body_pos, body_quat
     # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
     for c in range(block, reach_candidate_num(reach_search), blocks):
-        worldid = reach_search.world[c]
+        row = reach_search.row[c]
         own_pos = reach_search.body_pos[c]
         own_quat = reach_search.body_quat[c]
-        pos = layouts.body_pos[worldid]
-        quat = layouts.body_quat[worldid]
+        pos = layouts.body_pos[row]
+        quat = layouts.body_quat[row]
         step = int(first)
         inside = bool(False)
         while step <= last and not inside:
             if takes_step(reach, reach_search, c, step):
-                pairs = _pairs_of(reach, step, reach_search.column[worldid])
+                pairs = _pairs_of(reach, step, reach_search.column[row])
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
             step += 1

@@ -32,11 +32,11 @@ _PI = wp.constant(wp.pi)
 
 
 @wp.func
-def _target(reach: Reach, layouts: LayoutsView, worldid: int, grasp: int):
+def _target(reach: Reach, layouts: LayoutsView, row: int, grasp: int):
     """Return position and orientation of the TCP in a grasp, in the frame of the arm's base."""
-    at, turn = tcp_of(reach, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
-    back = neg_quat(layouts.body_quat[worldid, reach.base_body])
-    pos = rot_vec_quat(at - layouts.body_pos[worldid, reach.base_body], back)
+    at, turn = tcp_of(reach, grasp, layouts.body_pos[row], layouts.body_quat[row])
+    back = neg_quat(layouts.body_quat[row, reach.base_body])
+    pos = rot_vec_quat(at - layouts.body_pos[row, reach.base_body], back)
     return pos, wp.normalize(mul_quat(back, turn))
 
 
@@ -81,9 +81,9 @@ def _choose_starts(
     lanes: int,
     # Layouts in: qpos, pending_seed, pending_episode, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: restart
+    # Search in: row_world, row_restart
     search: Search,
-    # ReachSearch in: column, first, candidates, world, grasp, start, failed
+    # ReachSearch in: column, first, candidates, row, grasp, start, failed
     # ReachSearch out: failed, grasp_qpos
     reach_search: ReachSearch,
 ):
@@ -94,23 +94,25 @@ def _choose_starts(
                 reach_search.failed[c] = reach_search.failed[of_grasp]
         if not takes_step(reach, reach_search, c, ReachStep.IK_AT_GRASP):
             continue
-        worldid = reach_search.world[c]
-        column = reach_search.column[worldid]
+        row = reach_search.row[c]
+        column = reach_search.column[row]
         grasp = reach_search.grasp[c]
         start = reach_search.start[c]
         q = vec8()
         if start == 0:
             for i in range(MAX_JOINTS):
                 if i < reach.arm.njoint:
-                    q[i] = layouts.qpos[worldid, reach.arm_qposadr[i]]
+                    q[i] = layouts.qpos[row, reach.arm_qposadr[i]]
         elif reach.mapped != 0 and start <= wp.static(WITNESSES):
-            pos, quat = _target(reach, layouts, worldid, grasp)
+            pos, quat = _target(reach, layouts, row, grasp)
             q = witness(reach.map, pos, quat, start - 1)
         else:
             stream = numbered_stream(split, REACH_STREAM)
-            trial = (search.restart[worldid] - 1) * layouts.grasp.shape[1] + column
+            trial = search.row_restart[row] * layouts.grasp.shape[1] + column
             draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-            q = _drawn(reach.arm, layouts.pending_seed[worldid], layouts.pending_episode[worldid], stream, trial, draw)
+            worldid = search.row_world[row]
+            seed = layouts.pending_seed[worldid]
+            q = _drawn(reach.arm, seed, layouts.pending_episode[worldid], stream, trial, draw)
         reach_search.grasp_qpos[c] = q
 
 
@@ -121,14 +123,14 @@ def _solve(
     lanes: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, grasp, start, failed, grasp_qpos
+    # ReachSearch in: column, candidates, row, grasp, start, failed, grasp_qpos
     # ReachSearch out: failed, grasp_qpos, pregrasp_qpos
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
             continue
-        pos, quat = _target(reach, layouts, reach_search.world[c], reach_search.grasp[c])
+        pos, quat = _target(reach, layouts, reach_search.row[c], reach_search.grasp[c])
         if step == ReachStep.IK_AT_PREGRASP:
             pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
         found = refine(reach.arm, pos, quat, reach_search.grasp_qpos[c], wp.static(ITERATIONS))

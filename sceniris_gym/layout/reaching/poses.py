@@ -46,6 +46,30 @@ def _open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
         follow_joint(reach.follow_driveradr, reach.follow_qposadr, reach.follow_coef, i, qpos)
 
 
+@wp.func
+def pose_hand(
+    program: Program,
+    reach: Reach,
+    grasp: int,
+    back: float,
+    target_pos: wp.array[wp.vec3],
+    target_quat: wp.array[wp.vec4],
+    from_qpos: wp.array[float],
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+):
+    """Pose the hand at a grasp of a posed target, or `back` [m] along the approach axis."""
+    _take_joints(program, reach.hand_body, from_qpos, qpos)
+    _open_gripper(reach, grasp, qpos)
+    pos, quat = tcp_of(reach, grasp, target_pos, target_quat)
+    root = reach.hand_body[0]
+    body_pos[root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
+    body_quat[root] = wp.normalize(mul_quat(quat, reach.hand_quat))
+    for i in range(1, reach.hand_body.shape[0]):
+        pose_body(program, reach.hand_body[i], qpos, body_pos, body_quat)
+
+
 @wp.kernel(grid_stride=False)
 def _pose_hand(
     program: Program,
@@ -55,24 +79,26 @@ def _pose_hand(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, grasp, start, failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, candidates, row, grasp, start, failed, qpos, body_pos, body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
             continue
-        worldid = reach_search.world[c]
-        grasp = reach_search.grasp[c]
-        qpos = reach_search.qpos[c]
-        _take_joints(program, reach.hand_body, layouts.qpos[worldid], qpos)
-        _open_gripper(reach, grasp, qpos)
-        pos, quat = tcp_of(reach, grasp, layouts.body_pos[worldid], layouts.body_quat[worldid])
-        root = reach.hand_body[0]
-        reach_search.body_pos[c, root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
-        reach_search.body_quat[c, root] = wp.normalize(mul_quat(quat, reach.hand_quat))
-        for i in range(1, reach.hand_body.shape[0]):
-            pose_body(program, reach.hand_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
+        row = reach_search.row[c]
+        pose_hand(
+            program,
+            reach,
+            reach_search.grasp[c],
+            back,
+            layouts.body_pos[row],
+            layouts.body_quat[row],
+            layouts.qpos[row],
+            reach_search.qpos[c],
+            reach_search.body_pos[c],
+            reach_search.body_quat[c],
+        )
 
 
 def launch_pose_hand(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
@@ -89,7 +115,7 @@ def _pose_arm(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
+    # ReachSearch in: column, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
     #   body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,
@@ -97,18 +123,18 @@ def _pose_arm(
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
             continue
-        worldid = reach_search.world[c]
+        row = reach_search.row[c]
         qpos = reach_search.qpos[c]
         joints = reach_search.grasp_qpos[c]
         if step >= ReachStep.SELF_AT_PREGRASP:
             joints = reach_search.pregrasp_qpos[c]
-        _take_joints(program, reach.arm_body, layouts.qpos[worldid], qpos)
+        _take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
         for i in range(MAX_JOINTS):
             if i < reach.arm.njoint:
                 qpos[reach.arm_qposadr[i]] = joints[i]
         _open_gripper(reach, reach_search.grasp[c], qpos)
-        reach_search.body_pos[c, reach.base_body] = layouts.body_pos[worldid, reach.base_body]
-        reach_search.body_quat[c, reach.base_body] = layouts.body_quat[worldid, reach.base_body]
+        reach_search.body_pos[c, reach.base_body] = layouts.body_pos[row, reach.base_body]
+        reach_search.body_quat[c, reach.base_body] = layouts.body_quat[row, reach.base_body]
         for i in range(reach.arm_body.shape[0]):
             pose_body(program, reach.arm_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
 

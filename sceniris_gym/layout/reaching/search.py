@@ -1,9 +1,9 @@
-"""`ReachSearch`: the state of a search for joints of grasps: a queue of worlds, and their candidates.
+"""`ReachSearch`: the state of a search for joints of grasps: a queue of rows, and their candidates.
 
-A waiting world works through its arms in order, through the reach targets of each arm, and through the grasps of each
-target. A *candidate* is one start of the inverse kinematics for one grasp. It takes the steps of `ReachStep` in order;
-the lowest (grasp, start) that passes all of them is kept. Steps that do not depend on the arm's joints are taken once
-per grasp, by its first start.
+A row that has placed all its objects works through its arms in order, through the reach targets of each arm, and
+through the grasps of each target. A *candidate* is one start of the inverse kinematics for one grasp. It takes the
+steps of `ReachStep` in order; the lowest (grasp, start) that passes all of them is kept. Steps that do not depend on
+the arm's joints are taken once per grasp, by its first start.
 """
 
 from enum import IntEnum
@@ -23,7 +23,7 @@ PREGRASP_DISTANCE = 0.08
 STARTS = 8
 """Starts of the inverse kinematics for each grasp: the arm's present pose, witnesses of its map, then random joints."""
 MOST_AT_ONCE = 8 * STARTS
-"""Most candidates of a world in a wave; a single lane goes through them at the end."""
+"""Most candidates of a row in a wave; a single lane goes through them at the end."""
 
 
 class ReachStep(IntEnum):
@@ -56,23 +56,23 @@ class ReachStep(IntEnum):
 class ReachSearch:
     """The arrays of a search for joints on the device."""
 
-    # Worlds
+    # Rows
     arm: wp.array[int]  # the arm that it is at
     column: wp.array[int]  # the reach target that it is at
     number: wp.array[int]  # number of the next start, counted over all grasps from the first that the map accepts
     tried: wp.array[int]  # starts of this target that have failed so far
     furthest: wp.array[int]  # the last step that any candidate of this target reached
-    first: wp.array[int]  # the world's first candidate in this wave
+    first: wp.array[int]  # the row's first candidate in this wave
     trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
-    queue: wp.array2d[int]  # worlds that continue: two lists, one read and one written
+    queue: wp.array2d[int]  # rows that continue: two lists, one read and one written
     # Counts
-    worlds_left: wp.array[int]
+    rows_left: wp.array[int]
     source: wp.array[int]  # the list of `queue` that is read
-    worlds: wp.array[int]  # number of worlds in that list
-    at_once: wp.array[int]  # candidates per world
+    rows: wp.array[int]  # number of rows in that list
+    at_once: wp.array[int]  # candidates per row
     candidates: wp.array[int]
     # Candidates
-    world: wp.array[int]
+    row: wp.array[int]
     grasp: wp.array[int]
     start: wp.array[int]
     failed: wp.array[int]  # the step that it failed at; PASSED if it failed at none
@@ -82,25 +82,29 @@ class ReachSearch:
     qpos: wp.array2d[float]
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
+    # The hand posed at each grasp of `early_grasp`, in the frame of the grasped body.
+    hand_qpos: wp.array2d[float]
+    hand_pos: wp.array2d[wp.vec3]
+    hand_quat: wp.array2d[wp.vec4]
 
 
 @wp.func
 def reach_candidate_num(reach_search: ReachSearch) -> int:
-    """Return the number of candidates in this wave: as many as worlds asked for, up to the capacity."""
+    """Return the number of candidates in this wave: as many as rows asked for, up to the capacity."""
     return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
 
 
 @wp.func
-def queue_world(reach_search: ReachSearch, worldid: int):
-    """Queue a world for the next wave."""
-    reach_search.queue[1 - reach_search.source[0], wp.atomic_add(reach_search.worlds_left, 0, 1)] = worldid
+def queue_row(reach_search: ReachSearch, row: int):
+    """Queue a row for the next wave."""
+    reach_search.queue[1 - reach_search.source[0], wp.atomic_add(reach_search.rows_left, 0, 1)] = row
 
 
 @wp.func
 def first_start(reach_search: ReachSearch, c: int) -> int:
     """Return the candidate of a grasp's first start, whose result holds for all; -1 if it was in an earlier wave."""
     found = c - reach_search.start[c]
-    if found < reach_search.first[reach_search.world[c]]:
+    if found < reach_search.first[reach_search.row[c]]:
         return -1
     return found
 
@@ -118,19 +122,21 @@ def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bo
         return True
     if step == ReachStep.SELF_AT_GRASP:
         return True
-    return reach.reach_tier[reach_search.column[reach_search.world[c]]] == Tier.CLEAR
+    return reach.reach_tier[reach_search.column[reach_search.row[c]]] == Tier.CLEAR
 
 
-def create_reach_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> ReachSearch:
-    """Allocate the arrays of a search for the joints of `nworld` worlds."""
-    ncand, mjm = min(size.grasps, nworld * MOST_AT_ONCE), compiled.mjm
+def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
+    """Allocate the arrays of a search for the joints of `nrow` rows."""
+    ncand, mjm = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm
     s = ReachSearch()
     zeros = partial(allocate, ReachSearch, s)
     with wp.ScopedDevice(compiled.device):
-        zeros(nworld, "arm column number tried furthest first trials")
-        zeros((2, nworld), "queue")
-        zeros(1, "worlds_left source worlds at_once candidates")
-        zeros(ncand, "world grasp start failed grasp_qpos pregrasp_qpos")
+        zeros(nrow, "arm column number tried furthest first trials")
+        zeros((2, nrow), "queue")
+        zeros(1, "rows_left source rows at_once candidates")
+        zeros(ncand, "row grasp start failed grasp_qpos pregrasp_qpos")
         zeros((ncand, mjm.nq), "qpos")
         zeros((ncand, mjm.nbody), "body_pos body_quat")
+        zeros((early, mjm.nq), "hand_qpos")
+        zeros((early, mjm.nbody), "hand_pos hand_quat")
     return s

@@ -10,11 +10,12 @@ from functools import partial
 
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.sequence import repeat_launches
+from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_test_hands
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
-from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_open_wave, launch_open_worlds
+from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import Reach
@@ -22,7 +23,7 @@ from sceniris_gym.program.reach import Reaching
 
 
 class ReachStage:
-    """A search for joints of grasps in all waiting worlds, in waves of candidates.
+    """A search for joints of grasps in all waiting rows, in waves of candidates.
 
     Args:
         compiled: The scene.
@@ -36,23 +37,34 @@ class ReachStage:
             (one.view, any(t.tier == Tier.CLEAR for t in reaching.targets if t.arm == number))
             for number, one in enumerate(reaching.arms)
         ]
-        self.search = create_reach_search(compiled, work.nworld, work.size)
-        # every wave either tries at least one start of each world, or is filled to its capacity
+        self.search = create_reach_search(compiled, work.nrow, work.size, work.search.free.shape[1])
+        self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
+        # every wave either tries at least one start of each row, or is filled to its capacity
         most, capacity = sum(STARTS * len(t.grasp_set.grasps) for t in reaching.targets), self.search.failed.shape[0]
-        self._most_waves = most + -(-work.nworld * most // capacity)
+        self._most_waves = most + -(-work.nrow * most // capacity)
 
     def launch_start(self) -> None:
-        """Clear the queue of worlds, which is not empty if earlier launches were interrupted."""
-        self.search.worlds_left.zero_()
+        """Clear the queue of rows, which is not empty if earlier launches were interrupted."""
+        self.search.rows_left.zero_()
+
+    def launch_pose_hands(self) -> None:
+        """Pose the hand at each grasp that objects may block, once and for all."""
+        for reach in self._early:
+            launch_pose_hands(self._work, reach, self.search)
+
+    def launch_test_hands(self) -> None:
+        """Reject candidates that leave a target of tier `clear` no free grasp."""
+        for reach in self._early:
+            launch_test_hands(self._work, reach, self.search)
 
     def launch(self) -> None:
-        """Find joints in all waiting worlds. A world without joints still waits afterwards, unless it falls back."""
+        """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world."""
         for reach, clear in self._arms:
-            launch_open_worlds(self._work, reach, self.search)
-            repeat_launches(self.search.worlds_left, partial(self._wave, reach, clear), self._most_waves)
+            launch_open_rows(self._work, reach, self.search)
+            repeat_launches(self.search.rows_left, partial(self._wave, reach, clear), self._most_waves)
 
     def _wave(self, reach: Reach, clear: bool) -> None:
-        """Open candidates, run their steps, and keep the first candidate of each world that passes."""
+        """Open candidates, run their steps, and keep the first candidate of each row that passes."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         if clear:

@@ -1,6 +1,6 @@
-"""Waves of the reach stage: open candidates in waiting worlds, and keep the first candidate of each that passes.
+"""Waves of the reach stage: open candidates of waiting rows, and keep the first candidate of each that passes.
 
-The candidates of a world are its next grasps and starts. Those after the one that is kept are not counted, so the
+The candidates of a row are its next grasps and starts. Those after the one that is kept are not counted, so the
 result does not depend on how many are tried at once.
 """
 
@@ -14,12 +14,13 @@ from sceniris_gym.layout.reaching.search import (
     STARTS,
     ReachSearch,
     ReachStep,
-    queue_world,
+    queue_row,
     reach_candidate_num,
     takes_step,
 )
-from sceniris_gym.layout.wave.bank import fall_back
+from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
+from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.placement.grasps import first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -29,101 +30,142 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _take_first_through(reach: Reach, layouts: LayoutsView, worldid: int, column: int):
+def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: int):
     """Write the grasp that the arm's base was accepted for, where the base was placed after the target."""
-    body_pos = layouts.body_pos[worldid]
-    body_quat = layouts.body_quat[worldid]
+    body_pos = layouts.body_pos[row]
+    body_quat = layouts.body_quat[row]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-    grasp = first_accepted(reach, column, layouts.variant[worldid, column], base, body_pos, body_quat)
-    layouts.grasp[worldid, column] = wp.max(grasp, layouts.grasp[worldid, column])
+    grasp = first_accepted(reach, column, layouts.variant[row, column], base, body_pos, body_quat)
+    layouts.grasp[row, column] = wp.max(grasp, layouts.grasp[row, column])
 
 
 @wp.func
-def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, worldid: int, column: int):
-    """Move a world to the arm's first target from `column` on that is present and of tier `ik` or `clear`.
+def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, column: int):
+    """Write the lowest free grasp of a target that every object had to leave one."""
+    for early in range(reach.early_grasp.shape[0]):
+        grasp = reach.early_grasp[reach.early_grasp.shape[0] - 1 - early]
+        if reach.grasp_reach[grasp] == column and search.row_free[row, reach.early_grasp.shape[0] - 1 - early]:
+            layouts.grasp[row, column] = grasp - reach.reach_graspadr[column]
 
-    Absent targets on the way get no grasp. After the last target the world moves to the next arm; after the last arm
-    it no longer waits.
+
+@wp.func
+def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int, column: int):
+    """Move a row to the arm's first target from `column` on that is present and of tier `ik` or `clear`.
+
+    Absent targets on the way get no grasp. After the last target the row moves to the next arm; after the last arm
+    it is done: its restart becomes the best of its world, unless an earlier one is.
     """
     found = int(column)
     columns = layouts.grasp.shape[1]
     while found < columns:
-        if layouts.present[worldid, reach.reach_slot[found]] == 0:
-            layouts.grasp[worldid, found] = -1
+        if layouts.present[row, reach.reach_slot[found]] == 0:
+            layouts.grasp[row, found] = -1
             for i in range(MAX_JOINTS):
-                layouts.grasp_qpos[worldid, found, i] = wp.nan
-                layouts.pregrasp_qpos[worldid, found, i] = wp.nan
+                layouts.grasp_qpos[row, found, i] = wp.nan
+                layouts.pregrasp_qpos[row, found, i] = wp.nan
         elif reach.reach_arm[found] == reach.number:
             if reach.reach_tier[found] >= Tier.IK:
                 break
             if reach.reach_late[found] != 0:
-                _take_first_through(reach, layouts, worldid, found)
+                _take_first_through(reach, layouts, row, found)
         found += 1
     if found == columns:
-        reach_search.arm[worldid] = reach.number + 1
+        reach_search.arm[row] = reach.number + 1
         if reach.number == reach.last:
-            search.waiting[worldid] = False
+            search.waiting[row] = False
+            wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
         return
-    reach_search.column[worldid] = found
-    reach_search.number[worldid] = 0
-    reach_search.tried[worldid] = 0
-    reach_search.furthest[worldid] = ReachStep.MAP
-    queue_world(reach_search, worldid)
+    if reach.reach_early[found]:
+        _skip_blocked(reach, layouts, search, row, found)
+    reach_search.column[row] = found
+    reach_search.number[row] = 0
+    reach_search.tried[row] = 0
+    reach_search.furthest[row] = ReachStep.MAP
+    queue_row(reach_search, row)
+
+
+@wp.func
+def _comes_later(reach: Reach, search: Search, row: int) -> bool:
+    """Return True if an earlier restart of a row's world waits too, where one arm is all: that one is tried first."""
+    if reach.last > 0:
+        return False
+    worldid = search.row_world[row]
+    for i in range(search.row_restart[row] - search.restart[worldid]):
+        if search.waiting[row_of_restart(search, worldid, i)]:
+            return True
+    return False
+
+
+@wp.func
+def _next_waiting(reach: Reach, search: Search, row: int) -> int:
+    """Return the row of the next restart of a row's world that waits for it; -1 for none."""
+    if reach.last > 0:
+        return -1
+    worldid = search.row_world[row]
+    for i in range(search.row_restart[row] - search.restart[worldid] + 1, search.restarts_at_once[0]):
+        other = row_of_restart(search, worldid, i)
+        if search.waiting[other]:
+            return other
+    return -1
 
 
 @wp.kernel
-def _open_worlds(
+def _open_rows(
+    program: Program,
     reach: Reach,
-    # Layouts in: present, grasp, variant, body_pos, body_quat
+    # Layouts in: qpos, mocap_pos, mocap_quat, present, grasp, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos
     layouts: LayoutsView,
-    # Search in: waiting
-    # Search out: waiting
+    # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
+    # Search out: best, waiting
     search: Search,
-    # ReachSearch in: arm, worlds_left, source
-    # ReachSearch out: arm, column, number, tried, furthest, queue, worlds_left
+    # ReachSearch in: arm, rows_left, source
+    # ReachSearch out: arm, column, number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
-    worldid = wp.tid()
+    row = wp.tid()
     if reach.number == 0:
-        reach_search.arm[worldid] = 0
-    if search.waiting[worldid] and reach_search.arm[worldid] == reach.number:
-        _move_to(reach, layouts, search, reach_search, worldid, 0)
+        reach_search.arm[row] = 0
+        if search.waiting[row] and not is_sound(program, layouts, row):  # its world falls back, whatever is in reach
+            search.waiting[row] = False
+            wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
+    if search.waiting[row] and reach_search.arm[row] == reach.number and not _comes_later(reach, search, row):
+        _move_to(reach, layouts, search, reach_search, row, 0)
 
 
-def launch_open_worlds(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Queue the waiting worlds that are at this arm."""
-    work.launch(_open_worlds, work.nworld, [reach], work.layouts, work.search, reach_search)
+def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Queue the waiting rows that are at this arm."""
+    work.launch(_open_rows, work.nrow, [work.program, reach], work.layouts, work.search, reach_search)
 
 
 @wp.func
-def _first_grasp(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
+def _first_grasp(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
     """Return the first grasp of a target to try: while placing, the map rejected all before it."""
-    return reach.reach_graspadr[column] + layouts.grasp[worldid, column]
+    return reach.reach_graspadr[column] + layouts.grasp[row, column]
 
 
 @wp.func
-def _start_num(reach: Reach, layouts: LayoutsView, worldid: int, column: int) -> int:
+def _start_num(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
     """Return the number of starts of all grasps from `_first_grasp` on."""
-    variant = layouts.variant[worldid, column]
+    variant = layouts.variant[row, column]
     last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
-    return (last - _first_grasp(reach, layouts, worldid, column)) * wp.static(STARTS)
+    return (last - _first_grasp(reach, layouts, row, column)) * wp.static(STARTS)
 
 
 @wp.kernel
 def _plan_wave(
     busy: int,
-    # ReachSearch in: worlds_left, source
-    # ReachSearch out: worlds_left, source, worlds, at_once, candidates
+    # ReachSearch in: rows_left, source
+    # ReachSearch out: rows_left, source, rows, at_once, candidates
     reach_search: ReachSearch,
 ):
-    worlds = reach_search.worlds_left[0]
+    rows = reach_search.rows_left[0]
     room = wp.min(busy, reach_search.failed.shape[0])
-    reach_search.at_once[0] = wp.clamp(room // wp.max(worlds, 1), 1, wp.static(MOST_AT_ONCE))
+    reach_search.at_once[0] = wp.clamp(room // wp.max(rows, 1), 1, wp.static(MOST_AT_ONCE))
     reach_search.candidates[0] = 0
-    reach_search.worlds[0] = worlds
+    reach_search.rows[0] = rows
     reach_search.source[0] = 1 - reach_search.source[0]
-    reach_search.worlds_left[0] = 0
+    reach_search.rows_left[0] = 0
 
 
 @wp.kernel(grid_stride=False)
@@ -132,25 +174,25 @@ def _open_candidates(
     lanes: int,
     # Layouts in: grasp, variant
     layouts: LayoutsView,
-    # ReachSearch in: column, number, tried, queue, source, worlds, at_once, candidates
-    # ReachSearch out: first, trials, candidates, world, grasp, start, failed
+    # ReachSearch in: column, number, tried, queue, source, rows, at_once, candidates
+    # ReachSearch out: first, trials, candidates, row, grasp, start, failed
     reach_search: ReachSearch,
 ):
-    for i in range(wp.tid(), reach_search.worlds[0], lanes):
-        worldid = reach_search.queue[reach_search.source[0], i]
-        column = reach_search.column[worldid]
-        number = reach_search.number[worldid]
+    for i in range(wp.tid(), reach_search.rows[0], lanes):
+        row = reach_search.queue[reach_search.source[0], i]
+        column = reach_search.column[row]
+        number = reach_search.number[row]
         # half as many as have failed so far: at most half as many again in vain, in far fewer waves; on a CPU core a
         # wave costs 10 to 20 us, and a start 4 us
-        trials = wp.clamp(reach_search.tried[worldid] // 2, reach_search.at_once[0], wp.static(MOST_AT_ONCE))
-        trials = wp.min(trials, _start_num(reach, layouts, worldid, column) - number)
+        trials = wp.clamp(reach_search.tried[row] // 2, reach_search.at_once[0], wp.static(MOST_AT_ONCE))
+        trials = wp.min(trials, _start_num(reach, layouts, row, column) - number)
         first = wp.atomic_add(reach_search.candidates, 0, trials)
         trials = wp.clamp(reach_search.failed.shape[0] - first, 0, trials)
-        reach_search.first[worldid] = first
-        reach_search.trials[worldid] = trials
+        reach_search.first[row] = first
+        reach_search.trials[row] = trials
         for t in range(trials):
-            reach_search.world[first + t] = worldid
-            reach_search.grasp[first + t] = _first_grasp(reach, layouts, worldid, column) + (number + t) // wp.static(
+            reach_search.row[first + t] = row
+            reach_search.grasp[first + t] = _first_grasp(reach, layouts, row, column) + (number + t) // wp.static(
                 STARTS
             )
             reach_search.start[first + t] = (number + t) % wp.static(STARTS)
@@ -163,66 +205,66 @@ def _look_up(
     lanes: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, world, grasp, start, failed
+    # ReachSearch in: column, candidates, row, grasp, start, failed
     # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if takes_step(reach, reach_search, c, ReachStep.MAP):
-            worldid = reach_search.world[c]
-            body_pos = layouts.body_pos[worldid]
-            body_quat = layouts.body_quat[worldid]
+            row = reach_search.row[c]
+            body_pos = layouts.body_pos[row]
+            body_quat = layouts.body_quat[row]
             base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-            if not passes_map(reach, reach_search.column[worldid], reach_search.grasp[c], base, body_pos, body_quat):
+            if not passes_map(reach, reach_search.column[row], reach_search.grasp[c], base, body_pos, body_quat):
                 reach_search.failed[c] = ReachStep.MAP
 
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Open candidates, more per world if few worlds are left, and look up their grasps in the arm's map."""
+    """Open candidates, more per row if few rows are left, and look up their grasps in the arm's map."""
     work.launch(_plan_wave, 1, [work.size.busy], reach_search)
     for kernel in (_open_candidates, _look_up):
         work.launch(kernel, work.size.lanes, [reach, work.size.lanes, work.layouts], reach_search)
 
 
 @wp.func
-def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int, c: int):
+def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
     """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
-    layouts.grasp[worldid, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
+    layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
     clear = reach.reach_tier[column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
         there = i < reach.arm.njoint
-        layouts.grasp_qpos[worldid, column, i] = wp.where(there, reach_search.grasp_qpos[c][i], wp.nan)
-        layouts.pregrasp_qpos[worldid, column, i] = wp.where(there and clear, reach_search.pregrasp_qpos[c][i], wp.nan)
+        layouts.grasp_qpos[row, column, i] = wp.where(there, reach_search.grasp_qpos[c][i], wp.nan)
+        layouts.pregrasp_qpos[row, column, i] = wp.where(there and clear, reach_search.pregrasp_qpos[c][i], wp.nan)
 
 
 @wp.func
-def _accept_first(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, worldid: int, column: int) -> bool:
-    """Keep the first of a world's candidates that passed, and return True; else move on to the starts after them."""
-    after = reach_search.number[worldid]
-    for c in range(reach_search.first[worldid], reach_search.first[worldid] + reach_search.trials[worldid]):
+def _accept_first(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int) -> bool:
+    """Keep the first of a row's candidates that passed, and return True; else move on to the starts after them."""
+    after = reach_search.number[row]
+    for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
-        reach_search.furthest[worldid] = wp.max(reach_search.furthest[worldid], failed)
+        reach_search.furthest[row] = wp.max(reach_search.furthest[row], failed)
         if failed == ReachStep.PASSED:
-            _keep(reach, layouts, reach_search, worldid, column, c)
+            _keep(reach, layouts, reach_search, row, column, c)
             return True
-        after = reach_search.number[worldid] + c + 1 - reach_search.first[worldid]
+        after = reach_search.number[row] + c + 1 - reach_search.first[row]
         if failed < ReachStep.IK_AT_GRASP:  # all starts of this grasp fail
             after += wp.static(STARTS) - 1 - reach_search.start[c]
         else:
-            reach_search.tried[worldid] += 1
-    reach_search.number[worldid] = after
+            reach_search.tried[row] += 1
+    reach_search.number[row] = after
     return False
 
 
 @wp.func
-def _reject_cause(reach: Reach, reach_search: ReachSearch, worldid: int) -> int:
-    """Return the cause for which no grasp of a world's target passed: NO_IK, or BLOCKED.
+def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
+    """Return the cause for which no grasp of a row's target passed: NO_IK, or BLOCKED.
 
     BLOCKED is for the tier `clear` alone: all candidates failed at a test of the hand, or one got past the arm's test
     against itself.
     """
-    furthest = reach_search.furthest[worldid]
-    if reach.reach_tier[reach_search.column[worldid]] == Tier.CLEAR and (
+    furthest = reach_search.furthest[row]
+    if reach.reach_tier[reach_search.column[row]] == Tier.CLEAR and (
         furthest < ReachStep.IK_AT_GRASP or furthest > ReachStep.SELF_AT_GRASP
     ):
         return Cause.BLOCKED
@@ -231,41 +273,36 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, worldid: int) -> int:
 
 @wp.kernel(grid_stride=False)
 def _accept(
-    program: Program,
     reach: Reach,
-    split: wp.uint32,
     lanes: int,
-    # Layouts in: present, grasp, pending_seed, pending_episode, row_rejections, variant, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, status, first_pass_valid, present, grasp, grasp_qpos, pregrasp_qpos,
-    #   row_rejections
+    # Layouts in: present, grasp, row_rejections, variant, body_pos, body_quat
+    # Layouts out: grasp, grasp_qpos, pregrasp_qpos, row_rejections
     layouts: LayoutsView,
-    # Search in: restart
-    # Search out: waiting
+    # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
+    # Search out: best, waiting
     search: Search,
-    # ReachSearch in: column, number, tried, furthest, first, trials, queue, worlds_left, source, worlds, grasp, start,
+    # ReachSearch in: column, number, tried, furthest, first, trials, queue, rows_left, source, rows, grasp, start,
     #   failed, grasp_qpos, pregrasp_qpos
-    # ReachSearch out: arm, column, number, tried, furthest, queue, worlds_left
+    # ReachSearch out: arm, column, number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
-    for i in range(wp.tid(), reach_search.worlds[0], lanes):
-        worldid = reach_search.queue[reach_search.source[0], i]
-        column = reach_search.column[worldid]
-        if _accept_first(reach, layouts, reach_search, worldid, column):
-            _move_to(reach, layouts, search, reach_search, worldid, column + 1)
-        elif reach_search.number[worldid] < _start_num(reach, layouts, worldid, column):
-            queue_world(reach_search, worldid)
+    for i in range(wp.tid(), reach_search.rows[0], lanes):
+        row = reach_search.queue[reach_search.source[0], i]
+        column = reach_search.column[row]
+        if _accept_first(reach, layouts, reach_search, row, column):
+            _move_to(reach, layouts, search, reach_search, row, column + 1)
+        elif search.best[search.row_world[row]] < search.row_restart[row]:
+            search.waiting[row] = False  # an earlier restart of its world is done
+        elif reach_search.number[row] < _start_num(reach, layouts, row, column):
+            queue_row(reach_search, row)
         else:
-            layouts.row_rejections[worldid, reach.reach_obj[column], _reject_cause(reach, reach_search, worldid)] += 1
-            layouts.first_pass_valid[worldid] = 0
-            if search.restart[worldid] > program.restarts:
-                layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
-                search.waiting[worldid] = False
+            layouts.row_rejections[row, reach.reach_obj[column], _reject_cause(reach, reach_search, row)] += 1
+            search.waiting[row] = False
+            following = _next_waiting(reach, search, row)
+            if following >= 0:
+                _move_to(reach, layouts, search, reach_search, following, 0)
 
 
 def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep candidates that passed. A world without one continues with its next starts; out of starts, it keeps waiting.
-
-    A waiting world continues with its next restart; if it has none left, it falls back here.
-    """
-    inputs = [work.program, reach, work.split, work.size.lanes]
-    work.launch(_accept, work.size.lanes, inputs, work.layouts, work.search, reach_search)
+    """Keep candidates that passed. A row without one continues with its next starts; out of starts, it has failed."""
+    work.launch(_accept, work.size.lanes, [reach, work.size.lanes], work.layouts, work.search, reach_search)

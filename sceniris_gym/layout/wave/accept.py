@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.groups import next_object
-from sceniris_gym.layout.wave.search import Search, Workspace, queue_row
+from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
 from sceniris_gym.placement.kinematics import write_root
 from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_reach import Reach
@@ -61,7 +61,7 @@ def _place(
         layouts.body_quat[row, body] = search.body_quat[c, body]
     if lane > 0:
         return
-    slot = program.obj_slot[obj]
+    slot = program.obj_place[obj]
     if program.obj_kind[obj] != ObjectKind.STATIC:
         layouts.place[row, slot] = search.place[c]
         layouts.bounds[row, slot] = search.bounds[c]
@@ -75,6 +75,8 @@ def _place(
         if column >= 0:
             layouts.variant[row, column] = search.turn[c].variant
             layouts.grasp[row, column] = search.grasp[c]
+        for i in range(search.free.shape[1]):
+            search.row_free[row, i] = search.free[c, i]
 
 
 @wp.func
@@ -170,7 +172,9 @@ def _accept_first(
 
 
 @wp.func
-def _advance(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int):
+def _advance(
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int, staged: bool
+):
     """Queue a row for its next trial or for its next object, unless it is out of trials or out of objects."""
     if trial != _PLACED:
         if trial < program.attempts:
@@ -181,21 +185,23 @@ def _advance(program: Program, reach: Reach, layouts: LayoutsView, search: Searc
     if following < program.nobject:
         _queue_trial(search, row, 0)
     else:
-        wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
+        finish_row(search, row, staged)
 
 
 @wp.kernel(grid_stride=False)
 def _accept(
     program: Program,
     reach: Reach,
+    staged: bool,
     blocks: int,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, row_rejections, body_pos, body_quat, record_all, rejected_count
     # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, place, bounds, variant, body_pos, body_quat,
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
     # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
-    #   rows_left, source, rows, cause, turn, surface, place, bounds, grasp, qpos, body_pos, body_quat
-    # Search out: best, row_object, row_trial, row_attempts, queue, row_surface, row_variant, rows_left, candidates
+    #   rows_left, source, rows, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos, body_quat
+    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, row_surface, row_variant,
+    #   rows_left, candidates
     search: Search,
 ):
     block, lane = wp.tid()
@@ -219,9 +225,9 @@ def _accept(
         if lanes > 1:
             block_sync()  # every lane has finished its reads and writes of the row
         if lane == 0:
-            _advance(program, reach, layouts, search, row, obj, trial)
+            _advance(program, reach, layouts, search, row, obj, trial, staged)
 
 
-def launch_accept(work: Workspace) -> None:
+def launch_accept(work: Workspace, staged: bool) -> None:
     """Place the candidates of this wave that passed every test, and queue the rows that continue."""
-    work.launch_blocks(_accept, [work.program, work.reach, work.size.blocks], work.layouts, work.search)
+    work.launch_blocks(_accept, [work.program, work.reach, staged, work.size.blocks], work.layouts, work.search)

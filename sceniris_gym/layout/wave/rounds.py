@@ -1,7 +1,7 @@
 """Rounds of restarts: every pending world runs one restart, or several where rows are free.
 
-The lowest restart that places everything becomes the world's layout; later restarts of the round are not counted. An
-unsound layout is never served: its world falls back at once.
+The lowest restart that places everything, and passes the reach stage if there is one, becomes the world's layout; later
+restarts of the round are not counted. An unsound layout is never served: its world falls back at once.
 """
 
 import warp as wp
@@ -9,7 +9,7 @@ import warp as wp
 from sceniris_gym.layout.layouts import LayoutsView, Status, close_episode, open_episode
 from sceniris_gym.layout.wave.bank import fall_back
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
-from sceniris_gym.layout.wave.search import Search, Workspace, queue_row
+from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
 from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -17,6 +17,7 @@ from sceniris_gym.program.device_reach import Reach
 wp.set_module_options({"enable_backward": False})
 
 _NEVER = wp.constant(1 << 30)
+_LEFT = wp.constant(0.1)
 
 
 @wp.func
@@ -32,20 +33,22 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode
     # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
-    # Search out: pending, waiting, restart, worlds_left, rows_left, candidates
+    # Search out: pending, restart, waiting, worlds_left, rows_left, restarts_at_once, candidates
     search: Search,
 ):
     worldid = wp.tid()
     # These are already clear unless earlier launches were interrupted.
     search.pending[worldid] = False
-    search.waiting[worldid] = False
+    for row in range(worldid, search.waiting.shape[0], search.pending.shape[0]):
+        search.waiting[row] = False
     if worldid == 0:
         search.rows_left[0] = 0
         search.candidates[0] = 0
+        search.restarts_at_once[0] = 0
     if mask:
         if not mask[worldid]:
             return
@@ -67,7 +70,14 @@ def launch_start(work: Workspace, mask: wp.array | None) -> None:
 
 @wp.func
 def _open_row(
-    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, worldid: int, restart: int
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    search: Search,
+    row: int,
+    worldid: int,
+    restart: int,
+    staged: bool,
 ):
     """Begin a restart of a world in a row."""
     nworld = search.pending.shape[0]
@@ -83,11 +93,11 @@ def _open_row(
     if search.row_object[row] < program.nobject:
         queue_row(search, row)
     else:
-        wp.atomic_min(search.best, worldid, restart)
+        finish_row(search, row, staged)
 
 
 @wp.func
-def _row_of_restart(search: Search, worldid: int, number: int) -> int:
+def row_of_restart(search: Search, worldid: int, number: int) -> int:
     """Return the row of restart `number` of a world, counted within this round."""
     if number == 0:
         return worldid
@@ -97,14 +107,15 @@ def _row_of_restart(search: Search, worldid: int, number: int) -> int:
 @wp.kernel
 def _plan_round(
     program: Program,
-    # Search in: worlds_left
+    # Search in: worlds_left, restarts_at_once
     # Search out: worlds_left, tickets, restarts_at_once
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
     extra = search.row_world.shape[0] - search.pending.shape[0]
-    # after so many restarts fewer than half a world is expected to be pending
-    wanted = int(wp.ceil(wp.log(2.0 * float(worlds)) / -wp.log(program.restart_rate)))
+    # after so many restarts hardly a world is expected to be pending; twice as many as were too few
+    wanted = int(wp.ceil(wp.log(float(worlds) / _LEFT) / -wp.log(program.restart_rate)))
+    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])
     search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
     search.tickets[0] = 0
@@ -114,11 +125,14 @@ def _plan_round(
 def _open_rows(
     program: Program,
     reach: Reach,
+    staged: bool,
     # Layouts in: qpos, present, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, present, grasp, row_rejections, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, best, row_object, rows_left, tickets, restarts_at_once, source
-    # Search out: ticket, best, row_world, row_restart, row_object, row_trial, row_attempts, queue, rows_left, tickets
+    # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, rows_left, tickets,
+    #   restarts_at_once, source
+    # Search out: ticket, best, waiting, row_world, row_restart, row_object, row_trial, row_attempts, queue, rows_left,
+    #   tickets
     search: Search,
 ):
     worldid = wp.tid()
@@ -129,13 +143,13 @@ def _open_rows(
     for i in range(search.restarts_at_once[0]):
         restart = search.restart[worldid] + i
         if restart <= program.restarts:
-            _open_row(program, reach, layouts, search, _row_of_restart(search, worldid, i), worldid, restart)
+            _open_row(program, reach, layouts, search, row_of_restart(search, worldid, i), worldid, restart, staged)
 
 
-def launch_open_rows(work: Workspace) -> None:
+def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
     work.launch(_plan_round, 1, [work.program], work.search)
-    work.launch(_open_rows, work.nworld, [work.program, work.reach], work.layouts, work.search)
+    work.launch(_open_rows, work.nworld, [work.program, work.reach, staged], work.layouts, work.search)
 
 
 @wp.kernel(grid_stride=False)
@@ -194,6 +208,9 @@ def _copy_row(layouts: LayoutsView, row: int, worldid: int):
     for i in range(layouts.grasp.shape[1]):
         layouts.grasp[worldid, i] = layouts.grasp[row, i]
         layouts.variant[worldid, i] = layouts.variant[row, i]
+        for j in range(layouts.grasp_qpos.shape[2]):
+            layouts.grasp_qpos[worldid, i, j] = layouts.grasp_qpos[row, i, j]
+            layouts.pregrasp_qpos[worldid, i, j] = layouts.pregrasp_qpos[row, i, j]
     for i in range(layouts.body_pos.shape[1]):
         layouts.body_pos[worldid, i] = layouts.body_pos[row, i]
         layouts.body_quat[worldid, i] = layouts.body_quat[row, i]
@@ -204,14 +221,13 @@ def _settle(
     program: Program,
     reach: Reach,
     split: wp.uint32,
-    staged: bool,
-    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, grasp, pending_seed, pending_episode, row_rejections, place,
-    #   bounds, variant, body_pos, body_quat
+    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
+    #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
-    # Search out: pending, waiting, restart, worlds_left
+    # Search out: pending, restart, waiting, worlds_left
     search: Search,
 ):
     worldid = wp.tid()
@@ -222,9 +238,11 @@ def _settle(
     last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
     row = worldid
     for i in range(last - first + 1):
-        row = _row_of_restart(search, worldid, i)
+        row = row_of_restart(search, worldid, i)
         _count_row(layouts, search, worldid, row)
     search.restart[worldid] = last + 1
+    for i in range(search.restarts_at_once[0]):
+        search.waiting[row_of_restart(search, worldid, i)] = False
     sound = True
     if best < _NEVER:
         sound = is_sound(program, layouts, row)
@@ -234,7 +252,6 @@ def _settle(
         layouts.status[worldid] = Status.VALID
         layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
         search.pending[worldid] = False
-        search.waiting[worldid] = staged
     elif last == program.restarts or not sound:
         if not sound:
             layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
@@ -245,27 +262,9 @@ def _settle(
         wp.atomic_add(search.worlds_left, 0, 1)
 
 
-def launch_settle(work: Workspace, staged: bool) -> None:
+def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
-    work.launch(_settle, work.nworld, [work.program, work.reach, work.split, staged], work.layouts, work.search)
-
-
-@wp.kernel
-def _reopen(
-    # Search in: waiting, worlds_left
-    # Search out: pending, waiting, worlds_left
-    search: Search,
-):
-    worldid = wp.tid()
-    if search.waiting[worldid]:
-        search.waiting[worldid] = False
-        search.pending[worldid] = True
-        wp.atomic_add(search.worlds_left, 0, 1)
-
-
-def launch_reopen(work: Workspace) -> None:
-    """Mark worlds as pending again whose layouts the reach stage rejected; they continue with their next restart."""
-    work.launch(_reopen, work.nworld, [], work.search)
+    work.launch(_settle, work.nworld, [work.program, work.reach, work.split], work.layouts, work.search)
 
 
 @wp.func

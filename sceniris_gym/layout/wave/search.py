@@ -41,11 +41,11 @@ class Search:
 
     # Worlds
     pending: wp.array[bool]  # has no layout yet
-    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
     restart: wp.array[int]  # the next restart
     ticket: wp.array[int]  # its number among the pending worlds of this round
-    best: wp.array[int]  # the lowest restart of this round that placed everything
+    best: wp.array[int]  # the lowest restart of this round that is done
     # Rows
+    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
     row_world: wp.array[int]
     row_restart: wp.array[int]
     row_object: wp.array[int]  # the object to place next; `nobject` once all are placed
@@ -53,6 +53,7 @@ class Search:
     row_first: wp.array[int]  # the row's first candidate in this wave
     row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
     row_attempts: wp.array[int]  # candidates drawn in this restart
+    row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
     # Of each object that is placed, if objects may fall
     row_surface: wp.array2d[int]
@@ -68,6 +69,7 @@ class Search:
     cuts: wp.array[int]  # number of candidates in `cut`
     narrow_pairs: wp.array[int]
     enclosed: wp.array[int]
+    hands: wp.array[int]  # number of entries in `hand`
     any_overflowed: wp.array[int]  # 1: at least one candidate has `overflowed` set
     # Candidates
     row: wp.array[int]
@@ -81,6 +83,8 @@ class Search:
     place: wp.array[wp.vec4]
     bounds: wp.array[wp.vec4]
     grasp: wp.array[int]
+    free: wp.array2d[bool]  # grasps that it leaves free, of those in `early_grasp`
+    hand: wp.array[int]  # (candidate, grasp) that are near each other, as indices into `free`
     overflowed: wp.array[int]  # 1: a stack or queue had no room for all of its collision test; one lane repeats it
     covered: wp.array[int]  # 1: an obstacle is above its point
     overhanging: wp.array[int]  # 1: part of its footprint lies off the support
@@ -125,6 +129,15 @@ def queue_row(search: Search, row: int):
 
 
 @wp.func
+def finish_row(search: Search, row: int, staged: bool):
+    """Pass on a row that has placed all its objects: to the reach stage if there is one, else its restart is done."""
+    if staged:
+        search.waiting[row] = True
+    else:
+        wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
+
+
+@wp.func
 def begin_wave(search: Search):
     """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
     search.rows[0] = search.rows_left[0]
@@ -133,6 +146,7 @@ def begin_wave(search: Search):
     search.cuts[0] = 0
     search.narrow_pairs[0] = 0
     search.enclosed[0] = 0
+    search.hands[0] = 0
     search.any_overflowed[0] = 0
 
 
@@ -255,14 +269,19 @@ class Workspace:
         """Number of worlds."""
         return self.layouts.seed.shape[0]
 
+    @property
+    def nrow(self) -> int:
+        """Number of rows."""
+        return self.search.row_world.shape[0]
+
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
-    def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
-        """Launch a kernel in which the lanes of a block share a candidate."""
+    def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any, blocks: int | None = None) -> None:
+        """Launch a kernel in which the lanes of a block share a candidate, by default with all blocks."""
         words = {"block_dim": self.size.block_dim, "device": self.device}
-        wp.launch_tiled(kernel, dim=[self.size.blocks], inputs=inputs, outputs=outputs, **words)
+        wp.launch_tiled(kernel, dim=[blocks or self.size.blocks], inputs=inputs, outputs=outputs, **words)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
@@ -272,19 +291,24 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         words = 5 * compiled.sides + 2 * compiled.pieces
         ncand = min(ncand, max(_MOST_WORDS // words, 1))
     related = ncand if compiled.related else 0
+    targets = () if compiled.reaching is None else compiled.reaching.targets
+    early = sum(len(target.grasp_set.grasps) for target in targets if target.early)
     visual = compiled.config.geometry == "visual"
     s = Search()
     zeros = partial(allocate, Search, s)
     with wp.ScopedDevice(compiled.device):
-        zeros(nworld, "pending waiting restart ticket best")
-        zeros(nrow, "row_world row_restart row_object row_trial row_attempts row_first row_trials")
+        zeros(nworld, "pending restart ticket best")
+        zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
         zeros((2, nrow), "queue")
         zeros((nrow, len(compiled.placed) if compiled.statics is not None else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
-        zeros(1, "candidates cuts narrow_pairs enclosed any_overflowed")
+        zeros(1, "candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
+        zeros((nrow, early), "row_free")
+        zeros((ncand, early), "free")
+        zeros(ncand * early, "hand")
         zeros((related, MAX_RELATIONS), "relations side_num")
         zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")

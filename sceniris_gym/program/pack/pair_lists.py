@@ -9,7 +9,7 @@ from sceniris_gym.program.pack.pairs import PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan
 
 _ARM_LISTS = ("arm_scene", "arm_hand", "arm_target")
-ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS)
+ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS, "hand_before")
 """The packed lists that are fields of `Reach`: those of an arm in a grasp."""
 
 
@@ -30,7 +30,10 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts]
         for part, first in zip(lists, of_lists["pairadr"], strict=True)
     )
-    starts, of_starts = addressed("broad", (rules.trees.first_nodes(part, lanes) for part in entries))
+    firsts = [sorted(rules.trees.first_nodes(part, lanes)) for part in entries]
+    starts, of_starts = addressed("broad", firsts)
+    hands = zip(arm.owners, firsts[len(firsts) - 2 * len(column) :], strict=False)
+    before = [np.searchsorted([own[e[0] - part[0][0]] for e in part], np.arange(number + 1)) for own, part in hands]
     robots = [*names, *arm.robots * len(_ARM_LISTS)]
     owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in robots]
     body = [c.body for c in colliders]
@@ -47,6 +50,7 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         **{f"arm_{name}": values[number:] for name, values in (of_lists | of_starts).items()},
         "arm_self": np.array([names.index(name) for name in arm.robots], int),
         **{name: len(names) + i * len(column) + column for i, name in enumerate(_ARM_LISTS)},
+        "hand_before": np.reshape(before, (-1, number + 1)).astype(int),
         "broad_pair": np.reshape(starts, (-1, 3)).astype(int),
         **columns("pair", pairs, a=1, b=1, margin=1),
         "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),

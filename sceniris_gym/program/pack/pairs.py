@@ -14,6 +14,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece
@@ -64,7 +65,8 @@ class ArmPairs:
         itself: Each of these robots with itself, as MuJoCo would report it.
         scene: For each reach target the robot with all but markers; the hand (all that the robot's last joint carries)
             may touch the target.
-        hand: The same for the hand alone, without the target.
+        hand: The same for the hand alone, without the target: what no placed object owns first, then by placed object.
+        owners: For each of these pairs the number of the placed object, -1 for none.
         target: The hand with the target.
     """
 
@@ -72,6 +74,7 @@ class ArmPairs:
     itself: dict[str, list[Pair]] = field(default_factory=dict)
     scene: list[list[Pair]] = field(default_factory=list)
     hand: list[list[Pair]] = field(default_factory=list)
+    owners: list[list[int]] = field(default_factory=list)
     target: list[list[Pair]] = field(default_factory=list)
 
 
@@ -152,6 +155,8 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         rules: The rules for its colliders.
     """
     bodies, standing = [c.body for c in rules.colliders], _standing_clearances(plan)
+    variants = plan.scene.config.variants
+    owners = owners_of(variants)
     robots = plan.scene.config.all_robots
     result = []
     for i, o in enumerate(plan.objects):
@@ -160,9 +165,11 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         is_static = o.kind == ObjectKind.STATIC
         pairs = []
         if o.config is None or o.config.kind != "marker":
+            never = variants.get(owners.get(o.name, ""), ())  # together: other variants of the same object
+            others = {body for name in never for body in plan.scene.subtree(name)}
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
-                for a, b in product(rules.of(o.bodies), rules.of(standing))
+                for a, b in product(rules.of(o.bodies), rules.of(standing.keys() - others))
                 if rules.meet(a, b) and not (o.heap is not None and bodies[b] in o.heap.together)
             ]
             if o.joint_ranges:
@@ -199,6 +206,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
     if reaching is None:
         return ArmPairs()
     markers = _marker_bodies(scene)
+    numbers = {body: i for i, o in enumerate(plan.objects) for body in o.bodies}
     carries = {one.robot: carried(rules.mjm, one.arm) for one in reaching.arms if one.robot not in scene.apart}
 
     def apart(own: list[int], others: Iterable[int]) -> list[Pair]:
@@ -213,7 +221,9 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
         target = rules.of(scene.subtree(name))
         others = [c for c, body in enumerate(bodies) if body not in markers.union(robot) and c not in target]
         found.scene.append(apart(moving, others) + apart(arm, target))
-        found.hand.append(apart(hand, others))
+        others.sort(key=lambda c: numbers.get(bodies[c], -1))
+        found.hand.append([pair for other in others for pair in apart(hand, [other])])
+        found.owners.append([numbers.get(bodies[p.b if p.a in hand else p.a], -1) for p in found.hand[-1]])
         found.target.append(apart(hand, target))
     found.itself.update({name: _among(rules, plan, scene.subtree(name)) for name in dict.fromkeys(found.robots)})
     return found

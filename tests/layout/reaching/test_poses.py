@@ -32,11 +32,11 @@ def _passed(generator: LayoutGenerator, stage: ReachStage) -> Iterator[tuple[int
     search, compiled, layouts = stage.search, generator.compiled, generator.layouts
     assert compiled.reaching is not None
     grasps = compiled.reaching.targets[0].grasp_set.grasps
-    worlds, data = search.world.numpy(), mujoco.MjData(compiled.mjm)
+    rows, data = search.row.numpy(), mujoco.MjData(compiled.mjm)
     number = search.grasp.numpy() - stage._arms[0][0].reach_graspadr.numpy()[0]
     for c in np.flatnonzero(search.failed.numpy()[: search.candidates.numpy()[0]] == ReachStep.PASSED):
-        data.qpos[:] = layouts.qpos.numpy()[worlds[c]]
-        data.mocap_pos[:], data.mocap_quat[:] = (a.numpy()[worlds[c]] for a in (layouts.mocap_pos, layouts.mocap_quat))
+        data.qpos[:] = layouts.qpos.numpy()[rows[c]]
+        data.mocap_pos[:], data.mocap_quat[:] = (a.numpy()[rows[c]] for a in (layouts.mocap_pos, layouts.mocap_quat))
         yield int(c), data, grasps[number[c]]
 
 

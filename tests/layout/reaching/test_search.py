@@ -25,12 +25,12 @@ from sceniris_gym.program.device_reach import Reach
 from tests.layout.grasped import cluttered
 
 
-def test_the_room_for_candidates_is_bounded_by_what_worlds_can_use(tmp_path: Path):
-    """Each candidate has a pose of the robot: there are no more than the size says, nor than a world has in a wave."""
+def test_the_room_for_candidates_is_bounded_by_what_rows_can_use(tmp_path: Path):
+    """Each candidate has a pose of the robot: there are no more than the size says, nor than a row has in a wave."""
     compiled = cluttered(tmp_path, "ik")
     size = replace(default_size("cpu"), grasps=1000)
-    for nworld, room in ((1, MOST_AT_ONCE), (3, 3 * MOST_AT_ONCE), (1000, 1000)):
-        search = create_reach_search(compiled, nworld, size)
+    for nrow, room in ((1, MOST_AT_ONCE), (3, 3 * MOST_AT_ONCE), (1000, 1000)):
+        search = create_reach_search(compiled, nrow, size)
         assert search.failed.shape == (room,)
         assert search.body_pos.shape == (room, compiled.mjm.nbody)
 
@@ -42,10 +42,10 @@ def _take(reach: Reach, reach_search: ReachSearch, step: int, taken_out: wp.arra
     first_out[c] = first_start(reach_search, c)
 
 
-def _search(failed: list[int], start: list[int], world: list[int], first: list[int]) -> ReachSearch:
-    """Return a search with these candidates; the target of every world is the first."""
+def _search(failed: list[int], start: list[int], row: list[int], first: list[int]) -> ReachSearch:
+    """Return a search with these candidates; the target of every row is the first."""
     search = ReachSearch()
-    columns = {"failed": failed, "start": start, "world": world, "first": first, "column": [0] * len(first)}
+    columns = {"failed": failed, "start": start, "row": row, "first": first, "column": [0] * len(first)}
     for name, values in columns.items():
         setattr(search, name, wp.array(values, dtype=int, device="cpu"))
     return search
@@ -74,7 +74,7 @@ def test_a_candidate_takes_the_steps_of_its_tier_until_it_fails(tier: Tier, step
 
 
 def test_the_first_start_of_a_grasp_is_found_within_its_wave():
-    """A world whose wave begins with start 5 of a grasp has tested that grasp before; its next grasp begins here."""
+    """A row whose wave begins with start 5 of a grasp has tested that grasp before; its next grasp begins here."""
     starts = [5, 6, 7, 0, 1, 0, 1, 2]
     search = _search([11] * 8, starts, [1, 1, 1, 1, 1, 0, 0, 0], [5, 0])
     assert _launch(search, Tier.IK, ReachStep.MAP)[1].tolist() == [-1, -1, -1, 3, 3, 5, 5, 5]

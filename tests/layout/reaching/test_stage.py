@@ -68,6 +68,18 @@ def test_a_layout_is_the_same_in_any_batch(compiled: CompiledScene):
                 assert new == expected[i, episode]
 
 
+def test_restarts_that_run_at_once_change_no_bit(compiled: CompiledScene):
+    """The lowest restart that has joints is kept, and what came after it is not counted."""
+    rows = []
+    for words in ({}, {"rows": 300, "busy": 500}, {"rows": 40, "grasps": 30}):
+        generator = LayoutGenerator(compiled, 30, seed=6, size=replace(default_size("cpu"), **words))
+        generator.generate()
+        rows.append(
+            (bits(generator.layouts), generator.layouts.attempts.numpy().tolist(), generator.rejection_counts())
+        )
+    assert rows[1:] == rows[:1] * 2
+
+
 @pytest.mark.cuda
 @pytest.mark.parametrize("tier", ["ik", "clear"])
 def test_what_is_tried_at_once_changes_no_bit_on_a_gpu(tmp_path: Path, tier: str):

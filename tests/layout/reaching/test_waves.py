@@ -1,4 +1,4 @@
-"""Grasps and starts in waves: a world's candidates are its next ones, and the lowest that passes is kept."""
+"""Grasps and starts in waves: a row's candidates are its next ones, and the lowest that passes is kept."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 @pytest.mark.parametrize(("busy", "grasps"), [(1, 512), (1, 7), (200, 512), (4096, 4096), (4096, 100)])
 def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: CompiledScene, busy: int, grasps: int):
-    """One for each world, more where they are few or where many were tried in vain; from the world's next one on."""
+    """One for each row, more where they are few or where many were tried in vain; from the world's next one on."""
     generator, stage = waiting(compiled, N, busy=busy, grasps=grasps)
     layouts = generator.layouts
     search, reach = stage.search, stage._arms[0][0]
@@ -38,16 +38,16 @@ def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: Compil
     assert trials.sum() == min(wanted.sum(), grasps)
     assert (trials <= wanted).all()
     assert (trials == wanted).all() or trials.sum() == grasps
-    world, grasp, start = search.world.numpy(), search.grasp.numpy(), search.start.numpy()
+    row, grasp, start = search.row.numpy(), search.grasp.numpy(), search.start.numpy()
     for i in range(N):
         mine = slice(first[i], first[i] + trials[i])
-        assert (world[mine] == i).all()
+        assert (row[mine] == i).all()
         assert (STARTS * (grasp[mine] - begin[i]) + start[mine] == number[i] + np.arange(trials[i])).all()
-    assert search.worlds_left.numpy()[0] == 0
+    assert search.rows_left.numpy()[0] == 0
 
 
 def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
-    """Of a wave of 24 starts a world: joints of the first; other worlds go on after the last start that is of use."""
+    """Of a wave of 24 starts a row: joints of the first; other rows go on after the last start that is of use."""
     generator, stage = waiting(compiled, N, busy=24 * N, grasps=24 * N)
     layouts = generator.layouts
     search = stage.search

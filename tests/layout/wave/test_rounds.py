@@ -96,17 +96,3 @@ def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledSc
     assert (many.layouts.attempts.numpy()[first == 1] <= 3 * ATTEMPTS).all()
     assert (many.layouts.status.numpy()[first == 1] == Status.VALID).all()
     assert many.layouts.attempts.numpy().max() > 3 * ATTEMPTS
-
-
-def test_worlds_that_wait_go_on_with_their_next_restart(tray: CompiledScene):
-    """They are pending again, and no others are."""
-    work = LayoutGenerator(tray, 10)._work
-    search = work.search
-    waits = np.arange(10) % 3 == 0
-    search.waiting.assign(waits)
-    search.restart.assign(np.arange(10))
-    rounds.launch_reopen(work)
-    assert (search.pending.numpy() == waits).all()
-    assert not search.waiting.numpy().any()
-    assert search.worlds_left.numpy()[0] == waits.sum()
-    assert (search.restart.numpy() == np.arange(10)).all()

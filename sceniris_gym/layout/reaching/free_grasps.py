@@ -1,0 +1,220 @@
+"""Free grasps: each object that is placed has to leave one to every reach target of tier `clear` placed before it.
+
+A grasp is *free* if the arm's map accepts it and the hand in it is clear of all objects that were placed after the
+target. A candidate that leaves a target none is rejected with the cause BLOCKED, so that another trial of the same
+object follows, not another restart. The stage after placing goes on with free grasps. Targets that are placed before
+their robot are exempt.
+"""
+
+import warp as wp
+
+from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
+from sceniris_gym.collide.leaves import margin_of
+from sceniris_gym.device.blocks import block_sync
+from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
+from sceniris_gym.device.transforms import pose_of
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.reaching.poses import pose_hand
+from sceniris_gym.layout.reaching.search import ReachSearch
+from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
+from sceniris_gym.placement.grasps import passes_map
+from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device_reach import Reach
+
+wp.set_module_options({"enable_backward": False})
+
+_SLACK = wp.constant(1.0e-3)
+"""Distance [m] between spheres up to which things are tested: far more than rounding is worth."""
+
+
+@wp.kernel
+def _pose_hands(
+    program: Program,
+    reach: Reach,
+    # ReachSearch in: hand_qpos, hand_pos, hand_quat
+    # ReachSearch out: hand_qpos, hand_pos, hand_quat
+    reach_search: ReachSearch,
+):
+    early = wp.tid()
+    grasp = reach.early_grasp[early]
+    if reach.reach_arm[reach.grasp_reach[grasp]] == reach.number:
+        pos = reach_search.hand_pos[early]
+        quat = reach_search.hand_quat[early]
+        quat[reach.grasp_body[grasp]] = wp.vec4(1.0, 0.0, 0.0, 0.0)
+        qpos = reach_search.hand_qpos[early]
+        pose_hand(program, reach, grasp, 0.0, pos, quat, program.home_qpos, qpos, pos, quat)
+
+
+def launch_pose_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Pose the hand at each grasp in the frame of the grasped body; joints outside the gripper are at home."""
+    work.launch(_pose_hands, reach.early_grasp.shape[0], [work.program, reach], reach_search)
+
+
+@wp.func
+def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, column: int) -> bool:
+    """Return True if a candidate of an object has to leave a reach target of this arm a free grasp."""
+    if reach.reach_arm[column] != reach.number or reach.reach_obj[column] >= obj:
+        return False
+    return reach.reach_early[column] and layouts.present[row, reach.reach_slot[column]] != 0
+
+
+@wp.func
+def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, column: int, grasp: int) -> bool:
+    """Return True if a candidate of the target has a grasp in its variant, and the map accepts it."""
+    number = grasp - reach.variant_graspadr[search.turn[c].variant]
+    if number < 0 or number >= reach.variant_graspnum[search.turn[c].variant]:
+        return False
+    row = search.row[c]
+    base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
+    return passes_map(reach, column, grasp, base, search.body_pos[c], search.body_quat[c])
+
+
+@wp.func
+def _is_near(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    search: Search,
+    reach_search: ReachSearch,
+    c: int,
+    early: int,
+    first: int,
+    last: int,
+) -> bool:
+    """Return True if spheres around the boxes of the hand and of a candidate meet at a grasp."""
+    row = search.row[c]
+    grasped = reach.grasp_body[reach.early_grasp[early]]
+    at = layouts.body_pos[row, grasped]
+    turn = layouts.body_quat[row, grasped]
+    for i in range(first, last):
+        entry = program.broad_pair[i]
+        if program.pair_bodies[entry[0]][3] >= 0:  # a plane has no box
+            return True
+        a = program.pair_bodies[entry[0]][0]
+        b = program.pair_bodies[entry[0]][1]
+        hand = rot_vec_quat(program.node_center[entry[1]], reach_search.hand_quat[early, a])
+        hand = at + rot_vec_quat(reach_search.hand_pos[early, a] + hand, turn)
+        there = search.body_pos[c, b] + rot_vec_quat(program.node_center[entry[2]], search.body_quat[c, b])
+        radius = wp.length(program.node_half[entry[1]]) + wp.length(program.node_half[entry[2]])
+        if wp.length(there - hand) <= radius + wp.max(margin_of(program, entry[0], -1), 0.0) + _SLACK:
+            return True
+    return False
+
+
+@wp.kernel(grid_stride=False)
+def _queue_hands(
+    program: Program,
+    reach: Reach,
+    lanes: int,
+    # Layouts in: present, body_pos, body_quat
+    layouts: LayoutsView,
+    # Search in: row_free, candidates, hands, row, obj, cause, turn, body_pos, body_quat
+    # Search out: hands, free, hand
+    search: Search,
+    # ReachSearch in: hand_pos, hand_quat
+    reach_search: ReachSearch,
+):
+    num = reach.early_grasp.shape[0]
+    for i in range(wp.tid(), candidate_num(search) * num, lanes):
+        c = i // num
+        early = i % num
+        grasp = reach.early_grasp[early]
+        column = reach.grasp_reach[grasp]
+        if search.cause[c] != Cause.NONE or reach.reach_arm[column] != reach.number:
+            continue
+        row = search.row[c]
+        obj = search.obj[c]
+        free = search.row_free[row, early]
+        if reach.reach_obj[column] == obj:
+            free = _is_accepted(reach, layouts, search, c, column, grasp)
+        elif free:
+            if _needs_free_grasp(reach, layouts, row, obj, column):
+                adr = reach.arm_broadadr[reach.arm_hand[column]]
+                first = adr + reach.hand_before[column, obj]
+                last = adr + reach.hand_before[column, obj + 1]
+                if _is_near(program, reach, layouts, search, reach_search, c, early, first, last):
+                    search.hand[wp.atomic_add(search.hands, 0, 1)] = i
+        search.free[c, early] = free
+
+
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
+def _test_hands(
+    program: Program,
+    reach: Reach,
+    blocks: int,
+    # Layouts in: body_pos, body_quat
+    layouts: LayoutsView,
+    # Search in: hands, row, obj, hand, body_pos, body_quat
+    # Search out: free
+    search: Search,
+    # ReachSearch in: body_pos, body_quat, hand_pos, hand_quat
+    # ReachSearch out: body_pos, body_quat
+    reach_search: ReachSearch,
+):
+    block, lane = wp.tid()
+    nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
+    leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
+    pos = reach_search.body_pos[block]
+    quat = reach_search.body_quat[block]
+    for i in range(block, search.hands[0], blocks):
+        c = search.hand[i] // reach.early_grasp.shape[0]
+        early = search.hand[i] % reach.early_grasp.shape[0]
+        obj = search.obj[c]
+        grasp = reach.early_grasp[early]
+        column = reach.grasp_reach[grasp]
+        at = layouts.body_pos[search.row[c], reach.grasp_body[grasp]]
+        turn = layouts.body_quat[search.row[c], reach.grasp_body[grasp]]
+        for k in range(lane, reach.hand_body.shape[0], wp.block_dim()):
+            body = reach.hand_body[k]
+            pos[body] = at + rot_vec_quat(reach_search.hand_pos[early, body], turn)
+            quat[body] = wp.normalize(mul_quat(turn, reach_search.hand_quat[early, body]))
+        block_sync()
+        adr = reach.arm_broadadr[reach.arm_hand[column]] + reach.hand_before[column, obj]
+        num = reach.hand_before[column, obj + 1] - reach.hand_before[column, obj]
+        found = collides(program, adr, num, -1, nodes, leaves, lane, pos, quat, search.body_pos[c], search.body_quat[c])
+        hit = found == Cause.COLLISION
+        if found == UNPROVEN:
+            hit = collides_without_stack(
+                program, adr, num, -1, lane, pos, quat, search.body_pos[c], search.body_quat[c]
+            )
+        if lane == 0 and hit:
+            search.free[c, early] = False
+
+
+@wp.kernel(grid_stride=False)
+def _reject_blocked(
+    reach: Reach,
+    lanes: int,
+    # Layouts in: present
+    layouts: LayoutsView,
+    # Search in: candidates, row, obj, cause, free
+    # Search out: hands, cause
+    search: Search,
+):
+    if wp.tid() == 0:
+        search.hands[0] = 0  # of the next arm or wave
+    for c in range(wp.tid(), candidate_num(search), lanes):
+        if search.cause[c] != Cause.NONE:
+            continue
+        for column in range(reach.reach_obj.shape[0]):
+            if _needs_free_grasp(reach, layouts, search.row[c], search.obj[c], column):
+                free = int(0)
+                for early in range(reach.early_grasp.shape[0]):
+                    if reach.grasp_reach[reach.early_grasp[early]] == column:
+                        free += int(search.free[c, early])
+                if free == 0:
+                    search.cause[c] = Cause.BLOCKED
+
+
+BLOCK_KERNELS = (_test_hands,)
+"""The kernels that are launched with blocks of lanes."""
+
+
+def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Find the grasps that each candidate leaves free, after all its other tests; reject those that leave none."""
+    size = work.size
+    blocks = min(size.blocks, reach_search.failed.shape[0])
+    work.launch(_queue_hands, size.lanes, [work.program, reach, size.lanes, work.layouts, work.search], reach_search)
+    inputs = [work.program, reach, blocks, work.layouts, work.search]
+    work.launch_blocks(_test_hands, inputs, reach_search, blocks=blocks)
+    work.launch(_reject_blocked, size.lanes, [reach, size.lanes, work.layouts], work.search)
