@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import mujoco_warp as mjw
 import numpy as np
 import pytest
 
@@ -19,6 +20,7 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchE
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.adapters.playground_arm import write_menagerie
 
 jax: Any = pytest.importorskip("jax", reason="needs JAX: make test-jax")
@@ -292,6 +294,99 @@ def test_a_full_reset_draws_the_rest_anew(page: dict[str, Any]):
     assert state.info["truncation"][2] == 1.0 and state.info["episode_done"][2] == 1.0
     adr = placed(page["compiled"])
     assert np.array_equal(state.data.qpos[2, adr], made(page["compiled"], words_of(state)[[2]], 1)[0, adr])
+
+
+CART = """
+<mujoco>
+  <worldbody>
+    <geom name="ground" type="plane" size="1 1 .1"/>
+    <body name="cart" mocap="true"><geom name="bed" type="box" size=".2 .2 .05" pos="0 0 .05"/>
+      <body name="lid" pos="0 0 .15"><joint name="slide" type="slide" axis="1 0 0" range="0 .2"/>
+        <geom name="plate" type="box" size=".1 .1 .01"/></body></body>
+    <body name="lamp" pos=".7 .7 .2"><joint name="neck" axis="0 0 1"/><geom type="box" size=".02 .02 .1"/></body>
+    <body name="post" pos="-.7 -.7 .1" mocap="true"><geom type="box" size=".02 .02 .1"/></body>
+    <body name="cube" pos=".5 0 .5"><freejoint/><geom type="box" size=".02 .02 .02"/></body>
+  </worldbody>
+  <actuator>
+    <position name="slide" joint="slide" kp="5" ctrlrange="0 .12"/>
+    <general name="slow" joint="slide" dyntype="filter" dynprm=".1" gainprm="3" biastype="affine" biasprm="0 -3 0"/>
+    <motor name="push" joint="slide"/>
+    <position name="neck" joint="neck" kp="1"/>
+  </actuator>
+</mujoco>
+"""
+
+
+class Carts:
+    """A batch of worlds without a task, on MJX's own engine, in which nothing is at rest."""
+
+    def __init__(self) -> None:
+        from mujoco import mjx  # pyright: ignore[reportMissingImports]
+
+        self.mj_model = mujoco.MjModel.from_xml_string(CART)
+        self.mjx_model = mjx.put_model(self.mj_model, impl="jax")
+        self.make_data, self.update = mjx.make_data, mjx.kinematics
+        self.unwrapped = self
+
+    def _get_obs(self, data: Any, info: dict[str, Any]) -> Any:
+        return data.ctrl
+
+    def reset(self, keys: Any) -> Any:
+        """Return a state with other numbers than zero everywhere."""
+        from mujoco_playground import State  # pyright: ignore[reportMissingImports]
+
+        def one(key: Any) -> Any:
+            data = self.make_data(self.mj_model, impl="jax")
+            moved = {name: getattr(data, name) + 0.5 for name in ("qpos", "qvel", "ctrl", "act", "mocap_pos")}
+            return data.replace(**moved)
+
+        data, none = jax.vmap(one)(keys), jnp.zeros(len(keys))
+        return State(data, data.ctrl, none, none, {}, {})
+
+    def step(self, state: Any, done: Any) -> Any:
+        """Let the worlds of a mask be done."""
+        return state.replace(done=done, data=state.data.replace(qvel=state.data.qvel + 1.0))
+
+
+def test_what_a_start_writes_is_what_a_reset_of_placed_bodies_writes_in_mujoco_warp():
+    """Poses, velocities and the controls and activations that hold them; of all else nothing, in no world."""
+    pytest.importorskip("mujoco_playground")
+    objects = {
+        "cart": {"kind": "fixture", "on": "ground", "joints": {"slide": {"range": [0.05, 0.15]}}},
+        "cube": {"on": "ground"},
+    }
+    carts = Carts()
+    compiled = compile_scene({"model": carts.mj_model, "objects": objects, "bank": 2}, "cpu")
+    env = FreshAutoReset(carts, compiled, update=carts.update)
+    state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), 3))
+    stepped = jax.jit(env.step)(state, jnp.array([0.0, 1.0, 0.0]))
+    m, d = mjw.put_model(carts.mj_model), mjw.make_data(carts.mj_model, nworld=3)
+    for name in ("qpos", "qvel", "ctrl", "act", "mocap_pos"):
+        array = getattr(d, name)
+        array.assign(array.numpy() + 0.5)
+    words = words_of(state)
+    seeds = words[:, 0].astype(np.uint64) << np.uint64(32) | words[:, 1].astype(np.uint64)
+    randomizer = ResetRandomizer(compiled, m, d, seed=seeds.tolist(), write="placed")
+    randomizer.reset()
+    written = ("qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat")
+    for name in written:
+        np.testing.assert_allclose(getattr(state.data, name), getattr(d, name).numpy(), rtol=0, atol=1e-6, err_msg=name)
+    ctrl, slide = np.asarray(state.obs), np.asarray(state.data.qpos)[:, 0]
+    np.testing.assert_allclose(ctrl[:, 0], np.minimum(slide, 0.12), atol=1e-6)
+    np.testing.assert_allclose(ctrl[:, 2:], 0.5)  # a motor, and the lamp's
+    d.qvel.assign(d.qvel.numpy() + 1.0)
+    randomizer.reset(np.array([False, True, False]))
+    for name in written:
+        found, wanted = getattr(stepped.data, name), getattr(d, name).numpy()
+        if name == "qvel":
+            wanted[1, ~np.isin(np.arange(carts.mj_model.nv), placed_dofs(compiled))] -= 1.0  # of the first start
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6, err_msg=name)
+
+
+def placed_dofs(compiled: CompiledScene) -> np.ndarray:
+    """Return the degrees of freedom of the cart and the cube."""
+    names = ("cart", "lid", "cube")
+    return np.flatnonzero(np.isin(compiled.mjm.dof_bodyid, [compiled.mjm.body(name).id for name in names]))
 
 
 def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: FreshAutoReset, mid: CompiledScene):

@@ -45,7 +45,7 @@ ROOM = """
         <geom name="leaf" type="box" size=".01 .1 .1"/>
       </body>
     </body>
-    <body name="brick" pos="0 0 .2" euler="10 20 30">
+    <body name="brick" pos="0 0 .2" euler="0 0 30">
       <freejoint/><geom type="box" size=".03 .02 .04" pos=".01 0 .005"/>
     </body>
     <body name="ball" pos="0 .2 .2"><freejoint/><geom type="sphere" size=".03"/></body>
