@@ -7,11 +7,13 @@ OLDEST := .venv-oldest
 OLDEST_STAMP := $(OLDEST)/.setup-done
 RECIPES := skrl torchrl
 MJLAB := .venv-mjlab
+JAX := .venv-jax
+NEWTON := .venv-newton
 
 # What the first import compiles is kept for all others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup test test-marked-oldest test-oldest lint types docs test-recipes test-mjlab demo bench clean
+.PHONY: setup test test-marked-oldest test-oldest lint types docs test-recipes test-mjlab test-jax test-newton demo bench clean
 
 setup: $(STAMP)
 
@@ -70,6 +72,20 @@ test-mjlab:
 	$(MJLAB)/bin/python -m pip install -e '.[mjlab]' pytest "$$(grep '^torch==' constraints.txt)"
 	$(MJLAB)/bin/python -m pytest -q --durations=5 tests/adapters/test_mjlab.py
 
+# MJX and Newton need MuJoCo 3.17, whose differences the tests for the oldest versions would find.
+test-jax:
+	test -x $(JAX)/bin/python || $(PYTHON) -m venv $(JAX)
+	$(JAX)/bin/python -m pip install "$$(grep '^torch==' constraints.txt)"
+	$(JAX)/bin/python -m pip install -e '.[jax]' pytest "$$(grep '^torch==' constraints.txt)"
+	$(JAX)/bin/python -m pytest -q --durations=5 tests/adapters/test_jax.py
+
+test-newton:
+	test -x $(NEWTON)/bin/python || $(PYTHON) -m venv $(NEWTON)
+	$(NEWTON)/bin/python -m pip install "$$(grep '^torch==' constraints.txt)"
+	$(NEWTON)/bin/python -m pip install -e '.[newton]' pytest "$$(grep '^torch==' constraints.txt)"
+	$(NEWTON)/bin/python -m pytest -q --durations=5 -m oldest $$(grep -rl 'mark\.oldest' tests)
+	$(NEWTON)/bin/python -m pytest -q --durations=5 tests/adapters/test_newton.py
+
 demo: $(STAMP)
 	$(BIN)/sceniris-gym demo
 
@@ -77,4 +93,4 @@ bench: $(STAMP)
 	$(BIN)/sceniris-gym bench mid --num-envs 4096
 
 clean:
-	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) $(MJLAB) build dist demo site *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) $(MJLAB) $(JAX) $(NEWTON) build dist demo site *.egg-info .pytest_cache .ruff_cache

@@ -9,6 +9,7 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.variants import with_variants
 
 FOLDER = Path(__file__).parent / "language"
 PAGES = sorted(FOLDER.glob("*.md"))
@@ -42,7 +43,9 @@ class Example:
         """The objects and robots that the example itself mentions; all objects if it mentions none of them."""
         data = self._data()
         robots = ["robot"] if "robot" in data else list(data.get("robots", {}))
-        return [*(data.get("objects") or ([] if robots else self.load().objects)), *robots]
+        scene = self.load()
+        names = data.get("objects") or ([] if robots else scene.objects)
+        return [*with_variants(names, scene.variants), *robots]
 
     @property
     def jointed_objects(self) -> list[str]:

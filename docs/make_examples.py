@@ -26,6 +26,7 @@ SHIPPED = {
     "09_formats": "mid",
     "10_usd": "mid",
     "11_replay_failures": "tabletop_reach",
+    "15_pixels": "tabletop_reach",
     "tour": "mid",
 }
 """Examples of scenes of the package."""
@@ -46,12 +47,18 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
     """Return the scene of each example, by its name; a folder takes an imported mesh."""
     in_memory, own_mesh = example("12_model_in_memory"), example("13_own_mesh")
     own_mesh.main(folder, device="cpu")
+    loop = example("17_randomised_loop")
+    (folder / "ground.xml").write_text(loop.MJCF)
     (folder / "model.xml").write_text(in_memory.MJCF)  # a model in memory has no camera that sees all of it
     return SHIPPED | {
         "02_own_loop": example("02_own_loop").SCENE,
         "04_own_task": example("04_own_task").SCENE,
+        "14_images": example("14_images").SCENE,
         "12_model_in_memory": {"model": str(folder / "model.xml"), "objects": in_memory.OBJECTS},
+        "18_variants": example("18_variants").SCENE,
         "13_own_mesh": own_mesh.scene(folder / "wedge.xml"),
+        "16_randomised_task": example("16_randomised_task").SCENE,
+        "17_randomised_loop": {"model": str(folder / "ground.xml"), "objects": loop.OBJECTS},
     }
 
 

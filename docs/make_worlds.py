@@ -1,22 +1,25 @@
-"""The picture at the head of the README: worlds of three scenes, as their cameras see them.
+"""Pictures of worlds as their cameras see them: of three scenes for the README, and with randomised looks.
 
 python -m docs.make_worlds   # about a minute
 """
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco_warp as mjw
 import numpy as np
-import warp as wp
 from PIL import Image, ImageDraw, ImageFont
 
-from sceniris_gym import CompiledScene, LayoutGenerator, compile_scene
-from sceniris_gym.pictures.camera import FrameCamera
+from sceniris_gym import CompiledScene, ResetRandomizer, compile_scene, put_model
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import Looks, Shot
 
 PICTURE = Path(__file__).parent / "worlds.jpg"
+RANDOMISED = PICTURE.with_name("randomised.jpg")
+"""The picture of docs/randomisation.md: worlds with physics and looks of their own."""
 SCENES = ("clutter", "kitchen", "mid")
 SIZE = (200, 150)
 """Pixels of a world."""
@@ -29,16 +32,12 @@ _INK = (40, 44, 50)
 
 def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray:
     """Return pictures of worlds of a scene, with seeds from `seed` on, (worlds, height, width, 3) uint8."""
-    generator = LayoutGenerator(compiled, worlds, seed=seed)
-    generator.generate()
-    model, data = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, worlds, nconmax=1, njmax=1)
-    layouts = generator.layouts
-    wp.copy(data.qpos, layouts.qpos)
-    if compiled.mjm.nmocap:
-        data.mocap_pos.assign(layouts.mocap_pos.numpy())
-        data.mocap_quat.assign(layouts.mocap_quat.numpy())
+    model, data = put_model(compiled, worlds), mjw.make_data(compiled.mjm, worlds, nconmax=1, njmax=1)
+    ResetRandomizer(compiled, model, data, seed=seed).reset()
     width, height = (_DRAWN * edge for edge in SIZE)
-    return FrameCamera(compiled.mjm, model, worlds, width, height).take(data)
+    cameras = Cameras(compiled.scene, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))
+    cameras.launch()
+    return cameras.images["overview"]["rgb"].numpy()
 
 
 def grid(pictures: Sequence[np.ndarray], columns: int, gap: int) -> Image.Image:
@@ -52,7 +51,9 @@ def grid(pictures: Sequence[np.ndarray], columns: int, gap: int) -> Image.Image:
 
 
 def main() -> None:
-    """Draw the picture."""
+    """Draw the pictures."""
+    task = runpy.run_path(str(PICTURE.parents[1] / "examples" / "16_randomised_task.py"))
+    grid(list(worlds_of(compile_scene(task["SCENE"], "cpu"), 16)), 4, 4).save(RANDOMISED, quality=85, optimize=True)
     panels = [grid(list(worlds_of(compile_scene(scene, "cpu"), _WORLDS)), _COLUMNS, 4) for scene in SCENES]
     width, height = panels[0].width + _BETWEEN, panels[0].height + _STRIP
     sheet = Image.new("RGB", (len(SCENES) * width - _BETWEEN, height), PAPER)

@@ -90,14 +90,18 @@ class TabletopLift(Task):
 
     scene = "tabletop_lift"
     action_size = 5
+    targets = tuple(GRASP_HEIGHTS)
+    """Objects that can be chosen."""
+    objects = OBJECTS
+    """All objects on the table, first those that can be chosen."""
 
     def bind(self, s: State) -> None:
         """Find the arm, its contacts and the objects' bounds, and allocate the tensors that are kept between steps."""
         self.arm = ArmController(s, "panda")
-        self.touch = Touch(s, FINGERS, tuple(GRASP_HEIGHTS))
-        self.bounds = Bounds(s, tuple(GRASP_HEIGHTS))
+        self.touch = Touch(s, FINGERS, self.targets)
+        self.bounds = Bounds(s, self.targets)
         self.grasp_heights = torch.tensor([[0.0, 0.0, height] for height in GRASP_HEIGHTS.values()], device=s.device)
-        self.chosen = torch.zeros(s.num_envs, len(GRASP_HEIGHTS), device=s.device)
+        self.chosen = torch.zeros(s.num_envs, len(self.targets), device=s.device)
         self.held = torch.zeros(s.num_envs, device=s.device)
         self.last_action = torch.zeros(s.num_envs, 5, device=s.device)
         self.hold_steps = round(HOLD / s.dt)
@@ -110,9 +114,9 @@ class TabletopLift(Task):
 
     def observe(self, s: State) -> Observation:
         """Return the observations that the class lists."""
-        tool, poses = self.arm.tool(s), s.poses(OBJECTS)
-        pose = self._chosen(poses)
-        turn = 2.0 * (rotations.yaw(pose[:, 3:]) - rotations.yaw(tool[:, 3:]))
+        tool, poses = self.arm.tool(s), s.poses(self.objects)
+        grasp = self._grasp(s, self._chosen(poses))
+        turn = 2.0 * (rotations.yaw(grasp[:, 3:]) - rotations.yaw(tool[:, 3:]))
         policy = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
@@ -125,25 +129,25 @@ class TabletopLift(Task):
             "last_action": self.last_action,
         }
         critic = {
-            "tcp_to_grasp": self._grasp(pose) - tool[:, :3],
+            "tcp_to_grasp": grasp[:, :3] - tool[:, :3],
             "turn_to_grasp": torch.stack([turn.cos(), turn.sin()], dim=1),
             "touching": self.touching(s),
             "held": (self.held[:, None] - 1.0).clamp(min=0.0) / self.hold_steps,
-            "object_velocities": s.velocities(OBJECTS),
+            "object_velocities": s.velocities(self.objects),
         }
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return the terms that the class lists, and count the steps held up."""
-        poses = s.poses(OBJECTS)
+        poses = s.poses(self.objects)
         pose, height = self._chosen(poses), self._height(poses)
-        distance = (self._grasp(pose) - self.arm.tool(s)[:, :3]).norm(dim=1)
+        distance = (self._grasp(s, pose)[:, :3] - self.arm.tool(s)[:, :3]).norm(dim=1)
         grasped = self.touching(s).prod(dim=1)
         up = grasped * (height >= LIFTED)
         self.held.copy_((self.held + 1.0) * up)
         near = 0.5 * (1.0 - torch.tanh(4.0 * distance)) + 0.5 * torch.exp(-((distance / 0.03) ** 2))
-        speeds = s.velocities(OBJECTS)[:, :, :3].norm(dim=2)
-        others = speeds.sum(dim=1) - (speeds[:, : len(GRASP_HEIGHTS)] * self.chosen).sum(dim=1)
+        speeds = s.velocities(self.objects)[:, :, :3].norm(dim=2)
+        others = speeds.sum(dim=1) - (speeds[:, : len(self.targets)] * self.chosen).sum(dim=1)
         return {
             "reaching": s.dt * near,
             "grasping": s.dt * grasped,
@@ -163,7 +167,7 @@ class TabletopLift(Task):
 
     def on_reset(self, s: State, mask: Tensor) -> None:
         """Choose an object, clear the last action and the timer, and set the tool's target to the tool."""
-        drawn = (s.random(1) * len(GRASP_HEIGHTS)).long().clamp(max=len(GRASP_HEIGHTS) - 1)
+        drawn = (s.random(1) * len(self.targets)).long().clamp(max=len(self.targets) - 1)
         chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
         self.held.masked_fill_(mask, 0.0)
@@ -172,11 +176,11 @@ class TabletopLift(Task):
 
     def height(self, s: State) -> Tensor:
         """Return the height of the chosen object over the table [m], shape (num_envs,); see the class."""
-        return self._height(s.poses(OBJECTS))
+        return self._height(s.poses(self.objects))
 
     def chosen_pose(self, s: State) -> Tensor:
         """Return the pose of the chosen object: position [m], rotation; shape (num_envs, 7)."""
-        return self._chosen(s.poses(OBJECTS))
+        return self._chosen(s.poses(self.objects))
 
     def touching(self, s: State) -> Tensor:
         """Return 1 where the left and the right finger touch the chosen object, else 0; shape (num_envs, 2)."""
@@ -184,12 +188,12 @@ class TabletopLift(Task):
 
     def _chosen(self, poses: Tensor) -> Tensor:
         """Return the pose of the chosen object, out of the poses of all objects, shape (num_envs, 7)."""
-        return (self.chosen[:, :, None] * poses[:, : len(GRASP_HEIGHTS)]).sum(dim=1)
+        return (self.chosen[:, :, None] * poses[:, : len(self.targets)]).sum(dim=1)
 
     def _height(self, poses: Tensor) -> Tensor:
         """Return the height of the chosen object [m] from the poses of all objects, shape (num_envs,)."""
-        return (self.chosen * self.bounds.lowest(poses[:, : len(GRASP_HEIGHTS)])).sum(dim=1)
+        return (self.chosen * self.bounds.lowest(poses[:, : len(self.targets)])).sum(dim=1)
 
-    def _grasp(self, pose: Tensor) -> Tensor:
-        """Return the point [m] at which the chosen object is grasped in that pose, shape (num_envs, 3)."""
-        return pose[:, :3] + (self.chosen[:, :, None] * self.grasp_heights).sum(dim=1)
+    def _grasp(self, s: State, pose: Tensor) -> Tensor:
+        """Return the grasp of the chosen object in that pose, shape (num_envs, 7): the point [m], and the turn."""
+        return torch.cat([pose[:, :3] + (self.chosen[:, :, None] * self.grasp_heights).sum(dim=1), pose[:, 3:]], dim=1)

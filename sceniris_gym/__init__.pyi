@@ -5,6 +5,7 @@ from .config.scene import SceneConfig as SceneConfig
 from .dataset.reader import LayoutDataset as LayoutDataset
 from .errors import ScenirisError as ScenirisError
 from .errors import ScenirisWarning as ScenirisWarning
+from .importers.libero.reader import read_bddl as read_bddl
 from .importers.sceniris.reader import read_sceniris as read_sceniris
 from .layout.compile import compile_scene as compile_scene
 from .layout.generate import LayoutGenerator as LayoutGenerator
@@ -16,11 +17,13 @@ from .scene.adopt import place_on as place_on
 from .scene.layout_table import LayoutTable as LayoutTable
 from .scene.model import SceneModel as SceneModel
 from .scene.model import build_model as build_model
+from .sim.model_fields import put_model as put_model
 from .sim.randomizer import ResetRandomizer as ResetRandomizer
 from .vector.arm_controller import ArmController as ArmController
 from .vector.bounds import Bounds as Bounds
 from .vector.evaluation import EpisodeResult as EpisodeResult
 from .vector.evaluation import evaluate as evaluate
+from .vector.libero_goal import LiberoGoal as LiberoGoal
 from .vector.state import State as State
 from .vector.task import Task as Task
 from .vector.touch import Touch as Touch

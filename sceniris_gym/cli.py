@@ -405,20 +405,37 @@ def import_(
 def init(
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL")],
     out: Out = None,
+    assets: Path | None = None,
+    widen: float = 1.0,
+    clutter: int = 0,
     device: Device = None,
     json: Json = False,
 ) -> str:
     """Write a first scene file from a model: its free bodies on what they stand on, its robot, and its supports.
 
-    What cannot be placed is commented out, with the reason. The scene is tried before it is written.
+    What cannot be placed is commented out, with the reason. The scene is tried before it is written. From a problem
+    file of LIBERO (.bddl), write its scene, and beside it the folder of its model.
 
     Args:
-        model: an MJCF or URDF file
+        model: an MJCF or URDF file, or a problem file
         out: scene file to write; by default to stdout
+        assets: with a problem file: the folder of LIBERO's models
+        widen: with a problem file: the factor by which its regions grow
+        clutter: with a problem file: the number of further objects in each layout
     """
     from sceniris_gym.commands import init as tool
 
     target = None if out is None else checked_target(out)
+    if model.suffix.lower() == ".bddl":
+        if target is None:
+            raise NotSupportedError(f"init: the model of {model} needs a folder. Give a scene file: -o FILE.yaml.")
+        from sceniris_gym.importers.libero.reader import read_bddl
+
+        task = read_bddl(model, assets=assets, widen=widen, clutter=clutter)
+        written = tool.write_task(task, target, device)
+        return dumps(written) if json else _listing(written)
+    if (assets, widen, clutter) != (None, 1.0, 0):
+        raise NotSupportedError("init: --assets, --widen and --clutter belong to a problem file of LIBERO (.bddl).")
     scene = tool.init(model, device)
     if target is not None:
         tool.write(scene, target)

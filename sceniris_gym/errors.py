@@ -297,13 +297,14 @@ class FixedError(ScenirisError, AttributeError):
     Args:
         what: The class of the object.
         name: The attribute.
+        cure: What to do instead; by default, to make another object.
     """
 
-    def __init__(self, what: str, name: str) -> None:
-        self.what = what
+    def __init__(self, what: str, name: str, cure: str | None = None) -> None:
+        self.what, self.cure = what, cure
         super().__init__(
-            f"{what}.{name} cannot be changed: steps and resets are captured with the arrays of the scene that "
-            f"{what} was made with, and would go on with them. Make another {what} with the other '{name}'."
+            f"{what}.{name} cannot be changed: steps and resets are captured with the arrays of the scene that {what} "
+            "was made with, and would go on with them. " + (cure or f"Make another {what} with the other '{name}'.")
         )
         self.name = name  # which AttributeError has as well, and sets to None
 

@@ -10,8 +10,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 from torch import nn
 
 from docs.make_examples import example as load
@@ -254,3 +256,52 @@ def test_an_own_mesh_becomes_an_asset_and_is_placed(tmp_path: Path, capsys: pyte
     load("13_own_mesh").main(folder=tmp_path, device="cpu")
     assert "16 of 16 layouts are valid" in capsys.readouterr().out
     assert (tmp_path / "layouts.png").exists()
+
+
+def test_images_are_saved(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Three rows of pictures, which differ from world to world; the orange is seen by the camera at the side."""
+    load("14_images").main(num_envs=3, device="cpu", out=str(tmp_path / "images.png"))
+    pixels = np.asarray(Image.open(tmp_path / "images.png")).reshape(3, 96, 3, 96, 3).astype(int)
+    red, green, blue = pixels[0].transpose(3, 1, 0, 2)
+    assert ((red > 150) & (green < 0.75 * red) & (blue < 0.4 * red)).any(axis=(1, 2)).sum() >= 2
+    for row in pixels:
+        assert len(np.unique(row.transpose(1, 0, 2, 3).reshape(3, -1), axis=0)) == 3
+
+
+@pytest.mark.slow
+def test_pixels_train_a_policy_of_stable_baselines(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A few steps: the policy is saved, and judged on as many layouts as there are worlds."""
+    pytest.importorskip("stable_baselines3")
+    load("15_pixels").main(num_envs=2, steps=480, device="cpu", out=str(tmp_path / "pixels.zip"))
+    out = capsys.readouterr().out
+    assert "480 steps: return" in out
+    assert "of 2 unseen layouts" in out
+    assert (tmp_path / "pixels.zip").is_file()
+
+
+@pytest.mark.slow
+def test_a_scene_and_a_task_draw_physics_from_the_seed(capsys: pytest.CaptureFixture[str]):
+    """Masses within their range, some slippery tables, and a reset that leaves the other worlds alone."""
+    load("16_randomised_task").main(num_envs=16, device="cpu")
+    out = capsys.readouterr().out
+    low, high = map(float, re.findall(r"are ([0-9.]+) to ([0-9.]+) of", out)[0])
+    assert 0.5 <= low < 0.8
+    assert 1.3 < high <= 2.0
+    assert "of 16 tables are slippery" in out
+    assert "after a reset of 2 worlds, 14 keep their masses" in out
+
+
+def test_an_own_loop_draws_masses_and_frictions(capsys: pytest.CaptureFixture[str]):
+    """Blocks of little friction come further."""
+    load("17_randomised_loop").main(nworld=8, device="cpu")
+    found = float(re.findall(r"correlation of friction and way: ([-0-9.]+)", capsys.readouterr().out)[0])
+    assert found < -0.8
+
+
+@pytest.mark.slow
+def test_things_of_worlds_are_others_after_every_reset(capsys: pytest.CaptureFixture[str]):
+    """Each of them has the mass of its own, wherever it comes up, and stays on the table."""
+    load("18_variants").main(nworld=12, resets=2, seconds=0.2, device="cpu")
+    found = re.findall(r"(\w+): (\d+) worlds, ([0-9.]+) kg, 100% still", capsys.readouterr().out)
+    assert sum(int(number) for _, number, _ in found) == 24
+    assert len({name for name, _, _ in found}) == len({(name, mass) for name, _, mass in found}) > 4

@@ -24,7 +24,15 @@ SMALLER = {
 
 def test_every_library_has_a_recipe():
     """Those that the README names, and those that have an adapter."""
-    named = {"rsl-rl", "Stable-Baselines3", "skrl", "TorchRL", "A loop of your own", "A policy on chosen layouts"}
+    named = {
+        "rsl-rl",
+        "Stable-Baselines3",
+        "skrl",
+        "Images with skrl",
+        "TorchRL",
+        "A loop of your own",
+        "A policy on chosen layouts",
+    }
     assert named <= set(RECIPES)
     programs = "\n".join(page.read_text() for page in PAGE.parent.glob("*.md"))
     adapters = [path.stem for path in Path(sceniris_gym.adapters.__path__[0]).glob("[!_]*.py")]

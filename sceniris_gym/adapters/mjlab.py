@@ -14,7 +14,7 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, SceneKeyError, import_extra
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
@@ -59,7 +59,13 @@ class PlaceLayouts(ManagerTermBase):
 
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
         super().__init__(env)
-        self.compiled: CompiledScene = compile_scene(_as_config(cfg.scene, env), env.device)
+        config = _as_config(cfg.scene, env)
+        if config.variants:
+            raise NotSupportedError(
+                f"{config.where}: objects.{next(iter(config.variants))}: has variants, and mjlab gives each entity one "
+                "model. Take SceneVectorEnv for the scene, or leave the variants out."
+            )
+        self.compiled: CompiledScene = compile_scene(config, env.device)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
         self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split)
@@ -107,7 +113,7 @@ class PlaceLayouts(ManagerTermBase):
             )
         by_env = dict(zip(wanted, ids, strict=True))
         chosen = as_chosen_layouts(
-            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.hash, self._generator.split
+            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.scene, self._generator.split
         )
         assert chosen is not None
         seeds, episodes, given = chosen

@@ -12,6 +12,7 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.device import Cause
+from sceniris_gym.vector.images import GROUP, as_channels
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 try:
@@ -23,6 +24,9 @@ except ImportError as error:
 
 class RslRlVecEnv(VecEnv):
     """A SceneVectorEnv as a VecEnv of rsl-rl 5. Nothing is copied to the host, and nothing waits for the device.
+
+    Each camera is a group of its own name, with its pictures as channels (`as_channels` in vector/images.py), which
+    rsl-rl's CNNModel takes.
 
     The observation groups keep their names; a runner's `obs_groups` is {"actor": ["policy"], "critic": ["critic"]}.
     Returned observations are never written to again, since rsl-rl keeps references to them until after the next step.
@@ -103,8 +107,9 @@ class RslRlVecEnv(VecEnv):
         """Close the wrapped environment."""
         self.env.close()
 
-    def _as_tensordict(self, observation: dict[str, Tensor]) -> TensorDict:
-        return TensorDict(observation, batch_size=[self.num_envs], device=self.device)  # type: ignore[arg-type]
+    def _as_tensordict(self, observation: dict[str, Any]) -> TensorDict:
+        images = {camera: as_channels(pictures) for camera, pictures in observation.pop(GROUP, {}).items()}
+        return TensorDict(observation | images, batch_size=[self.num_envs], device=self.device)  # type: ignore[arg-type]
 
     def _finished(self) -> dict[str, Tensor]:
         """Return the means over the episodes that finished in the last step."""

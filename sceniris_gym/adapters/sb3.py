@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -15,17 +15,18 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, UnknownNameError
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
+from sceniris_gym.vector.images import GROUP, picture_names
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 try:
     from stable_baselines3.common.monitor import Monitor
-    from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 except ImportError as error:
     raise MissingExtraError("stable-baselines3", "sb3") from error
 
 
 class SB3VecEnv(VecEnv):
-    """A SceneVectorEnv as a VecEnv of Stable-Baselines3: numpy arrays, a list of infos, one observation group.
+    """A SceneVectorEnv as a VecEnv of Stable-Baselines3: numpy arrays, a list of infos, one part of the observation.
 
     A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
     finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the
@@ -39,32 +40,39 @@ class SB3VecEnv(VecEnv):
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
-        group: The observation group for the agent.
+        group: The part of the observation for the agent: a group, or a picture as "wrist/rgb" (for "CnnPolicy"). A
+            sequence of several names makes a dict of them (for "MultiInputPolicy"). Pictures need an environment with
+            `final_images`, as agents see the last observation of an episode.
 
     Raises:
         ArgumentTypeError: Not a SceneVectorEnv.
         ArgumentError: A SceneVectorEnv with other settings.
-        UnknownNameError: The task does not observe this group.
+        UnknownNameError: There is no such group or picture.
     """
 
-    def __init__(self, env: VectorEnv, group: str = "policy") -> None:
+    def __init__(self, env: VectorEnv, group: str | Sequence[str] = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
             raise ArgumentTypeError(f"SB3VecEnv: env should be a SceneVectorEnv, as make_vec makes it, got {env!r}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
             raise ArgumentError("SB3VecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
-        groups = env.single_observation_space
-        assert isinstance(groups, gymnasium.spaces.Dict)
-        if group not in groups.spaces:
-            raise UnknownNameError("observation group", group, f"task {type(env.task).__name__}", groups.spaces)
+        assert isinstance(env.single_observation_space, gymnasium.spaces.Dict)
+        parts = _parts(env.single_observation_space.spaces)
+        names = [group] if isinstance(group, str) else list(group)
+        for name in names:
+            if name not in parts:
+                raise UnknownNameError("observation group", name, f"task {type(env.task).__name__}", parts)
+        if not env.final_images and any(name not in env.observation_names for name in names):
+            raise ArgumentError("SB3VecEnv: env should have final_images=True for pictures as observations.")
         self.env, self.group = env, group
-        super().__init__(env.num_envs, groups[group], env.single_action_space)
+        space = parts[group] if isinstance(group, str) else gymnasium.spaces.Dict({name: parts[name] for name in names})
+        super().__init__(env.num_envs, space, env.single_action_space)
         self.metadata["render_fps"] = env.metadata["render_fps"]
         self._actions: Any = None
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, dtype=int)
         self._began = time.time()
 
-    def reset(self) -> np.ndarray:
+    def reset(self) -> VecEnvObs:
         """Reset with the seeds and options that were set since the last reset; return observations of all worlds."""
         seeds = None if all(seed is None for seed in self._seeds) else self._seeds
         options = self._options[0]
@@ -75,7 +83,7 @@ class SB3VecEnv(VecEnv):
         self.reset_infos = _rows(self._layouts(info), self.num_envs)
         self._reset_seeds()
         self._reset_options()
-        return to_host(observation[self.group])
+        return self.seen(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for step_wait."""
@@ -92,7 +100,22 @@ class SB3VecEnv(VecEnv):
         worlds = np.flatnonzero(dones)
         if len(worlds):
             self._fill(infos, worlds, flags, info)
-        return to_host(observation[self.group]), rewards, dones, infos
+        return self.seen(observation), rewards, dones, infos
+
+    def seen(self, observation: dict[str, Any], rows: Tensor | None = None) -> Any:
+        """Return the agent's part of an observation of the environment, on the host: an array, or a dict of arrays.
+
+        Args:
+            observation: Observation of all worlds, as the environment returns it.
+            rows: Numbers of some worlds, for an observation without NaNs: a world that diverged has them in its last
+                observation, and NaN * 0 would spoil a replay buffer's targets. None is all worlds, as they are.
+        """
+        parts = _parts(observation)
+
+        def part(name: str) -> np.ndarray:
+            return to_host(parts[name] if rows is None else parts[name][rows].nan_to_num(0.0, 0.0, 0.0))
+
+        return part(self.group) if isinstance(self.group, str) else {name: part(name) for name in self.group}
 
     def set_options(self, options: list[dict] | dict | None = None) -> None:
         """Keep options for the next reset, the same for all worlds.
@@ -153,14 +176,13 @@ class SB3VecEnv(VecEnv):
     def _fill(self, infos: list[dict[str, Any]], worlds: np.ndarray, flags: np.ndarray, info: dict[str, Any]) -> None:
         """Write the infos of the worlds that finished, and start their next episodes."""
         rows = torch.as_tensor(worlds, device=self.env.device)
-        # a world that diverged has NaNs in its last observation, and NaN * 0 would spoil a replay buffer's targets
-        last = to_host(info["final_obs"][self.group][rows].nan_to_num(0.0, 0.0, 0.0))
+        last = self.seen(info["final_obs"], rows)
         success, broken = (to_host(info["final_info"][name][rows]) for name in ("success", "broken"))
         layouts = _rows({name: values[rows] for name, values in self._layouts(info).items()}, len(worlds))
         seconds = round(time.time() - self._began, 6)
         for k, i in enumerate(worlds):
             infos[i] = {
-                "terminal_observation": last[k],
+                "terminal_observation": last[k] if isinstance(last, np.ndarray) else {n: x[k] for n, x in last.items()},
                 "TimeLimit.truncated": bool(flags[1, i] and not flags[0, i]),
                 "is_success": bool(success[k]),
                 "broken": bool(broken[k]),
@@ -182,6 +204,12 @@ class SB3VecEnv(VecEnv):
     def _chosen(self, indices: VecEnvIndices) -> list[int]:
         worlds = range(self.num_envs)
         return [worlds[i] for i in self._get_indices(indices)]
+
+
+def _parts(groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Return groups by their names, and pictures by names such as 'wrist/rgb'."""
+    rest = {name: group for name, group in groups.items() if name != GROUP}
+    return rest | picture_names(groups.get(GROUP, {}))
 
 
 def to_host(tensor: Tensor) -> np.ndarray:

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit import relations
+from sceniris_gym.audit.balance import BalanceAudit
 from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, takes_part
 from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of
@@ -117,6 +118,7 @@ class Auditor:
         self.collisions = CollisionAudit(scene.tree, scene.solids, pairs)
         self.outlines = Outlines(scene)
         self.standing = StandingAudit(scene, self.outlines, heaps)
+        self.balance = BalanceAudit(scene, self.standing)
         hulls = self.standing.hulls
         if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
             hulls = scene.hulls(solids_of(mjm, "physics"))
@@ -137,6 +139,7 @@ class Auditor:
         for start, some in table.chunks(CHUNK):
             poses, there = poses_of(self.scene.mjm, some), presence(self.scene.config, some)
             found, supporting = self.standing.check(poses)
+            found = sorted(found + self.balance.check(poses, supporting, there), key=lambda m: (m.row, m.name))
             misplaced += [replace(m, row=start + m.row) for m in found if there[m.name][m.row]]
             nearer = {
                 (c.row, c.geoms): replace(c, row=start + c.row)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -87,7 +87,12 @@ class Outlines:
             if part.support is not None:
                 x = poses.xmat[:, self.scene.carrier(part.support.parent).body, :, 0]
                 headings[name] = np.arctan2(x[:, 1], x[:, 0])
-        return Seen(poses, {name: self.outline(name, poses) for name in self.scene.bodies}, present, headings)
+        outlines = {name: self.outline(name, poses) for name in self.scene.bodies}
+        for name, members in self.scene.config.variants.items():  # relations name the object, whichever variant it is
+            there = np.argmax([present[member] for member in members], axis=0), np.arange(len(poses.xpos))
+            own = [outlines[member] for member in members]
+            outlines[name] = Outline(*(np.stack([getattr(o, f.name) for o in own])[there] for f in fields(Outline)))
+        return Seen(poses, outlines, present, headings)
 
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.

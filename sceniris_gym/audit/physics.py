@@ -69,7 +69,7 @@ def settle(
         seconds: Duration [s].
         frozen: Ids of joints that are held still.
     """
-    mjm = _frozen(mjm, frozen)
+    mjm = _prepared(mjm, frozen)
     names = list(bodies)
     joints = [mjm.body_jntadr[bodies[name]] for name in names]
     place = 1 + mjm.jnt_qposadr[joints][:, None] + np.arange(3)  # a full state starts with the time
@@ -165,9 +165,13 @@ def _servos(mjm: mujoco.MjModel) -> np.ndarray:
     return affine & (mjm.actuator_biasprm[:, 1] < 0) & (mjm.actuator_gainprm[:, 0] > 0)
 
 
-def _frozen(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
-    """Return the model with so much inertia in some joints that nothing moves them."""
+def _prepared(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
+    """Return the model with dense Jacobians, and with so much inertia in some joints that nothing moves them.
+
+    MuJoCo 4.0.0 factorises sparse ones wrongly (google-deepmind/mujoco#3767), so that stacks creep.
+    """
     frozen = copy(mjm)
+    frozen.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     for joint in joints:
         size = 3 if int(mjm.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_BALL else 1
         frozen.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + size] = _IMMOVABLE

@@ -12,9 +12,10 @@ FAR = 38.0  # m; parked objects are beyond it along both axes, present ones are 
 
 
 def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return name of an object or robot -> rows in which it is present, shape (nrow,)."""
+    """Return name of an object or robot -> rows in which it, or one of its variants, is present, shape (nrow,)."""
     names = [*config.objects, *config.all_robots]
-    return {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
+    found = {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
+    return found | {name: np.any([found[m] for m in members], axis=0) for name, members in config.variants.items()}
 
 
 def excess_of_groups(config: SceneConfig, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:

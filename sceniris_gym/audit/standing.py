@@ -35,8 +35,8 @@ class Misplaced:
         row: The layout.
         name: The object.
         cause: "support" (its pivot is on no surface of its support, or not in its region), "footprint" (part of it
-            overhangs), "overhead" (it is covered but should be open above, or the reverse) or "heap" (it matches
-            no settled row).
+            overhangs), "overhead" (it is covered but should be open above, or the reverse), "heap" (it matches no
+            settled row) or "falls" (it or what is on it has its centre of mass outside of the patch that carries it).
     """
 
     row: int
@@ -106,10 +106,10 @@ class StandingAudit:
         assert part.support is not None
         ground = carrier.body
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
-        turned = self._in_frame(ground, poses, pivots[:, None])[:, 0]
+        turned = self.in_frame(ground, poses, pivots[:, None])[:, 0]
         whole = part.ratio_on_support == 1.0
-        corners = self._in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
-        for rows, surfaces in self._surfaces(part.support.word, carrier, poses):
+        corners = self.in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
+        for rows, surfaces in self.surfaces(part.support.word, carrier, poses):
             bounds = shapely.total_bounds([surface.area for surface in surfaces])
             for surface in surfaces:
                 level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
@@ -120,7 +120,7 @@ class StandingAudit:
                 stands[on] = not whole or _all_inside(surface.area, corners[on])
         return body, stands
 
-    def _in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
+    def in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
         """Return world points (nrow, n, 3) in the upright frame of a body in each row, the same shape."""
         ups, index = _directions(poses.xmat[:, body, 2])
         frames = np.stack([upright_frame(up) for up in ups])[index]
@@ -131,7 +131,7 @@ class StandingAudit:
         root = self.scene.bodies[name]
         return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
-    def _surfaces(self, word: str, carrier: Carrier, poses: Poses) -> list[tuple[np.ndarray, list[LevelSurface]]]:
+    def surfaces(self, word: str, carrier: Carrier, poses: Poses) -> list[tuple[np.ndarray, list[LevelSurface]]]:
         """Return groups of rows in which the same direction of the support points up, with its level surfaces."""
         body, geom = carrier.body, carrier.geom
         if carrier.is_ground:
@@ -152,11 +152,19 @@ class StandingAudit:
             groups.append((np.flatnonzero(index == k), self._levels[key]))
         return groups
 
+    def is_plane(self, carrier: Carrier) -> bool:
+        """Return whether a plane carries, which goes on beyond the area that objects are placed on."""
+        return carrier.is_ground or bool(self._carrying(carrier))
+
+    def _carrying(self, carrier: Carrier) -> list[int]:
+        """Return the planes that a support may be."""
+        of = self.scene.mjm.geom_bodyid
+        return [g for g in self._planes if of[g] == carrier.body and carrier.geom in (None, g)]
+
     def _level_planes(self, carrier: Carrier, up: np.ndarray) -> list[LevelSurface]:
         """Return the planes of a support that are level if `up` (3,) of its body's frame points up."""
-        mjm = self.scene.mjm
-        wanted = [g for g in self._planes if mjm.geom_bodyid[g] == carrier.body and carrier.geom in (None, g)]
-        found = (plane_surface(mjm.geom_size[g], *self.scene.at_home(g, carrier.body), up) for g in wanted)
+        size = self.scene.mjm.geom_size
+        found = (plane_surface(size[g], *self.scene.at_home(g, carrier.body), up) for g in self._carrying(carrier))
         return [surface for surface in found if surface is not None]
 
     def _triangles(self, body: int) -> dict[int, np.ndarray]:

@@ -153,10 +153,8 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
             f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
         ) from error
     if found != compiled.hash:
-        raise SceneMismatchError(
-            f"--rows {path}: its rows are of the scene with hash {found}, but '{compiled.config.name}' has hash "
-            f"{compiled.hash}. Give the scene, and the changes by --set, that the rows were made with."
-        )
+        cure = "Give the scene, and the changes by --set, that the rows were made with."
+        raise SceneMismatchError(f"--rows {path}: {compiled.scene.mismatch(found, cure)}")
     _check_columns(compiled, path, table, rejected, names)
     return Rows(table, rejected, names.tolist(), seed)
 

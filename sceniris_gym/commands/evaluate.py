@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.files import as_json, replacing
+from sceniris_gym.scene.model import build_model
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import MODEL, read_config, share, without_layouts
+from sceniris_gym.training.records import MODEL, read_config, scene_of_run, share, without_layouts
 from sceniris_gym.training.runner import runner_of
+from sceniris_gym.training.task_scenes import scene_of
 
 
 def evaluate(folder: Path, layouts: int, device: str | None, out: Path | None = None) -> dict[str, Any]:
@@ -23,9 +26,13 @@ def evaluate(folder: Path, layouts: int, device: str | None, out: Path | None = 
 
     Raises:
         ArgumentError: The folder is not that of a run.
+        SceneMismatchError: It is of a version with other layouts of the scene.
         ScenirisError: There is no such task, or its scene cannot be compiled.
     """
     task, settings = read_config(folder)
+    scene = build_model(scene_of(task, reachable=True))
+    if scene.former_hash is not None and scene_of_run(folder) in (None, scene.former_hash):
+        raise SceneMismatchError(f"{folder}: this policy {scene.mismatch(scene.former_hash, '')}")
     found = {}
     for name, env in judges_of(task, layouts, device).items():
         runner = runner_of(env, settings, 0)

@@ -1,10 +1,12 @@
-"""The `init` command: a first scene file for a model, tried before it is written."""
+"""The `init` command: a first scene file for a model or a problem file of LIBERO, tried before it is written."""
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,10 @@ from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
 from sceniris_gym.files import replacing
-from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, reach_note
+from sceniris_gym.importers.libero.reader import LiberoTask
+from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow, reach_note
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.scene.archive import write_zip
 from sceniris_gym.scene.model import build_model
 
 _BANK = 8  # layouts: a scene is tried with a small bank, as all that counts is that there are some
@@ -69,6 +73,36 @@ def report(found: dict[str, Any]) -> str:
     left = ", ".join(found["commented_out"])
     commented = f"; commented out, with reasons: {left}" if left else ""
     return f"{found['scene']}: {robot}; placed: {', '.join(found['placed']) or 'nothing'}{commented}"
+
+
+def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[str, Any]:
+    """Write a problem file as a scene file, and its model into the folder `NAME_model` beside it.
+
+    Returns:
+        The scene file, the folder, the names of placed objects, and the goal.
+
+    Raises:
+        ScenirisError: The scene cannot be made, or nothing can be written.
+    """
+    compile_scene(SceneConfig.load(task.scene, {"bank": _BANK}), device)
+    folder, problem = out.with_name(f"{out.stem}_model"), task.problem
+    goal = [str(predicate) for predicate in problem.goal]
+    packed = io.BytesIO()
+    write_zip(task.scene.model, packed)
+    with zipfile.ZipFile(packed) as archive:
+        archive.extractall(folder)
+    words = task.scene.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude={"name", "model"})
+    lines = [
+        f"# The scene of {problem.path.name}: {problem.language}.",
+        f"# Goal: {' '.join(goal)}. LiberoGoal evaluates it.",
+        f"model: {flow(f'{folder.name}/{task.scene.model.modelname}.xml')}",
+        *(f"{word}: {flow(value)}" for word, value in words.items() if word != "objects"),
+        "objects:",
+        *(f"  {name}: {flow(part)}" for name, part in words["objects"].items()),
+    ]
+    with replacing(out) as temporary:
+        temporary.write_text("\n".join(lines) + "\n")
+    return {"scene": str(out), "model": str(folder), "placed": list(words["objects"]), "goal": goal}
 
 
 def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstScene:

@@ -10,7 +10,8 @@ import numpy as np
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.config.variants import owners_of
+from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
@@ -27,6 +28,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
     Raises:
         UnknownNameError: No scene has this hash.
+        SceneMismatchError: A scene had it in a version with other layouts.
     """
     configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
     known = {}
@@ -34,6 +36,8 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
         model = build_model(candidate)
         if model.hash == scenehash:
             return model
+        if model.former_hash == scenehash:
+            raise SceneMismatchError(f"replay: this layout of '{candidate.name}' {model.mismatch(scenehash, '')}")
         known[model.hash] = candidate.name
     valid = [f"{h} ({name})" for h, name in known.items()]
     more = ["or that of a scene that --scene names"] if config is None else []  # sorted after hexadecimal digits
@@ -58,7 +62,10 @@ def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | 
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
-    """Return the first layout of a table, bit for bit, by names: poses in the world frame, joints in m and rad."""
+    """Return the first layout of a table, bit for bit, by names: poses in the world frame, joints in m and rad.
+
+    Of an object with variants only the one that is present is there.
+    """
     mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
     table.put(data, 0)
     mujoco.mj_kinematics(mjm, data)
@@ -66,8 +73,11 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
     free, mocap = np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE), mjm.body_mocapid >= 0
     data.xquat[mjm.jnt_bodyid[free]] = data.qpos[mjm.jnt_qposadr[free][:, None] + np.arange(3, 7)]
     data.xquat[mocap] = data.mocap_quat[mjm.body_mocapid[mocap]]
-    objects = {}
+    objects, members = {}, owners_of(compiled.config.variants)
+    present = dict(zip(compiled.slots, table.present[0], strict=True))
     for name, body in compiled.scene.bodies.items():
+        if name in members and not present[name]:
+            continue
         joints = {joint: float(data.qpos[mjm.jnt_qposadr[i]]) for joint, i in compiled.scene.joints(name).items()}
         objects[name] = {"pos": data.xpos[body].tolist(), "quat": data.xquat[body].tolist(), "joints": joints}
     for k, target in enumerate(() if compiled.reaching is None else compiled.reaching.targets):

@@ -14,6 +14,8 @@ MOST_WIDE = 1000.0
 """Largest distance [m] from the world's origin, along each axis, that a geom which comes near the origin may reach:
 single precision resolves 61 um there, and distances in layouts are exact to that. `oddities.py` warns where it matters.
 A plane makes better ground, because it has no corners."""
+STANDING_GAP = 5.0e-3
+"""Largest gap [m] over a support at which an object is put down; from higher up it is dropped, and need not stand."""
 LEAST_GAP = 2.0e-5
 """Least height over a support [m]: any lower, rounding makes the object touch it."""
 
@@ -45,6 +47,9 @@ BOUNDS = {
     "turn": Bound(-3600.0, 3600.0, "degrees"),
     "joint": Bound(-MOST_FAR, MOST_FAR, "m or rad"),
     "noise": Bound(0.0, MOST_FAR, "m or rad"),
+    "field of view": Bound(1.0, 179.0, "degrees"),
+    "scale": Bound(0.01, 100.0, ""),
+    "weight": Bound(0.0, 1.0e6, ""),
     "direction": Bound(-1.0e6, 1.0e6, ""),
     "model length": Bound(-1.0e5, 1.0e5, "m"),
     "friction": Bound(0.0, 1.0e6, ""),

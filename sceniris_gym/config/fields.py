@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import shapely
-from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict
+from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict, WrapValidator
 from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP
@@ -98,7 +98,14 @@ def _model(model: Any) -> Any:
     return model
 
 
-def _object_name(name: str) -> str:
+class MemberName(str):
+    """The name of a variant of an object, 'object/variant', as `config.variants` writes it."""
+
+    __slots__ = ()
+
+
+def object_name(name: str) -> str:
+    """Return the name of an object, a group or a variant, after a check."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
         instead = f"; an object of any name can be the body '{name}', by 'body'" if "/" in name else ""
         raise wrong(f"should be a name of letters, digits, '_' and '-'{instead}")
@@ -117,6 +124,7 @@ Clearance = Annotated[Number, Field(ge=0.0), within("clearance")]
 Length = Annotated[Number, Field(ge=0.0), within("distance")]
 Width = Annotated[Number, Field(gt=0.0), within("distance")]
 Gap = Annotated[Number, _OFF_THE_SUPPORT, within("gap")]
+Scale = Annotated[Number, within("scale")]
 TurnInterval = Annotated[tuple[Turn, Turn], BeforeValidator(listed), _ASCENDING]
 JointInterval = Annotated[tuple[JointPosition, JointPosition], BeforeValidator(listed), _ASCENDING]
 Point2 = Annotated[tuple[Position, Position], BeforeValidator(listed)]
@@ -135,5 +143,8 @@ Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), _SIMPLE]
 Points = Annotated[tuple[Corner, ...], BeforeValidator(listed), _ALIKE]
 Reachable = Annotated[bool | str, BeforeValidator(_tier)]
 Names = Annotated[tuple[str, ...], _EACH_ONCE]
-ObjectName = Annotated[str, AfterValidator(_object_name)]
+ObjectName = Annotated[str, AfterValidator(object_name)]
+PartName = Annotated[
+    ObjectName, WrapValidator(lambda name, check: str(name) if isinstance(name, MemberName) else check(name))
+]
 Model = Annotated[Any, BeforeValidator(_model)]

@@ -9,6 +9,10 @@ MAX_ANCHORS = 8
 MAX_CORNERS = 24
 """Greatest number of corners of a piece of a region: a triangle cut by four relations of four half-planes each has up
 to 19, one cut by three of them and a hull of eight anchors up to 23."""
+MAX_FOOT = 24
+"""Greatest number of corners of an object's foot, and of a convex part of a support below it."""
+MAX_LEVELS = 12
+"""Greatest number of free objects that stand on each other."""
 
 MAX_POINTS = 4096
 """Greatest number of points of a region `points`: every draw searches all of them."""

@@ -31,10 +31,13 @@ SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene
 # The longest dotted key of a scene has five.
 _MOST_KEYS = 16
 
+VARIANTS, HOLDOUT = "variants", "holdout"
+"""Words of an object with variants."""
 # Sets of keys of which only one may be given. When scenes are merged, a later one replaces an earlier one.
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon", "points")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
+DRAW_FORMS = ("scale", "add", "abs", "choice")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
 ROBOT_FORMS = ("asset", "model", "in_model")
 ROBOT_FILES = ("asset", "model", "map")
@@ -127,6 +130,8 @@ def _check_there(parts: Any, keys: list[str], where: str) -> None:
 
 def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
     match path:
+        case ("objects", name, variants, _, *rest) if variants == VARIANTS:
+            return _one_of(("objects", name, *rest))
         case ("objects", _):
             return SUPPORT_WORDS
         case ("objects", _, "region") | ("robot", "region") | ("robots", _, "region"):
@@ -137,6 +142,8 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
             return ROBOT_FORMS
         case ("objects", _, "joints", _) | ("robot", "joints", _) | ("robots", _, "joints", _):
             return JOINT_FORMS
+        case (*_, "randomize", _) | (*_, "randomize", _, _, _):
+            return DRAW_FORMS
     return ()
 
 
@@ -209,10 +216,16 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
     def resolved(part: Any, *keys: str) -> Any:
         found = {key: part[key] for key in keys if key in part} if isinstance(part, Mapping) else {}
         for key, value in found.items():
-            is_name = key == "asset" and SHIPPED_NAME.fullmatch(str(value))
-            if isinstance(value, str | Path) and not is_name:
-                found[key] = str(user_path(value, folder, f"{where}: {key}"))
+            found[key] = [path(each, key) for each in value] if isinstance(value, list) else path(value, key)
+        if isinstance(part, Mapping) and isinstance(part.get(VARIANTS), Mapping):
+            found[VARIANTS] = {name: resolved(words, *keys) for name, words in part[VARIANTS].items()}
         return {**part, **found} if found else part
+
+    def path(value: Any, key: str) -> Any:
+        is_name = key == "asset" and SHIPPED_NAME.fullmatch(str(value))
+        return (
+            str(user_path(value, folder, f"{where}: {key}")) if isinstance(value, str | Path) and not is_name else value
+        )
 
     data = dict(resolved(data, "model"))
     if "robot" in data:

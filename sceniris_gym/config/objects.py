@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config import fields
+from sceniris_gym.config.bounds import STANDING_GAP
 from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
-from sceniris_gym.config.loader import JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS
+from sceniris_gym.config.loader import HOLDOUT, JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, VARIANTS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
+from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
 from sceniris_gym.config.section import Section
 
@@ -82,6 +85,7 @@ class ObjectConfig(Section):
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]")
     asset: str | None = None
+    scale: fields.Scale = 1.0
     body: str | None = None
     kind: Literal["free", "fixture", "static", "marker"] = "free"
     on: str | None = None
@@ -94,9 +98,11 @@ class ObjectConfig(Section):
     joints: dict[str, JointConfig] = Field(default_factory=dict)
     clearance: fields.Clearance = 0.001
     gap: fields.Gap = 0.0005
+    stands: bool = True
     reachable: fields.Reachable = False
     by: str = ROBOT
     grasp: str | None = None
+    randomize: dict[ObjectWord, DrawConfig] = Field(default_factory=dict)
 
     @property
     def support(self) -> SupportConfig | None:
@@ -113,6 +119,12 @@ class ObjectConfig(Section):
     def is_placed(self) -> bool:
         """True if a reset draws its pose; otherwise it stays in the pose of the model."""
         return self.kind != "static" and (self.support is not None or self.region is not None)
+
+    @property
+    def has_to_stand(self) -> bool:
+        """True if it is to stay where it is put: free, put down from `STANDING_GAP` at most, not in any orientation."""
+        is_put_down = self.kind == "free" and self.support is not None and self.gap <= STANDING_GAP
+        return self.stands and is_put_down and self.drawn_orientation.kind != "any"
 
     @property
     def joined_to(self) -> str | None:
@@ -132,6 +144,10 @@ class ObjectConfig(Section):
         owner = [] if self.support is None else [self.support.parent.split("/")[0]]
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
+
+    @classmethod
+    def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
+        return super()._problem(key, valid if key in (VARIANTS, HOLDOUT) else [*valid, VARIANTS, HOLDOUT])
 
     @model_validator(mode="before")
     @classmethod
@@ -153,6 +169,8 @@ class ObjectConfig(Section):
     def _agrees_with_itself(self) -> ObjectConfig:
         if self.asset is not None and self.body is not None:
             raise wrong("should have an 'asset', or be a 'body' of the model, not both")
+        if self.asset is None and self.scale != 1.0:
+            raise wrong("should have a 'scale' only together with an 'asset'")
         words = [word.rstrip("_") for word in self.given(("on", "inside", "in_"))]
         if len(words) > 1:
             raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")

@@ -11,6 +11,7 @@ from sceniris_gym.config.fields import ROBOT, Clearance, Gap, Point3, Turn, wron
 from sceniris_gym.config.loader import ROBOT_FORMS
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation
+from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import Relations
 from sceniris_gym.config.section import Section
 
@@ -86,6 +87,7 @@ class RobotConfig(Section):
     relations: Relations = ()
     orientation: Orientation | None = None
     gap: Gap = 0.0005
+    randomize: dict[ObjectWord, DrawConfig] = Field(default_factory=dict)
     _called: str | None = PrivateAttr(None)
 
     def called(self, name: str) -> RobotConfig:
@@ -131,8 +133,10 @@ class RobotConfig(Section):
         start = [word for word in (*given, "keyframe") if word in self.model_fields_set]
         if self.in_model is not None and start:
             raise wrong(f"should have no '{start[0]}': a robot that is in the model stands as the model has it")
-        if not self.in_scene and (self.in_model is not None or self.joints or self.clearance):
-            raise wrong("should be an 'asset' or a 'model' without 'joints' and 'clearance' if 'in_scene' is false")
+        if not self.in_scene and (self.in_model is not None or self.joints or self.clearance or self.randomize):
+            raise wrong(
+                "should be an 'asset' or a 'model' without 'joints', 'clearance' and 'randomize' if 'in_scene' is false"
+            )
         try:
             placing = self.placing
         except ValidationError as error:  # words that contradict each other in any object

@@ -8,18 +8,30 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr, Strict, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    Strict,
+    field_validator,
+    model_validator,
+)
 
-from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, in_memory, wrong
+from sceniris_gym.config.cameras import CameraConfig
+from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, PartName, in_memory, wrong
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig, with_places
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
+from sceniris_gym.config.stacks import StackConfig, with_chains, without_chains
 from sceniris_gym.config.validation import SceneNames, check_names
+from sceniris_gym.config.variants import variants_of, with_members, with_variants
 
 AUTO = "auto"
 """The value of `attempts` that lets `compile_scene` choose."""
@@ -63,16 +75,20 @@ class SceneConfig(Section):
     floor: Floor | None = None
     robot: RobotConfig | None = None
     robots: dict[ObjectName, RobotConfig] = Field(default_factory=dict)
-    objects: dict[ObjectName, ObjectConfig] = Field(default_factory=dict)
+    objects: dict[PartName, ObjectConfig] = Field(default_factory=dict)
     groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
     heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
+    stacks: dict[ObjectName, StackConfig] = Field(default_factory=dict)
+    cameras: dict[ObjectName, CameraConfig] = Field(default_factory=dict)
     geometry: Literal["physics", "visual"] = "physics"
     attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
     bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
     model: Model = None
     home: str | None = None
+    randomize: SceneDraws | None = None
     _where: str = PrivateAttr("SceneConfig")
+    _written: Mapping[str, Any] | None = PrivateAttr(None)
 
     @classmethod
     def load(cls, scene: str | Path | Mapping | SceneConfig, overrides: Mapping[str, Any] | None = None) -> SceneConfig:
@@ -92,7 +108,10 @@ class SceneConfig(Section):
         if isinstance(scene, SceneConfig):
             if overrides is None:
                 return scene
-            data, where, name = scene.model_dump(by_alias=True, exclude_unset=True), scene.where, scene.name
+            data = without_chains(dict(scene._written or scene.model_dump(by_alias=True, exclude_unset=True)))
+            if any("/" in str(key).partition(".")[2].partition(".")[0] for key in overrides):  # of one variant
+                data = with_members(data)
+            where, name = scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
@@ -119,22 +138,31 @@ class SceneConfig(Section):
         drawn = {name: robot.placing for name, robot in self.all_robots.items()}
         return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
 
+    @cached_property
+    def variants(self) -> dict[str, tuple[str, ...]]:
+        """The objects with variants, as others refer to them, and the names of their members in `objects`."""
+        return variants_of(self.groups)
+
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the names placed before an object or a robot: those it refers to, and its robot with a drawn base.
 
         A base that refers to a target, directly or through other objects, is placed after it instead.
         """
         parts = self.parts
-        part = parts[name]
-        if not part.reachable or self.robot_for(name) not in parts:
-            return part.needs
+        needs = self._named(name)
+        if not parts[name].reachable or self.robot_for(name) not in parts:
+            return needs
         robot = self.robot_for(name)
         before, queue = {robot}, [robot]
         while queue:
-            found = [other for other in parts[queue.pop()].needs if other in parts and other not in before]
+            found = [other for other in self._named(queue.pop()) if other in parts and other not in before]
             before.update(found)
             queue += found
-        return part.needs if name in before else tuple(dict.fromkeys([*part.needs, robot]))
+        return needs if name in before else tuple(dict.fromkeys([*needs, robot]))
+
+    def _named(self, name: str) -> tuple[str, ...]:
+        """Return the names that the words of an object or a robot refer to, with all variants of an object."""
+        return with_variants(self.parts[name].needs, self.variants)
 
     def robot_for(self, name: str) -> str:
         """Return the robot that has to reach an object: the one it names, by default the only one."""
@@ -146,6 +174,23 @@ class SceneConfig(Section):
         robot = self.all_robots.get(name)
         return f"objects.{name}" if robot is None else robot.section
 
+    def with_shared_objects(self) -> SceneConfig:
+        """Return the scene in which an object with variants is one object, in the words of its first variant."""
+        variant = {member: name for name, members in self.variants.items() for member in members}
+        objects = {variant.get(name, name): part for name, part in reversed(self.objects.items())}
+        groups = {name: group for name, group in self.groups.items() if name not in self.variants}
+        fields = {name: getattr(self, name) for name in self.model_fields_set}
+        with reading(self.where):
+            config = SceneConfig(**fields | {"objects": dict(reversed(objects.items())), "groups": groups})
+        config._where = self.where
+        return config
+
+    @property
+    def is_randomized(self) -> bool:
+        """True if physics or looks are drawn, and not only poses."""
+        parts = (*self.objects.values(), *self.all_robots.values())
+        return self.randomize is not None or any(part.randomize for part in parts)
+
     @property
     def has_model_in_memory(self) -> bool:
         """True if `model` is a MjSpec or a MjModel rather than a file."""
@@ -154,9 +199,9 @@ class SceneConfig(Section):
     def canonical(self) -> str:
         """Return the values that differ from their defaults as JSON; equal scenes give equal text.
 
-        File names are left out, since only the contents of the files matter.
+        File names are left out, since only the contents of the files matter, and so are cameras.
         """
-        data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model"}, exclude_defaults=True)
+        data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model", "cameras"}, exclude_defaults=True)
         parts = [*data.get("objects", {}).values(), *data.get("robots", {}).values(), data.get("robot", {})]
         for part in (*parts, *data.get("heaps", {}).values()):
             for word in _FILES:
@@ -185,10 +230,19 @@ class SceneConfig(Section):
             raise wrong("should have a robot that is 'in_model' only together with 'model'")
         return self
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
+        written = with_members(data)
+        config = handler(written)
+        if config.variants:
+            config._written = data
+        return config
+
     @model_validator(mode="before")
     @classmethod
-    def _heaps_are_placed(cls, data: Any) -> Any:
-        return with_places(data)
+    def _heaps_and_stacks_are_placed(cls, data: Any) -> Any:
+        return with_chains(with_places(data))
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:
@@ -197,6 +251,7 @@ class SceneConfig(Section):
             self.groups,
             {name: robot.placing for name, robot in self.all_robots.items()},
             self.heaps,
+            self.stacks,
             has_floor=self.floor is not None,
             has_model=self.model is not None,
         )

@@ -11,6 +11,8 @@ from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import PLACING, HeapConfig
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
+from sceniris_gym.config.stacks import StackConfig
+from sceniris_gym.config.variants import variants_of, with_variants
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
 
 
@@ -23,6 +25,7 @@ class SceneNames:
         groups: The groups by name.
         robots: The robots by name, 'robot' for the only one: the words that a drawn base is placed by, else None.
         heaps: The heaps by name.
+        stacks: The stacks by name.
         has_floor, has_model: Whether the scene has a floor, a model of its own.
     """
 
@@ -30,8 +33,14 @@ class SceneNames:
     groups: Mapping[str, GroupConfig]
     robots: Mapping[str, ObjectConfig | None]
     heaps: Mapping[str, HeapConfig]
+    stacks: Mapping[str, StackConfig]
     has_floor: bool
     has_model: bool
+
+    @property
+    def variants(self) -> dict[str, tuple[str, ...]]:
+        """The objects with variants: names of their members."""
+        return variants_of(self.groups)
 
     @property
     def placed(self) -> list[tuple[str, str, ObjectConfig]]:
@@ -49,6 +58,7 @@ def check_names(scene: SceneNames, where: str) -> None:
         NoSupportError: An object is placed on a marker.
         CycleError: Objects are placed relative to each other in a cycle.
     """
+    _check_members(scene, where)
     _check_bodies(scene, where)
     for name, part in scene.objects.items():
         _check_body(scene, name, part, where)
@@ -59,9 +69,9 @@ def check_names(scene: SceneNames, where: str) -> None:
             _check_parent(scene, f"{where}: {key}.{part.support.word}", name, part.support.parent)
         for path, other in part.references:
             _check_reference(scene, f"{where}: {key}.{path}", name, other)
-    _check_members(scene, where)
     _check_groups(scene, where)
     _check_heaps(scene, where)
+    _check_stacks(scene, where)
     _check_cycles(scene, where)
 
 
@@ -122,6 +132,10 @@ def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) ->
 
 def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None:
     owner = parent.split("/")[0]
+    if owner in scene.variants:
+        raise SceneKeyError(
+            f"{where}: '{owner}' has variants, and nothing can be placed on any of them. Name another support."
+        )
     others = [other for other, part in scene.objects.items() if other != name and part.kind != "marker"]
     if owner not in scene.objects and scene.has_model and (parent != FLOOR or not scene.has_floor):
         return  # a geom or a body of the model, which is not loaded yet
@@ -136,19 +150,19 @@ def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None
 
 
 def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> None:
-    known = [*scene.objects, *scene.robots]
+    known = [*scene.objects, *scene.robots, *scene.variants]
     if other not in known:
         is_frame = where.endswith(".frame")
         valid = [*(FRAMES if is_frame else ()), *(n for n in known if n != name)]
         raise UnknownNameError("frame" if is_frame else "object", other, where, valid)
-    if other == name:
+    if other in (name, name.partition("/")[0]):
         raise SceneKeyError(f"{where}: '{other}' should be a different object from the one that is placed.")
 
 
 def _check_members(scene: SceneNames, where: str) -> None:
-    """Check that the members of groups and heaps are objects, each in one of them at most."""
+    """Check that the members of groups, heaps and stacks are objects, each in one of them at most."""
     owners: dict[str, str] = {}
-    for kind, parts in (("group", scene.groups), ("heap", scene.heaps)):
+    for kind, parts in (("group", scene.groups), ("heap", scene.heaps), ("stack", scene.stacks)):
         for label, part in parts.items():
             path = f"{where}: {kind}s.{label}.of"
             for name in part.of:
@@ -165,9 +179,12 @@ def _check_groups(scene: SceneNames, where: str) -> None:
     """Check that members can be absent, and that the other objects can be placed without them."""
     group_of = {name: group for group, part in scene.groups.items() for name in part.of}
     for name, group in group_of.items():
+        if group in scene.variants and scene.objects[name].asset is None:
+            raise SceneKeyError(f"{where}: objects.{name}: should have an 'asset', as all variants do.")
         if not scene.objects[name].is_placed:
+            path = f"objects.{group}" if group in scene.variants else f"groups.{group}.of"
             raise SceneKeyError(
-                f"{where}: groups.{group}.of: '{name}' stays where the model has it and cannot be absent. Give it a "
+                f"{where}: {path}: '{name}' stays where the model has it and cannot be absent. Give it a "
                 "support or a 3D region, or take it out of the group."
             )
     absent = {name: group for name, group in group_of.items() if not scene.groups[group].always_whole}
@@ -184,7 +201,16 @@ def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[
             f"{where}: {key}.{support.word}: '{owner}' may be absent, as it is in the group "
             f"'{absent[owner]}'. Nothing can be placed on such an object: name another support."
         )
+    if part.joined_to in scene.variants:
+        raise SceneKeyError(
+            f"{where}: {key}.relations: '{part.joined_to}' has variants, whose sites are in different places. Join it "
+            "to an object without variants."
+        )
     for path, other in part.references:
+        if other in absent and absent[other] in scene.variants:
+            raise SceneKeyError(
+                f"{where}: {key}.{path}: '{other}' is one of several variants. Name the object, '{absent[other]}'."
+            )
         if other in absent and scene.groups[absent[other]].missing == "refuse":
             raise SceneKeyError(
                 f"{where}: {key}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
@@ -217,8 +243,19 @@ def _check_heaps(scene: SceneNames, where: str) -> None:
             )
 
 
+def _check_stacks(scene: SceneNames, where: str) -> None:
+    """Check that the things of stacks have no other support."""
+    for stack, part in scene.stacks.items():
+        for name, below in zip(part.of, (part.on, *part.of), strict=False):
+            if scene.objects[name].on != below:
+                raise SceneKeyError(
+                    f"{where}: objects.{name}: should have no support of its own (on, inside, in), as the stack "
+                    f"'{stack}' puts it on '{below}'."
+                )
+
+
 def _check_cycles(scene: SceneNames, where: str) -> None:
-    needs = {name: part.needs for _, name, part in scene.placed}
+    needs = {name: with_variants(part.needs, scene.variants) for _, name, part in scene.placed}
     try:
         graphlib.TopologicalSorter(needs).prepare()
     except graphlib.CycleError as error:

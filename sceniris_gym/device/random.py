@@ -12,6 +12,7 @@ import warp as wp
 SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # only compile_scene draws from those of banks
 STREAM_BITS = 24
 TASK_STREAM = 1 << 31
+NAMED_STREAM = 1 << 30  # numbers drawn by name, with the name as their trial
 BANK_STREAM = (1 << STREAM_BITS) - 1
 GROUP_STREAM = (1 << STREAM_BITS) - 2
 REACH_STREAM = (1 << STREAM_BITS) - 3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 _MARGIN = 1.04
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
@@ -32,10 +33,15 @@ def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) 
     return axes @ np.array([*(near + far) / 2, away]), axes
 
 
-def camera_axes(backward: np.ndarray) -> np.ndarray:
-    """Return the axes of an upright camera that looks against `backward`, shape (3, 3): right, up and backward."""
+def camera_axes(backward: np.ndarray, up: np.ndarray = _UP) -> np.ndarray:
+    """Return the axes of a camera that looks against `backward`, shape (3, 3): right, up as far as possible, backward.
+
+    Args:
+        backward: Direction against which it looks, of any length, shape (3,).
+        up: Direction that points up in pictures, no multiple of the other one, shape (3,).
+    """
     backward = backward / np.linalg.norm(backward)
-    right = np.cross([0.0, 0.0, 1.0], backward)
+    right = np.cross(up, backward)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(backward, right), backward], axis=1)
 

@@ -25,15 +25,15 @@ _MOST_POSES = 256
 # second: this is twice as much. It leaves out the chamfers of a block (4.1 degrees) and a mug that balances with its
 # handle up (4.7).
 STABLE_TILT = 5.0
-# What happens before this tilt, in degrees, is part of the pose: an uneven bottom may rock by less.
-_ROCKING = 2.5
+ROCKING = 2.5
+"""What happens before this tilt, in degrees, is part of the pose: an uneven bottom may rock by less."""
 # The same for another state of its joints, in which a pose may lean by as much.
 _LEANING = 1.0
 # Numbers of directions in which it is tilted: few at first, which rules out most faces of a round object.
 _SIDES = (24, 360)
 _STEP = 0.1  # degrees, from one tilt to the next
 _COARSE = 0.5  # the same for one of many states
-_FINER = ((24, _ROCKING), (24, _STEP), (360, _STEP))  # directions and steps for a curved bottom
+_FINER = ((24, ROCKING), (24, _STEP), (360, _STEP))  # directions and steps for a curved bottom
 # If the centre of mass rises by less than this [m] as the tilt grows by a step, the object rolls.
 _LEVEL = 1.0e-8
 # An x axis whose horizontal part is shorter than this points straight up or down, up to rounding.
@@ -100,27 +100,27 @@ class HomeShape:
         """Return the radius [m] of a ball inside the hull; the bounds are at least twice as wide in any orientation."""
         if not self._pieces:
             return 0.0
-        hull = convex_hull(self._points())
+        hull = convex_hull(np.concatenate(self.points()))
         to_faces = hull.triangles[:, 0] - hull.center_mass
         return max(float((to_faces * hull.face_normals).sum(axis=1).min()), 0.0)
 
     def hull(self, body: int) -> Piece:
         """Return all pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
-        vertices = convex_hull(self._points()).vertices
+        vertices = convex_hull(np.concatenate(self.points())).vertices
         middle = vertices.mean(axis=0)
         unit = np.array([1.0, 0.0, 0.0, 0.0])
         return Piece(-1, body, PieceType.HULL, middle, unit, np.zeros(3), vertices - middle, None, 0)
 
-    def _points(self) -> np.ndarray:
-        """Return the vertices of all pieces in the root's frame [m], shape (n, 3)."""
+    def points(self) -> list[np.ndarray]:
+        """Return the vertices of each piece in the root's frame [m], shape (n, 3) each."""
         placed = zip(self._pieces, self._mats, self._at, strict=True)
-        return np.concatenate([at + p.mesh.vertices @ mat.T for p, mat, at in placed if p.mesh is not None])
+        return [at + p.mesh.vertices @ mat.T for p, mat, at in placed if p.mesh is not None]
 
     def _carried_points(self) -> np.ndarray:
         """Return the same; faces of pieces with larger margins than others are moved out by the difference."""
         more = self.margins - self.margins.min()
         if not more.any():
-            return self._points()
+            return np.concatenate(self.points())
         points = []
         for p, mat, at, by in zip(self._pieces, self._mats, self._at, more, strict=True):
             if p.mesh is not None:
@@ -160,7 +160,7 @@ class HomeShape:
                 hull, center_mass=self.center_of_mass, sigma=0.0, n_samples=1, threshold=0.0
             )
         kept: list[int] = []
-        tilts = np.arange(_ROCKING, STABLE_TILT + _STEP, _STEP)
+        tilts = np.arange(ROCKING, STABLE_TILT + _STEP, _STEP)
         for i in np.argsort(-probability, kind="stable"):
             if len(kept) == _MOST_POSES or (kept and probability[i] <= _RARE * probability[kept[0]]):
                 break
@@ -211,8 +211,8 @@ class HomeShape:
 
         Heights are compared up to one such angle beyond the tilt, so that a ripple there does not hold the pose.
         """
-        tilts = np.arange(0.0, STABLE_TILT + _ROCKING + 0.5 * step, step)
-        return self._comes_back(turn, sides, tilts, round(_ROCKING / step))
+        tilts = np.arange(0.0, STABLE_TILT + ROCKING + 0.5 * step, step)
+        return self._comes_back(turn, sides, tilts, round(ROCKING / step))
 
     def _comes_back(self, turn: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
         """Return whether gravity turns the pose (3, 3) back from all of these tilts, in `sides` directions.

@@ -38,6 +38,7 @@ from sceniris_gym.layout.wave.rounds import (
 )
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
+from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -99,7 +100,15 @@ class LayoutGenerator(Fixed, LayoutSource):
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
-            compiled.program, compiled.related, reaches, SPLITS[split], size, self.layouts.view, search, compiled.device
+            compiled.program,
+            compiled.statics,
+            compiled.related,
+            reaches,
+            SPLITS[split],
+            size,
+            self.layouts.view,
+            search,
+            compiled.device,
         )
         self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and reaching.staged else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
@@ -171,6 +180,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_test_collisions(work)
         if work.program.visual:
             launch_test_containment(work)
+        if work.statics is not None:
+            launch_test_standing(work)
         if self._stage is not None:
             self._stage.launch_test_hands()
         launch_accept(work, staged)
@@ -178,12 +189,15 @@ class LayoutGenerator(Fixed, LayoutSource):
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return `Layouts.rejections` by name: object (in placement order), then cause in lower case.
 
-        Causes of failing to reach are there if there are reach targets, and `unsound` if a layout was.
+        Causes of failing to reach are there if there are reach targets, `unsound` if a layout was, and `falls` if
+        anything can fall.
         """
         counts = self.layouts.rejections.numpy()
         unused = {Cause.NONE, *(REACH_CAUSES if self.compiled.reaching is None else ())}
         if not counts[:, Cause.UNSOUND].any():
             unused.add(Cause.UNSOUND)
+        if self.compiled.statics is None:
+            unused.add(Cause.FALLS)
         causes = [c for c in Cause if c not in unused]
         return {
             name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(self.compiled.placed)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS
+from sceniris_gym.scene.model import SceneModel
 
 _FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
 
@@ -36,14 +37,15 @@ class LayoutId:
         return cls(found[1], found[2], int(found[3]), int(found[4]))
 
     @classmethod
-    def of_scene(cls, text: str, scene: str, cure: str) -> LayoutId:
-        """Read the id of a layout of a scene, given by its hash.
+    def of_scene(cls, text: str, scene: SceneModel, cure: str) -> LayoutId:
+        """Read the id of a layout of a scene.
 
         Raises:
             LayoutIdError: The text is not of the form of an id.
-            SceneMismatchError: It is of another scene; the message ends with the cure.
+            SceneMismatchError: It is of another scene; the message ends with the cure. Or it is an id of a version
+                with other layouts of this one.
         """
         found = cls.parse(text)
-        if found.scene != scene:
-            raise SceneMismatchError(f"layout '{text}': is of scene {found.scene}, and this one is {scene}. {cure}")
+        if found.scene != scene.hash:
+            raise SceneMismatchError(f"layout '{text}': {scene.mismatch(found.scene, cure)}")
         return found

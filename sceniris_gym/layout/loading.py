@@ -19,6 +19,7 @@ from sceniris_gym.layout.wave import (
     region_pieces,
     rounds,
     sides,
+    standing,
 )
 from sceniris_gym.layout.wave.search import Workspace
 
@@ -32,6 +33,7 @@ def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], l
     """
     visual, block_dim = work.program.visual, work.size.block_dim
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
+    by_lane += [standing] if work.statics is not None else []
     by_lane += [waves, poses, ik] if staged else []
     by_block = [accept, *([points] if work.related else []), *([hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]

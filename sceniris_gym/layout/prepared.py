@@ -203,7 +203,7 @@ class PreparedLayouts(LayoutSource):
         _check_stream(stream, wp.get_device(generator.compiled.device))
         compiled, nworld = generator.compiled, generator.nworld
         ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size)
-        self.layouts = generator.layouts
+        self.layouts, self.split = generator.layouts, generator.split
         self._generator, self._ahead = generator, ahead
         device = self._device = wp.get_device(compiled.device)
         # a graph without loops would make the last layouts again at every replay, also while they are served

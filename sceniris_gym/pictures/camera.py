@@ -1,72 +1,192 @@
-"""`FrameCamera`: pictures of the first worlds of a batch, by mujoco_warp's ray caster without a window or OpenGL."""
+"""`Cameras`: pictures of a batch by mujoco_warp's ray caster, on the device, without a window or OpenGL."""
 
 from __future__ import annotations
 
-from typing import Any
+import copy
+from collections.abc import Mapping
 
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.scene.assemble import MARK_GROUP
-from sceniris_gym.sim.versions import render_context
+from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.pictures.context import BACKGROUND, CHANNELS, Looks, Shot, in_model_order, picture_context, tile_rays
+from sceniris_gym.scene.model import SceneModel
 
-VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
-"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
+wp.set_module_options({"enable_backward": False})
 
-BACKGROUND = (0.93, 0.95, 0.97, 1.0)
-
-
-def picture_context(mjm: mujoco.MjModel, nworld: int, camera: str, size: tuple[int, int], **options: Any) -> Any:
-    """Return mujoco_warp's context for pictures of `size` (width and height in pixels) by one camera, with shadows.
-
-    Raises:
-        UnknownNameError: The model has no such camera.
-    """
-    cameras = [mjm.camera(i).name for i in range(mjm.ncam)]
-    if camera not in cameras:
-        raise UnknownNameError("camera", camera, "render", filter(None, cameras))
-    options |= {"render_rgb": True, "render_depth": False, "render_seg": False, "use_shadows": True}
-    return render_context(mjm, nworld, camera, cam_res=size, enabled_geom_groups=list(VISIBLE_GROUPS), **options)
+_TRACKING = (mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM, mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODYCOM)
+_AWAY = wp.vec3(1e9, 1e9, 1e9)  # m; from there every ray misses the boxes around a world at once
 
 
-class FrameCamera:
-    """Takes pictures of the first worlds of a batch, on a CPU or a GPU. It has its own Data and changes no other.
+@wp.kernel
+def _turn_away(
+    # In:
+    mask: wp.array[wp.bool],
+    # Out:
+    cam_xpos_out: wp.array2d[wp.vec3],
+):
+    worldid, camid = wp.tid()
+    if not mask[worldid]:
+        cam_xpos_out[worldid, camid] = _AWAY
+
+
+@wp.kernel
+def _write_rgb(
+    # In:
+    mask: wp.array[wp.bool],
+    pixel: wp.array[int],
+    packed: wp.array2d[wp.uint32],
+    first: int,
+    # Out:
+    rgb_out: wp.array3d[wp.uint8],
+):
+    worldid, rayid = wp.tid()
+    if mask[worldid]:
+        value = packed[worldid, first + rayid]
+        rgb_out[worldid, pixel[rayid], 0] = wp.uint8((value >> wp.uint32(16)) & wp.uint32(255))
+        rgb_out[worldid, pixel[rayid], 1] = wp.uint8((value >> wp.uint32(8)) & wp.uint32(255))
+        rgb_out[worldid, pixel[rayid], 2] = wp.uint8(value & wp.uint32(255))
+
+
+@wp.kernel
+def _write_depth(
+    # In:
+    mask: wp.array[wp.bool],
+    pixel: wp.array[int],
+    depth: wp.array2d[float],
+    first: int,
+    # Out:
+    depth_out: wp.array3d[float],
+):
+    worldid, rayid = wp.tid()
+    if mask[worldid]:
+        depth_out[worldid, pixel[rayid], 0] = depth[worldid, first + rayid]
+
+
+@wp.kernel
+def _write_segmentation(
+    # In:
+    mask: wp.array[wp.bool],
+    pixel: wp.array[int],
+    seen: wp.array2d[wp.vec2i],
+    first: int,
+    owner: wp.array[int],
+    geom_type: int,
+    # Out:
+    segmentation_out: wp.array3d[int],
+):
+    worldid, rayid = wp.tid()
+    if mask[worldid]:
+        what = seen[worldid, first + rayid]
+        number = int(0)
+        if what[1] == geom_type:
+            number = owner[what[0]]
+        segmentation_out[worldid, pixel[rayid], 0] = number
+
+
+class Cameras:
+    """Cameras that take pictures of the worlds of a Data, which they do not change.
+
+    Poses of bodies and geoms are read as they are in `data`, so run `mjw.kinematics` after a change of `qpos`. All
+    cameras are rendered together. Models that differ from world to world are drawn as they are in each.
 
     Args:
-        mjm: The model on the host.
-        model: The same model on the device.
-        nworld: Number of worlds in pictures.
-        width: Width of a picture [pixels].
-        height: Height of a picture [pixels].
-        camera: Name of the camera.
+        scene: The scene.
+        model: Its model on the device.
+        data: The worlds.
+        shots: The pictures to take, by the names of cameras.
+        looks: Their looks.
+        nworld: Number of worlds in pictures, from the first one on; None is all.
+        where: Beginning of an error message.
+        graph: Capture the launches into a graph and replay it.
+
+    Attributes:
+        images: Latest pictures by camera and kind: rgb uint8, depth float32 [m, along the camera's axis; 0 where
+            nothing is], segmentation int32 [index into `names`]. Shape (nworld, height, width, channels).
+        mask: Worlds that `launch` takes pictures of, shape (nworld,), bool; at first all.
+        names: Names of the values of segmentation: objects and robots, after "" for everything else.
+        launch: Takes the pictures; the images of other worlds stay. Does not wait for the device.
 
     Raises:
         UnknownNameError: The scene has no such camera.
     """
 
     def __init__(
-        self, mjm: mujoco.MjModel, model: mjw.Model, nworld: int, width: int, height: int, camera: str = "overview"
+        self,
+        scene: SceneModel,
+        model: mjw.Model,
+        data: mjw.Data,
+        shots: Mapping[str, Shot],
+        looks: Looks,
+        *,
+        nworld: int | None = None,
+        where: str = "render",
+        graph: bool = True,
     ) -> None:
-        self.model, self.nworld, self.width, self.height = model, nworld, width, height
-        self.device: wp.Device = model.qpos0.device
-        with wp.ScopedDevice(self.device):
-            self.data = mjw.make_data(mjm, nworld, nconmax=1, njmax=1)
-            self.context = picture_context(mjm, nworld, camera, (width, height), background_color=BACKGROUND)
+        mjm, device = scene.mjm, model.qpos0.device
+        self.model, self.nworld = model, nworld or data.nworld
+        shots = in_model_order(mjm, shots, where)
+        self.names = ("", *scene.bodies)
+        numbers = {name: i for i, name in enumerate(self.names)}
+        owner = [numbers[scene.owners.get(int(body), "")] for body in mjm.geom_bodyid]
+        self._tracks = bool(np.isin([*mjm.cam_mode, *mjm.light_mode], _TRACKING).any())
+        sizes = [shot.size for shot in shots.values()]
+        same = all(len(field) == 1 for field in (model.cam_fovy, model.cam_intrinsic))
+        with wp.ScopedDevice(device):
+            self._seen = _view(data, self.nworld, self._tracks)
+            options = {"background_color": BACKGROUND, "use_precomputed_rays": same}
+            self.context = picture_context(mjm, self.nworld, shots, looks, **options)
+            orders = tile_rays(self.context, shots) if same else [np.arange(w * h) for w, h in sizes]
+            self._pixels = [wp.array(order, dtype=int) for order in orders]
+            self.mask = wp.full(self.nworld, value=True, dtype=wp.bool)
+            self._owner = wp.array(owner, dtype=int)
+            self._flat = {
+                name: {
+                    kind: wp.zeros((self.nworld, shot.size[0] * shot.size[1], CHANNELS[kind][0]), CHANNELS[kind][1])
+                    for kind in shot.data
+                }
+                for name, shot in shots.items()
+            }
+        self.images = {
+            name: {
+                kind: flat.reshape((self.nworld, shot.size[1], shot.size[0], flat.shape[2]))
+                for kind, flat in self._flat[name].items()
+            }
+            for name, shot in shots.items()
+        }
+        starts = (self.context.rgb_adr, self.context.depth_adr, self.context.seg_adr)
+        self._starts = dict(zip(CHANNELS, (array.numpy().tolist() for array in starts), strict=True))
+        with wp.ScopedDevice(device):
+            self._launch()  # compiles a kernel for this scene, which cannot be done in a capture
+        self.launch = LaunchSequence(self._launch, device, graph=graph)
 
-    def take(self, source: mjw.Data) -> np.ndarray:
-        """Return pictures of the first worlds of `source`, (nworld, height, width, 3) uint8. Waits for the device."""
-        m, d = self.model, self.data
-        with wp.ScopedDevice(self.device):
-            wp.copy(d.qpos, source.qpos[: self.nworld])
-            if m.nmocap:  # an empty array cannot be sliced
-                wp.copy(d.mocap_pos, source.mocap_pos[: self.nworld])
-                wp.copy(d.mocap_quat, source.mocap_quat[: self.nworld])
-            for stage in (mjw.kinematics, mjw.com_pos, mjw.camlight):  # a tracking camera follows centres of mass
-                stage(m, d)
-            mjw.refit_bvh(m, d, self.context)
-            mjw.render(m, d, self.context)
-        packed = self.context.rgb_data.numpy().reshape(self.nworld, self.height, self.width)
-        return np.stack([(packed >> shift) & 0xFF for shift in (16, 8, 0)], axis=-1).astype(np.uint8)
+    def _launch(self) -> None:
+        m, d, context = self.model, self._seen, self.context
+        if self._tracks:
+            mjw.com_pos(m, d)
+        mjw.camlight(m, d)
+        wp.launch(_turn_away, dim=(self.nworld, d.cam_xpos.shape[1]), inputs=[self.mask], outputs=[d.cam_xpos])
+        mjw.refit_bvh(m, d, context)
+        mjw.render(m, d, context)
+        geom = int(mujoco.mjtObj.mjOBJ_GEOM)
+        for i, of_camera in enumerate(self._flat.values()):
+            for kind, out in of_camera.items():
+                kernel, source, more = {
+                    "rgb": (_write_rgb, context.rgb_data, []),
+                    "depth": (_write_depth, context.depth_data, []),
+                    "segmentation": (_write_segmentation, context.seg_data, [self._owner, geom]),
+                }[kind]
+                inputs = [self.mask, self._pixels[i], source, self._starts[kind][i], *more]
+                wp.launch(kernel, dim=out.shape[:2], inputs=inputs, outputs=[out])
+
+
+def _view(data: mjw.Data, nworld: int, tracks: bool) -> mjw.Data:
+    """Return the first worlds of a Data, with arrays of their own for all that taking pictures computes."""
+    view = copy.copy(data)
+    view.nworld = nworld
+    own = ("cam_xpos", "cam_xmat", "light_xpos", "light_xdir", *(("subtree_com", "cinert", "cdof") if tracks else ()))
+    for name in own:
+        setattr(view, name, wp.clone(getattr(data, name)))
+    return view

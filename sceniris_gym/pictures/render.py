@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.files import replacing
 from sceniris_gym.geometry.framing import box_corners, frame
-from sceniris_gym.pictures.camera import picture_context
+from sceniris_gym.pictures.context import Looks, Shot, in_model_order, picture_context
 from sceniris_gym.scene.layout_table import LayoutTable
 
 CAMERA = "overview"
@@ -53,7 +53,8 @@ def render(
     with wp.ScopedDevice(device):
         wide = _with_apron(mjm)
         looks = {"render_skybox": True, "enable_backface_culling": False, "samples_per_pixel": _SAMPLES}
-        context = picture_context(wide, len(table), CAMERA, size, **looks)
+        shots = in_model_order(mjm, {CAMERA: Shot(size)}, "render")
+        context = picture_context(wide, len(table), shots, Looks(shadows=True), **looks)
         m, d = mjw.put_model(wide), mjw.make_data(wide, nworld=len(table))
         camera, poses = mjm.camera(CAMERA).id, _poses(mjm, table)
         eye, axes = frame(_corners(mjm, poses), np.array(VIEW), mjm.cam_fovy[camera], width / height)

@@ -27,6 +27,14 @@ def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
 
 
 @wp.func
+def is_there(present: wp.array[int], place: int) -> bool:
+    """Return whether what a relation names is present; behind the slots are objects with variants, which always are."""
+    if place < present.shape[0]:
+        return present[place] != 0
+    return True
+
+
+@wp.func
 def _turned_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
     """Return a plane vector rotated by the rotation that takes the x axis to the unit vector `to`."""
     return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])

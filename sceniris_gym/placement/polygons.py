@@ -1,11 +1,9 @@
 """Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and uniform points.
 
-A polygon is an array of `MAX_CORNERS` corners [m] that one lane owns, counter-clockwise, and the number in use.
+A polygon is an array of corners [m] that one lane owns, counter-clockwise, and the number in use.
 """
 
 import warp as wp
-
-from sceniris_gym.config.limits import MAX_CORNERS
 
 
 @wp.struct
@@ -125,10 +123,10 @@ def clip(p: wp.array[wp.vec2], num: int, h: HalfPlane) -> int:
         hb = wp.dot(h.normal, b - h.origin) - h.offset
         leaves = ha < 0.0 and hb > 0.0
         enters = ha > 0.0 and hb < 0.0 and left <= i
-        if (leaves or enters) and left < MAX_CORNERS:
+        if (leaves or enters) and left < p.shape[0]:
             p[left] = a + (b - a) * (ha / (ha - hb))
             left += 1
-        if hb <= 0.0 and left < MAX_CORNERS:
+        if hb <= 0.0 and left < p.shape[0]:
             p[left] = b
             left += 1
         a = b

@@ -19,6 +19,7 @@ from sceniris_gym.placement.placed import (
     bounds_extent,
     bounds_offset,
     bounds_radius,
+    is_there,
     placed,
     turned,
 )
@@ -160,7 +161,7 @@ def resolve(
     num = int(0)
     for i in range(program.rel_anchornum[rel]):
         slot = program.rel_anchor[adr + i]
-        if present[slot] != 0:
+        if is_there(present, slot):
             points[num] = wp.vec2(place[slot][0], place[slot][1])
             num += 1
     if program.rel_type[rel] == RelationType.BETWEEN:
@@ -179,7 +180,7 @@ def resolve(
         axis += support_heading
     elif frame != FRAME_WORLD:
         axis += place[frame][3]
-        s.active = s.active and present[frame] != 0
+        s.active = s.active and is_there(present, frame)
     if not s.active:
         return s
     anchor = load_placed(place, bounds, program.rel_anchor[adr])

@@ -25,14 +25,17 @@ from sceniris_gym.program.checks.oddities import warn_of_oddities
 from sceniris_gym.program.checks.parking import check_parking
 from sceniris_gym.program.checks.reach import check_reach
 from sceniris_gym.program.checks.relations import check_relations
+from sceniris_gym.program.checks.standing import check_standing
 from sceniris_gym.program.checks.supports import check_supports
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS
 from sceniris_gym.program.pack.program import pack_program
 from sceniris_gym.program.pack.reach import fill_views
 from sceniris_gym.program.pack.regions import cut_pieces
 from sceniris_gym.program.pack.relations import most_sides
+from sceniris_gym.program.pack.standing import pack_statics
 from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.scene.model import SceneModel
@@ -46,6 +49,7 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     check_distances,
     check_pairs_fit,
     check_relations,
+    check_standing,
     check_parking,
     warn_of_oddities,
     check_reach,
@@ -70,6 +74,7 @@ class CompiledScene:
         device: Warp's name of the device, e.g. "cuda:0".
         program: The placement program on the device.
         reaching: The arms and their reach targets, None if there are none.
+        statics: How objects stand, on the device; None if none can fall.
         home_qpos: Start pose, shape (nq,).
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
         sides: The most half-planes that hold the pieces of one object's relations.
@@ -81,6 +86,7 @@ class CompiledScene:
     device: str
     program: Program
     reaching: Reaching | None
+    statics: Statics | None
     home_qpos: np.ndarray
     home_xpos: np.ndarray
     home_xquat: np.ndarray
@@ -102,6 +108,11 @@ class CompiledScene:
     def mjm(self) -> mujoco.MjModel:
         """The compiled model."""
         return self.scene.mjm
+
+    @property
+    def sim_mjm(self) -> mujoco.MjModel:
+        """The model that is simulated, in which the variants of an object share a body; `mjm` without variants."""
+        return self.scene.sim.mjm
 
     @property
     def hash(self) -> str:
@@ -208,6 +219,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         device=device,
         program=program,
         reaching=plan.reaching,
+        statics=pack_statics(plan, device),
         home_qpos=scene.home_qpos.astype(np.float32),
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),

@@ -2,7 +2,8 @@
 
 Lengths are in metres, angles in radians, quaternions wxyz; a pose is that of a frame in its parent's frame. A range of
 a list `x` or `x_*` is a pair (`xadr`, `xnum`) as in MuJoCo. A *slot* is the place of an object in the scene file, or of
-a robot behind them. A *collider* is tested as a whole: the pieces of one body below one tree of boxes, or one plane.
+a robot behind them; behind all slots are the places of objects with variants, of which one is always present. A
+*collider* is tested as a whole: the pieces of one body below one tree of boxes, or one plane.
 """
 
 from collections.abc import Mapping
@@ -43,6 +44,7 @@ class Cause(IntEnum):
     NO_IK = 7
     BLOCKED = 8
     UNSOUND = 9
+    FALLS = 10
 
 
 REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
@@ -114,6 +116,7 @@ class Program:
     obj_stream: wp.array[int]  # of random numbers
     obj_kind: wp.array[int]  # an ObjectKind
     obj_slot: wp.array[int]
+    obj_place: wp.array[int]  # column of its place and bounds: its slot, or what it shares with the other variants
     obj_body: wp.array[int]  # the root
     obj_adr: wp.array[int]  # of its qpos (free), or its mocap body (fixture, marker)
     obj_bodyadr: wp.array[int]
@@ -180,12 +183,15 @@ class Program:
     rel_piecenum: wp.array[int]
     rel_sideadr: wp.array[int]  # of the sides of its pieces, counted from the first side of its object
 
-    # Groups: slots of their members, and the least and greatest number that is present.
+    # Groups: slots of their members, the least and greatest number that is present, and where members differ in them
+    # the weights of the splits 'train' and 'eval'.
     group_slotadr: wp.array[int]
     group_slotnum: wp.array[int]
     group_slot: wp.array[int]
     group_low: wp.array[int]
     group_high: wp.array[int]
+    group_uniform: wp.array[bool]
+    group_weight: wp.array[wp.vec2]  # of each entry of group_slot
 
     # Support surfaces: regions as triangles, and outlines as edges.
     tri_surface: wp.array[int]
@@ -252,7 +258,7 @@ class Program:
 
     # The start pose of a world, before anything is drawn.
     home_qpos: wp.array[float]
-    home_place: wp.array[wp.vec4]  # of each slot: x, y, z of the pivot, heading
+    home_place: wp.array[wp.vec4]  # of each slot and of each object with variants: x, y, z of the pivot, heading
     home_bounds: wp.array[wp.vec4]
 
     # Soundness of a finished layout: greatest |qpos|, greatest sum of |coordinates| of a mocap body, and the addresses

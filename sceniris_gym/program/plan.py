@@ -26,6 +26,7 @@ from sceniris_gym.program.obstacles import obstacles
 from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.reach import Reaching, plan_reaching
 from sceniris_gym.program.resting import stable_poses
+from sceniris_gym.program.standing import Stance, stances
 from sceniris_gym.program.surfaces import may_lean, surfaces_of
 from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
@@ -41,9 +42,10 @@ class Plan:
         scene: The scene.
         objects: Its objects in placement order.
         pieces: All obstacles, sorted by body, planes before solid pieces.
-        slots: Names as relations and groups number them: all objects in the order of the scene file, then the robots.
-        place: The pivot [m] (of a robot its base) and heading [rad] of each slot at home, shape (nslot, 4).
-        bounds: Bounds of each slot around the pivot [m] in that heading: low x, low y, high x, high y; (nslot, 4).
+        slots: Names as groups number them: all objects in the order of the scene file, then the robots.
+        places: Names as relations number them: the slots, then the objects with variants.
+        place: The pivot [m] (of a robot its base) and heading [rad] of each of these at home, shape (nplace, 4).
+        bounds: Bounds of each around the pivot [m] in that heading: low x, low y, high x, high y; (nplace, 4).
         home: MjData at the start pose.
     """
 
@@ -51,6 +53,7 @@ class Plan:
     objects: list[PlacedObject]
     pieces: list[Piece]
     slots: tuple[str, ...]
+    places: tuple[str, ...]
     place: np.ndarray
     bounds: np.ndarray
     home: mujoco.MjData
@@ -59,6 +62,11 @@ class Plan:
     def reaching(self) -> Reaching | None:
         """The arms of the scene and what they are to reach, planned when it is asked for; see `plan_reaching`."""
         return plan_reaching(self.scene, self.objects, self.pieces, self.home)
+
+    @cached_property
+    def stances(self) -> list[Stance | None]:
+        """The stance of each object, None for all that need not stand; worked out when it is asked for."""
+        return stances(self.scene, self.objects, self.pieces, self.home)
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
@@ -98,7 +106,7 @@ def placement_order(scene: SceneModel) -> list[str]:
 
 
 def slot_names(config: SceneConfig) -> tuple[str, ...]:
-    """Return names as relations and groups number them: all objects in the order of the scene file, then the robots."""
+    """Return names as groups number them: all objects in the order of the scene file, then the robots."""
     return (*config.objects, *config.all_robots)
 
 
@@ -120,9 +128,10 @@ def build_plan(scene: SceneModel) -> Plan:
     pieces, heaps = obstacles(scene), heap_poses(scene)
     objects = [_placed_object(scene, name, pieces, home, heaps.get(name)) for name in placement_order(scene)]
     slots = slot_names(scene.config)
-    standing = [_standing(scene, name, pieces, home) for name in slots]
+    variants = scene.config.variants
+    standing = [_standing(scene, name, pieces, home) for name in (*slots, *(of[0] for of in variants.values()))]
     place, bounds = (np.reshape([stands[i] for stands in standing], (-1, 4)) for i in range(2))
-    return Plan(scene, objects, pieces, slots, place, bounds, home)
+    return Plan(scene, objects, pieces, slots, (*slots, *variants), place, bounds, home)
 
 
 def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:

@@ -59,11 +59,12 @@ def stable_poses(
             f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
             "orientation."
         )
-    touch = [None] * len(pieces) if ground is None else _touch_distances(scene, pieces, ground)
+    rules = ContactRules(scene.mjm, "physics")
+    touch = [None] * len(pieces) if ground is None else touch_distances(scene.mjm, rules, pieces, ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
     if scene.config.parts[name].kind != "free" or not carried:  # without a carrier it falls in any pose
         return HomeShape(home, bodies[0], pieces or own).stable(where)
-    _check_weight(scene.mjm, bodies, where)
+    check_weight(scene.mjm, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
     states = chain([home], _drawn_states(scene, home, drawn, followers))
@@ -86,20 +87,19 @@ def stable_poses(
     return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
 
 
-def _check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
+def check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
     """Refuse an object that rises off its support; one that nothing pulls at stays wherever it is."""
     left, least = weights(mjm)[bodies], _LEAST_WEIGHT * mjm.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
         raise SceneKeyError(
-            f"{where}: 'gravcomp' leaves it no weight that holds it down, so no pose is stable. Lower the gravcomp of "
-            "its bodies, or give it another orientation."
+            f"{where}: 'gravcomp' leaves it no weight that holds it down, so it rises. Lower the gravcomp of "
+            "its bodies."
         )
 
 
-def _touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
+def touch_distances(mjm: mujoco.MjModel, rules: ContactRules, pieces: list[Piece], ground: int) -> list[float | None]:
     """Return the distance [m] from which on each piece rests on a body in MuJoCo; None for pieces that never do."""
-    rules = ContactRules(scene.mjm, "physics")
-    under = {int(rules.classes[g]) for g in np.flatnonzero(scene.mjm.geom_bodyid == ground) if rules.collides(int(g))}
+    under = {int(rules.classes[g]) for g in np.flatnonzero(mjm.geom_bodyid == ground) if rules.collides(int(g))}
 
     def meets(p: Piece, other: int) -> bool:
         excluded = rules.excludes(p.body, ground) and not rules.is_explicit(p.contact_class, other)

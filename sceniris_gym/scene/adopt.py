@@ -92,6 +92,7 @@ def check_additions(config: SceneConfig) -> None:
     wanted += [robot.section for robot in config.all_robots.values() if robot.in_model is None]
     if config.floor is not None and mujoco.mj_name2id(config.model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) < 0:
         wanted.append("floor")
+    wanted += [f"cameras.{name}" for name in config.cameras]
     wanted += [
         f"objects.{name}"
         for name, part in config.objects.items()

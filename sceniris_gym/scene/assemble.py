@@ -16,6 +16,7 @@ from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, Unknow
 from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
 from sceniris_gym.scene.number_check import check_numbers
+from sceniris_gym.scene.scaling import scale_asset
 
 FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
@@ -32,8 +33,13 @@ class Home:
     ctrl: dict[str, float]
 
 
-def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> Home:
-    """Attach the asset of an object as a body of the object's kind, and return its start pose."""
+def attach_object(
+    spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, below: mujoco.MjsFrame | None = None
+) -> Home:
+    """Attach the asset of an object as a body of the object's kind, and return its start pose.
+
+    With `below`, attach it to that frame as it is, instead of to the world.
+    """
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
         marker.add_site(name=f"{name}/site", size=[0.02, 0.0, 0.0], rgba=[0.1, 0.8, 0.2, 0.6])
@@ -50,9 +56,12 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
         return Home({}, {})
     where = f"{where}: objects.{name}"
     child = _load_asset(config.asset, f"{where}.asset")
+    if config.scale != 1.0:
+        scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
-    root = _attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
-    make_kind(spec, root, name, config.kind, f"{where}.kind")
+    root = attach(spec, child, name, below or spec.worldbody.add_frame(), f"{where}.asset")
+    if below is None:
+        make_kind(spec, root, name, config.kind, f"{where}.kind")
     return home
 
 
@@ -65,11 +74,11 @@ def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
     home = _take_home(child, config.name, config.keyframe if named else None, where)
     frame = spec.worldbody.add_frame(pos=config.base, quat=_turn(config))
     if config.placing is None:
-        _attach(spec, child, config.name, frame, where)
+        attach(spec, child, config.name, frame, where)
         return home
     tops = child.worldbody.bodies
     moves = [joint for body in tops if body.parent.name == "world" for joint in body.joints if joint.type != FREE]
-    root = _attach(spec, child, config.name, frame, where, around=bool(moves))  # a mocap body has no joint of its own
+    root = attach(spec, child, config.name, frame, where, around=bool(moves))  # a mocap body has no joint of its own
     make_kind(spec, root, config.name, "fixture", where)
     return home
 
@@ -194,7 +203,7 @@ def _turn(config: RobotConfig) -> np.ndarray:
     return of_angles(np.radians([config.roll, config.pitch, config.yaw]))
 
 
-def _attach(
+def attach(
     spec: mujoco.MjSpec,
     child: mujoco.MjSpec,
     name: str,
@@ -203,7 +212,16 @@ def _attach(
     *,
     around: bool = False,
 ) -> mujoco.MjsBody:
-    """Attach an asset as one body of that name: its only body, or a new one around everything in it."""
+    """Attach an asset as one body of that name: its only body, or a new one around everything in it.
+
+    Args:
+        spec: The scene.
+        child: The asset.
+        name: The body, and the prefix of all names in it.
+        frame: The frame of the scene that it stands at.
+        where: The beginning of errors.
+        around: Make a new body, also around a single one.
+    """
     world = child.worldbody
     tops = [body for body in world.bodies if body.parent.name == "world"]
     planes = [geom for geom in world.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]

@@ -14,10 +14,12 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.reach.map import map_file
+from sceniris_gym.scene.field_table import fields_of
 from sceniris_gym.scene.model_files import file_of
 
 _NO_MATTER = frozenset(
@@ -30,6 +32,8 @@ _OPTIONS = frozenset(("gravity", "o_margin"))
 """Attributes of `option` that shape layouts; the others concern the simulation. All of its flags count."""
 _LOOKS = frozenset(("rgb1", "rgb2", "material", "texcoord", "texuniform"))
 """Attributes of appearance alone; `rgba` counts, as invisible geoms are no obstacles with `geometry: visual`."""
+_SEEN = frozenset(("camera", "light", "texture", "material"))
+"""Elements of MJCF that decide pictures, and count in scenes whose looks or physics are drawn."""
 _FOLDERS = ("meshdir", "assetdir", "texturedir")
 
 _ARRAYS = (
@@ -43,17 +47,27 @@ _ARRAYS = (
     *("wrap_type", "wrap_objid", "wrap_prm"),
 )
 """Arrays of a MjModel that shape layouts."""
+_LAW = "standing 1"
+"""Version of the law by which free objects stand; raise it where the same words come to mean other layouts."""
+_LAW_ARRAYS = (
+    *("geom_solref", "geom_solimp", "geom_solmix", "geom_priority", "pair_solref", "pair_solimp", "body_inertia"),
+    *("jnt_stiffness", "qpos_spring", "dof_frictionloss", "dof_armature", "actuator_gainprm", "actuator_biasprm"),
+)
+"""Arrays of a MjModel that this law reads as well."""
 _CLEAR_LAW = "free grasps 1"
 """Version of the law of `reachable: clear`; raise it where the same words come to mean other layouts."""
 _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
 
 
-def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> str:
+def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[str, str | None]:
     """Return the hash of a scene, equal for equal scenes in every process and folder: 16 hexadecimal digits.
+
+    Beside it is the hash that version 0.1.0 gave to the scene if that had other layouts of it, else None.
 
     It covers the words of the scene that differ from their defaults, the files of its model and its assets, the
     reachability map of its arm where that matters, and rows of heaps; but neither names of files, cameras, lights and
-    appearance, nor solver options.
+    appearance, nor solver options, except those that say how objects stand where some could fall. Where `randomize`
+    draws physics or looks, the hash covers these as well.
 
     Args:
         config: The scene as written.
@@ -61,16 +75,17 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         home_qpos: Its start pose, shape (nq,).
     """
     digest = hashlib.sha256(config.canonical().encode())
+    drawn = config.is_randomized
     if config.has_model_in_memory:
-        _update_from_arrays(digest.update, mjm, home_qpos)
+        _update_from_arrays(digest.update, mjm, home_qpos, (*_ARRAYS, *fields_of(mjm)) if drawn else _ARRAYS)
     elif config.model is not None:
-        _update_from_file(digest.update, config.model)
+        _update_from_file(digest.update, config.model, drawn)
     for name, part in {**config.all_robots, **config.objects}.items():
         file = part.file if isinstance(part, RobotConfig) else part.asset
         if file is not None:
             digest.update(f"{name}:".encode())
             is_shipped = SHIPPED_NAME.fullmatch(file)
-            _update_from_file(digest.update, shipped("assets", ".xml")[file] if is_shipped else Path(file))
+            _update_from_file(digest.update, shipped("assets", ".xml")[file] if is_shipped else Path(file), drawn)
     for heap in config.heaps.values():
         rows = Path(heap.rows) if heap.rows is not None else None
         digest.update(rows.read_bytes() if rows is not None and rows.is_file() else b"")
@@ -78,9 +93,32 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         for robot in config.all_robots.values():
             path = map_of(robot)  # the reach of the arm shapes the layouts, too
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
+    former = digest.hexdigest()[:16]
     if any(part.reachable == "clear" for part in config.objects.values()):
         digest.update(_CLEAR_LAW.encode())
-    return digest.hexdigest()[:16]
+    if _could_fall(config):
+        digest.update(_LAW.encode())
+        # MuJoCo raises the time constants of contacts to two time steps
+        least, time = 2.0 * mjm.opt.timestep, mjm.geom_solref[:, 0]
+        raised = least if ((time > 0.0) & (time < least)).any() else 0.0
+        option = np.hstack([raised, mjm.opt.o_solref, mjm.opt.o_solimp])
+        for array in (option, *(getattr(mjm, name) for name in _LAW_ARRAYS if config.has_model_in_memory)):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    found = digest.hexdigest()[:16]
+    return found, former if found != former else None
+
+
+def _could_fall(config: SceneConfig) -> bool:
+    """Return whether some object has to stand on a free object, or may reach over the edge of what it stands on."""
+    filling = {name for heap in config.heaps.values() for name in heap.of}
+    for name, part in config.objects.items():
+        if part.support is None or not part.has_to_stand or name in filling:
+            continue
+        owner = config.objects.get(part.support.parent.split("/")[0])
+        is_floor = part.support.parent == FLOOR and config.floor is not None
+        if (owner is not None and owner.kind == "free") or (part.ratio_on_support < 1.0 and not is_floor):
+            return True
+    return False
 
 
 def map_of(robot: RobotConfig) -> Path | None:
@@ -90,25 +128,28 @@ def map_of(robot: RobotConfig) -> Path | None:
     return map_file(robot.asset) if robot.asset is not None and SHIPPED_NAME.fullmatch(robot.asset) else None
 
 
-def _update_from_arrays(update: Callable[[bytes], None], mjm: mujoco.MjModel, home_qpos: np.ndarray) -> None:
+def _update_from_arrays(
+    update: Callable[[bytes], None], mjm: mujoco.MjModel, home_qpos: np.ndarray, arrays: tuple[str, ...]
+) -> None:
     counts = (mjm.nbody, mjm.njnt, mjm.ngeom, mjm.nsite)
     names = [mujoco.mj_id2name(mjm, kind, i) for kind, n in zip(_NAMED, counts, strict=True) for i in range(n)]
     update(repr(names).encode())
     option = np.hstack([mjm.opt.gravity, mjm.opt.disableflags, mjm.opt.enableflags, mjm.opt.o_margin])
-    for array in (home_qpos, option, *(getattr(mjm, name) for name in _ARRAYS)):
+    for array in (home_qpos, option, *(getattr(mjm, name) for name in arrays)):
         update(repr(array.shape).encode())
         update(np.ascontiguousarray(array).tobytes())
 
 
-def _update_from_file(update: Callable[[bytes], None], path: Path) -> None:
-    """Add the contents of a file and of those that it refers to, meshes as their bytes."""
+def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) -> None:
+    """Add the contents of a file and of those that it refers to, meshes as their bytes, and looks if they are drawn."""
     try:
         root = _with_includes(path, path.parent)
     except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
         update(path.read_bytes())
         return
     keeps_visuals = root.tag == "robot" and any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
-    for token in _tokens(root, _NO_MATTER - _SEEN_IN_URDF if keeps_visuals else _NO_MATTER):
+    no_matter = _NO_MATTER - _SEEN if drawn else _NO_MATTER
+    for token in _tokens(root, no_matter - _SEEN_IN_URDF if keeps_visuals else no_matter, drawn):
         update(token.encode() + b"\0")
     for part in ("collision", "visual") if keeps_visuals else ("collision",):
         for mesh in root.iterfind(f".//{part}//mesh[@filename]"):  # of a URDF
@@ -116,13 +157,13 @@ def _update_from_file(update: Callable[[bytes], None], path: Path) -> None:
             update(source.read_bytes() if source is not None else b"")
     folders = [path.parent / c.attrib[f] for c in root.iter("compiler") for f in _FOLDERS if f in c.attrib]
     for element in root.iter():
-        if element.tag in _NO_MATTER or "file" not in element.attrib:
+        if element.tag in no_matter or "file" not in element.attrib:
             continue
         name = element.attrib["file"]
         places = (folder / n for folder in (*folders, path.parent) for n in (name, Path(name).name))
         found = next((place for place in places if place.is_file()), None)
         if found is not None and element.tag == "model":
-            _update_from_file(update, found)
+            _update_from_file(update, found, drawn)
         elif found is not None:
             update(found.read_bytes())
 
@@ -136,14 +177,14 @@ def _with_includes(path: Path, folder: Path) -> ElementTree.Element:
     return root
 
 
-def _tokens(element: ElementTree.Element, no_matter: frozenset[str]) -> Iterator[str]:
-    """Yield an element and its contents, as far as they shape layouts; attributes in the order of their names."""
+def _tokens(element: ElementTree.Element, no_matter: frozenset[str], drawn: bool) -> Iterator[str]:
+    """Yield an element and its contents, as far as they matter; attributes in the order of their names."""
     if element.tag in no_matter:
         return
     yield element.tag
     for name, value in sorted(element.attrib.items()):
-        if name not in _LOOKS and (element.tag != "option" or name in _OPTIONS) and (name not in _FOLDERS):
+        if (drawn or name not in _LOOKS) and (element.tag != "option" or name in _OPTIONS) and (name not in _FOLDERS):
             yield f"{name}={' '.join(value.split())}"
     for child in element:
-        yield from _tokens(child, no_matter)
+        yield from _tokens(child, no_matter, drawn)
     yield "end"

@@ -28,7 +28,9 @@ from sceniris_gym.errors import (
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
+from sceniris_gym.scene.cameras import add_cameras
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
+from sceniris_gym.scene.draws import FieldDraw, field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
@@ -36,6 +38,7 @@ from sceniris_gym.scene.overview import FOVY, Overview
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.support import Support, static_supports, subtree
 from sceniris_gym.scene.tcp import tcp_site
+from sceniris_gym.scene.variants import SharedBodies, check_variants
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +60,9 @@ class SceneModel:
         couplings: Joints that follow others, drivers first; a joint that is drawn by its name drives the one that it
             would follow, where that one is not drawn and the coupling is a straight line.
         apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
+        former_hash: Its hash in version 0.1.0, None where that is the same.
+        draws: The physics and looks that resets draw.
+        shared: The scene in which the variants of each object are one body, None if no object has variants.
     """
 
     config: SceneConfig
@@ -70,6 +76,42 @@ class SceneModel:
     tcps: Mapping[str, str] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     apart: Mapping[str, SceneModel] = field(default_factory=dict)
+    former_hash: str | None = None
+    draws: tuple[FieldDraw, ...] = ()
+    shared: SceneModel | None = None
+
+    @property
+    def sim(self) -> SceneModel:
+        """The scene as it is simulated: one body for all variants of an object, by the object's name."""
+        return self if self.shared is None else self.shared
+
+    @cached_property
+    def sim_bodies(self) -> np.ndarray:
+        """The body of `sim` that each body is simulated as, shape (nbody,)."""
+        found = np.arange(self.mjm.nbody)
+        if self.shared is None:
+            return found
+        objects = self.config.variants.items()
+        owner = {self.bodies[member]: self.shared.bodies[name] for name, members in objects for member in members}
+        others = np.setdiff1d(np.arange(self.shared.mjm.nbody), list(owner.values()))  # they keep their order
+        alone = np.setdiff1d(found, list(owner))
+        found[alone] = others[: len(alone)]
+        found[list(owner)] = list(owner.values())
+        return found
+
+    def mismatch(self, found: str, cure: str) -> str:
+        """Return the words of an error for something of another scene, or of this one before its layouts changed.
+
+        Args:
+            found: The hash of the scene that it is of.
+            cure: The last sentence of the error if that is another scene.
+        """
+        if found == self.former_hash:
+            return (
+                "was made by version 0.1.0 or before, whose layouts of this scene differ. Its hash was "
+                f"{found}, and is {self.hash}. Use that version, or make it anew."
+            )
+        return f"is of scene {found}, and this one is {self.hash}. {cure}"
 
     def home_of(self, robot: str) -> tuple[SceneModel, str]:
         """Return the model that a robot stands in, and its name there: this one, or one of its own."""
@@ -238,7 +280,20 @@ def build_model(config: SceneConfig) -> SceneModel:
     check_type(config, SceneConfig, "build_model: config")
     if isinstance(config.model, mujoco.MjModel):
         return _taken(config, config.model)
-    spec, homes = _assemble(config)
+    scene = _built(config)
+    if not config.variants:
+        return scene
+    assert scene.spec is not None
+    check_variants(scene.spec, scene.mjm, config.variants, config.where)
+    return replace(scene, shared=replace(_built(config, scene), hash=scene.hash, apart=scene.apart))
+
+
+def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
+    """Return a scene from files or a MjSpec; if it is given as it is with all variants, as it is simulated."""
+    shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
+    spec, homes = _assemble(config, shared)
+    if full is not None:
+        config = config.with_shared_objects()
     try:
         mjm = assemble.compile_spec(spec, config.where)
     except (MeshError, SceneFileError):
@@ -252,10 +307,13 @@ def build_model(config: SceneConfig) -> SceneModel:
     given_qpos = qpos.copy()
     follow(couplings, qpos)
     if spec.camera(backdrop.OVERVIEW) is None:
-        backdrop.add_camera(spec, *Overview(config, mjm, qpos).camera(), FOVY)
+        seen = Overview(config, mjm, qpos) if full is None else Overview(full.config, full.mjm, full.home_qpos)
+        backdrop.add_camera(spec, *seen.camera(), FOVY)
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
         add_parking_ground(spec, len(config.objects))
+    for name in simple_bodies(config, mjm):
+        spec.body(name).simple = False
     keyframe = config.home or HOME
     if spec.key(keyframe) is None:
         spec.add_key(name=keyframe, qpos=qpos, ctrl=ctrl)
@@ -294,9 +352,10 @@ def _scene(
     """Return the scene of a compiled model, after a look-up of all names that the scene refers to."""
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
-    identity = scene_hash(config, mjm, qpos)
+    identity, former = scene_hash(config, mjm, qpos)
     apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
-    scene = SceneModel(config, spec, mjm, bodies, _keyframe(mjm, config), qpos, ctrl, identity, tcps, couplings, apart)
+    key, draws = _keyframe(mjm, config), field_draws(config, mjm, bodies)
+    scene = SceneModel(config, spec, mjm, bodies, key, qpos, ctrl, identity, tcps, couplings, apart, former, draws)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:
@@ -327,7 +386,7 @@ def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, con
     return found
 
 
-def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
+def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
     if config.model is None:
         spec = mujoco.MjSpec()
         backdrop.set_options(spec)
@@ -362,7 +421,11 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
         else:
-            homes.append(assemble.attach_object(spec, name, part, config.where))
+            below = None if shared is None else shared.frame_for(spec, name)
+            homes.append(assemble.attach_object(spec, name, part, config.where, below))
+    if shared is not None:
+        shared.finish(spec)
+    add_cameras(spec, config)
     return spec, homes
 
 

@@ -7,7 +7,7 @@ lie beside them; a URDF may name its meshes by package.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -28,8 +28,13 @@ _PACKAGES = ("package://", "model://")
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
 
 
-def load_model(path: Path, where: str) -> mujoco.MjSpec:
+def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = None) -> mujoco.MjSpec:
     """Read an MJCF or a URDF file, with the files it refers to held in `MjSpec.assets`.
+
+    Args:
+        path: The file.
+        where: The beginning of errors.
+        repaired: Returns the text of the file as MuJoCo can read it, from the text that it has.
 
     Raises:
         SceneFileError: The file or one that it refers to is missing, or MuJoCo cannot read it.
@@ -44,8 +49,11 @@ def load_model(path: Path, where: str) -> mujoco.MjSpec:
             f"`sceniris-gym import {quote(str(path))} -o {quote(path.stem + '.xml')}` makes an asset of it."
         )
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
+        if repaired is None:
+            spec = mujoco.MjSpec.from_file(str(path))
+        else:
+            spec = mujoco.MjSpec.from_string(repaired(path.read_text(encoding="utf-8")))
+    except (ValueError, ElementTree.ParseError) as error:
         raise SceneFileError(
             f"{where}: MuJoCo cannot read '{path}': {' '.join(str(error).split())}. It should be an MJCF or URDF file."
         ) from None

@@ -15,6 +15,8 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.model_fields import ModelFields, widen
+from sceniris_gym.sim.variants import fields_of_variants
 from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
 
 NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
@@ -64,16 +66,26 @@ def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjMo
     return mjm
 
 
-def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
+def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tuple[int, int]:
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
     Contacts: 16, and four for every body that can move and collide, and four for every geom that such a body stands on
     in the pose of the model (a plate may have a dozen). Rows: one for every edge of the friction pyramids, every limit
     and every friction loss, and six for every equality.
+
+    Args:
+        mjm: The model that is simulated.
+        scene: Its scene, if objects have variants: those count that stand on most geoms.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
-    nconmax = 16 + 4 * (len(moving) + _geoms_stood_on(mjm))
+    stood_on = int(_geoms_stood_on(mjm).sum())
+    if scene is not None and scene.shared is not None:
+        ours, theirs = _geoms_stood_on(mjm), _geoms_stood_on(scene.mjm)
+        for name, members in scene.config.variants.items():
+            most = max(theirs[scene.bodies[member]] for member in members)
+            stood_on += max(int(most - ours[scene.sim.bodies[name]]), 0)
+    nconmax = 16 + 4 * (len(moving) + stood_on)
     condim = int(max(mjm.geom_condim, default=1))
     pyramidal = mjm.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     rows_per_contact = max(1, 2 * (condim - 1)) if pyramidal else condim
@@ -82,8 +94,8 @@ def default_budget(mjm: mujoco.MjModel) -> tuple[int, int]:
     return nconmax, rows_per_contact * nconmax + limits + friction + 6 * mjm.neq
 
 
-def _geoms_stood_on(mjm: mujoco.MjModel) -> int:
-    """Count the geoms at the bottom of each tree of moving bodies, in the pose of the model."""
+def _geoms_stood_on(mjm: mujoco.MjModel) -> np.ndarray:
+    """Count the geoms at the bottom of each tree of moving bodies, in the pose of the model, by its root: (nbody,)."""
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
@@ -94,7 +106,7 @@ def _geoms_stood_on(mjm: mujoco.MjModel) -> int:
     roots = mjm.body_rootid[mjm.geom_bodyid[geoms]]
     lowest = np.full(mjm.nbody, np.inf)
     np.minimum.at(lowest, roots, bottom)
-    return int((bottom < lowest[roots] + _LEVEL).sum())
+    return np.bincount(roots[bottom < lowest[roots] + _LEVEL], minlength=mjm.nbody)
 
 
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:
@@ -134,8 +146,11 @@ class Batch(Fixed):
         graph: Capture the control step into a graph and replay it.
 
     Attributes:
+        scene: The scene as it is simulated, in which the variants of an object share a body.
+        full_scene: The scene as it was given, with all variants.
         model: mujoco_warp Model.
         data: mujoco_warp Data.
+        fields: Model fields that have a row for each world.
         step: Takes one control step in all worlds: `substeps` physics steps, then an update of what is needed. Without
             the update, xpos would be one substep older than qpos.
         update: Brings what is needed up to date in all worlds.
@@ -145,7 +160,19 @@ class Batch(Fixed):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("scene", "nworld", "device", "model", "data", "stages", "substeps", "step", "update")
+    FIXED = (
+        "scene",
+        "full_scene",
+        "nworld",
+        "device",
+        "model",
+        "data",
+        "fields",
+        "stages",
+        "substeps",
+        "step",
+        "update",
+    )
     ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
 
     def __init__(
@@ -162,21 +189,25 @@ class Batch(Fixed):
         options: Mapping[str, Any] | None = None,
         graph: bool = True,
     ) -> None:
-        self.scene, self.nworld, self.device = scene, nworld, wp.get_device(device)
-        mjm = with_options(scene.mjm, options or {})
-        contacts, rows = default_budget(mjm)
+        self.full_scene = scene
+        self.scene, self.nworld, self.device = scene.sim, nworld, wp.get_device(device)
+        mjm = with_options(self.scene.mjm, options or {})
+        contacts, rows = default_budget(mjm, scene)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
         # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need all
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = mjw.put_model(mjm)
+            for name in fields_of_variants() if scene.shared is not None else ():
+                widen(self.model, name, nworld)
             if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
             # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step
             silence_iterations(self.model)
             room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
             self.data = mjw.make_data(mjm, nworld, **room)
+        self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.stages = update_stages(needs)
         self.substeps = substeps
         self.update = LaunchSequence(self._launch_update, self.device, graph=graph)

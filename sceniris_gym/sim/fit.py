@@ -25,8 +25,20 @@ _MEASURES = {
     "geom": ("geom_size", "geom_pos", "geom_quat"),
     "vertex": ("mesh_vert",),
 }
+_SIZES_OF = {
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): 1,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): 2,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): 2,
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): 3,
+    int(mujoco.mjtGeom.mjGEOM_BOX): 3,
+}
+"""How many numbers of its size a geom collides with: planes are endless, and meshes have vertices."""
 _TOLERANCE = 1.0e-6
 """Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
+_CURE_OF_VARIANTS = (
+    "Objects have variants, so make Model and Data from it: sceniris_gym.put_model(compiled, nworld), "
+    "mjw.make_data(compiled.sim_mjm, nworld=...)."
+)
 _CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."
 
 
@@ -38,7 +50,7 @@ def check_fit(
     mjm: mujoco.MjModel | None = None,
     *,
     where: str = "ResetRandomizer",
-    cure: str = _CURE,
+    cure: str | None = None,
 ) -> None:
     """Check that a Model and Data are those of a compiled scene, and that layouts are made for them.
 
@@ -50,26 +62,44 @@ def check_fit(
         SceneMismatchError: Something differs; the message begins with `where`, names it, and ends with the cure.
     """
     try:
-        _check_model(compiled, m, d, mjm)
+        _check_model(compiled, m, mjm)
+        _check_data(compiled.sim_mjm, d)
     except _MisfitError as misfit:
+        cure = cure or (_CURE_OF_VARIANTS if compiled.config.variants else _CURE)
         raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
     _check_layouts(compiled, m, d, layouts)
+
+
+def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: str) -> None:
+    """Check that a MjModel is that of a compiled scene in all that layouts depend on; see `check_fit`.
+
+    Raises:
+        SceneMismatchError: As `check_fit`.
+    """
+    try:
+        _check_model(compiled, mjm, mjm)
+    except _MisfitError as misfit:
+        raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
 
 
 class _MisfitError(Exception):
     """A difference, as the middle of a message."""
 
 
-def _check_model(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, mjm: mujoco.MjModel | None) -> None:
-    ours = compiled.mjm
+def _check_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> None:
+    ours = compiled.sim_mjm
     for size in _SIZES:
         _same(f"model.{size}", getattr(m, size), getattr(ours, size))
+    shared = [compiled.scene.sim.bodies[name] for name in compiled.config.variants]
     if mjm is not None:
         _check_names(ours, mjm)
     for tables, tolerance in ((_NUMBERS, 0.0), (_MEASURES, _TOLERANCE)):
         for kind, fields in tables.items():
             for field in fields:
-                _check_field(m, ours, kind, field, tolerance)
+                _check_field(m, ours, kind, field, tolerance, shared)
+
+
+def _check_data(ours: mujoco.MjModel, d: mjw.Data) -> None:
     arrays = {"nq": d.qpos, "nv": d.qvel, "nmocap": d.mocap_pos, "nbody": d.xpos, "ngeom": d.geom_xpos}
     for size, array in arrays.items():
         _same(f"data's {size}", array.shape[1], getattr(ours, size))
@@ -87,20 +117,31 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
             _same(f"the name of {kind} {i}", repr(getattr(theirs, kind)(i).name), repr(getattr(ours, kind)(i).name))
 
 
-def _check_field(m: mjw.Model, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float) -> None:
-    """Compare a field, in all worlds if each has values of its own; `qpos0` only as the reference of each joint."""
-    wanted, found = np.asarray(getattr(mjm, field), float), getattr(m, field).numpy().astype(float)
+def _check_field(
+    m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float, shared: list[int]
+) -> None:
+    """Compare a field, in all worlds if each has values of its own; `qpos0` only as the reference of each joint.
+
+    Geoms of the bodies that variants share are left out, as they are those of the variants that worlds have.
+    """
+    wanted, found = np.asarray(getattr(mjm, field), float), getattr(m, field)
+    found = (found.numpy() if isinstance(found, wp.array) else np.asarray(found)).astype(float)
     if not wanted.size:
         return
     if field == "qpos0":
         wanted, found = wanted[mjm.jnt_qposadr], found.reshape(-1, mjm.nq)[:, mjm.jnt_qposadr]
     wanted = wanted.reshape(len(wanted), -1)
     found = found.reshape(-1, *wanted.shape)
-    differs = (np.abs(found - wanted) > tolerance).any(axis=2)
+    apart = np.abs(found - wanted) > tolerance
+    if field == "geom_size":
+        apart &= np.arange(3) < np.array([_SIZES_OF.get(int(shape), 0) for shape in mjm.geom_type])[:, None]
+    differs = apart.any(axis=2)
     if field in ("body_pos", "body_quat"):
         differs &= ~_placed_anew(mjm, len(found))
     if field == "qpos0":  # the reference of a free or ball joint moves nothing
         differs &= np.isin(mjm.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    if kind == "geom":
+        differs &= ~np.isin(mjm.geom_bodyid, shared)
     if not differs.any():
         return
     world, i = np.argwhere(differs)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
@@ -34,8 +35,10 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.model_fields import ModelFields
+from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
-from sceniris_gym.sim.rest import rest_map
+from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
 from sceniris_gym.sim.write import Poses, StateWriter
 
@@ -75,11 +78,13 @@ class ResetRandomizer(Fixed, StaysHere):
     Args:
         compiled: The compiled scene, on the device of `data`.
         model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
-            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ.
+            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ. If objects
+            have variants, `sceniris_gym.put_model(compiled, nworld)` makes it, and `data` is made from
+            `compiled.sim_mjm`.
         data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch returns an
             nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of `data`.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
-        split: "train" or "eval", which share no random numbers. Not used with a layout_source.
+        split: "train" or "eval", which share no random numbers. A layout_source may have its own.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
             copies it. The layouts are the same; the memory is that of a second generator (88 MB for 4,096 worlds of
             `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
@@ -94,7 +99,13 @@ class ResetRandomizer(Fixed, StaysHere):
             the world is not moved; a ModelWarning names it.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
+        fields: The ModelFields of `model` if there are some, such as Batch.fields.
         graph: Capture the reset into a graph and replay it.
+
+    Attributes:
+        fields: Model fields that have a row for each world.
+        variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
+            the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
 
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
@@ -105,7 +116,7 @@ class ResetRandomizer(Fixed, StaysHere):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "layout_source")
+    FIXED = ("compiled", "model", "data", "device", "layout_source", "fields")
     ARGUMENTS = ("layouts", "levels", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
@@ -127,6 +138,7 @@ class ResetRandomizer(Fixed, StaysHere):
         needs: Iterable[str] = (),
         # how:
         mjm: mujoco.MjModel | None = None,
+        fields: ModelFields | None = None,
         graph: bool = True,
     ) -> None:
         check_type(compiled, CompiledScene, "ResetRandomizer: compiled")
@@ -150,12 +162,20 @@ class ResetRandomizer(Fixed, StaysHere):
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
+        self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         self._whole, self._stages = write == "all", update_stages(needs)
         with wp.ScopedDevice(self.device):
             self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
             self._nacon = wp.zeros_like(data.nacon)
+            self.variant = wp.zeros((data.nworld, 0), dtype=int)
+        self.variants = None
+        if compiled.config.variants:
+            self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
+            self.variant = self.variants.variant
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
+        self._split = getattr(layout_source, "split", split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
+        self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
     @property
     def layouts(self) -> Layouts:
@@ -184,6 +204,7 @@ class ResetRandomizer(Fixed, StaysHere):
             MaskError: Wrong shape, or a world that does not exist.
             SeedError: See `reseed`.
         """
+        self.fields.check()
         nworld = self.data.nworld
         if env_ids is None:
             chosen = None if mask is None else as_mask(mask, nworld, self.device)
@@ -202,9 +223,55 @@ class ResetRandomizer(Fixed, StaysHere):
         Args:
             mask: Which worlds, on the device, shape (nworld,), bool; all if None. It may be overwritten afterwards.
         """
+        self.fields.close()
         fill_mask(mask, self._mask)
         self._reset()
         self.layout_source.after_reset()
+
+    def model_field(self, name: str, of: str | None = None) -> wp.array:
+        """Return a field of the Model with a row for each world, to write to after a reset.
+
+        Ask for it before the first reset, and call `refresh` after writing to it. The Model has to be made with a row
+        for each world, by `put_model(compiled, nworld, name)`.
+
+        Args:
+            name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
+            of: An element of the model, or an object or a robot, of which a field of bodies has the row of the root
+                body, and other fields those of all geoms, joints or actuators inside.
+
+        Returns:
+            A view of the array, shape (nworld, number of elements); (nworld,) for `of` a single element.
+
+        Raises:
+            UnknownNameError: There is no such field or element, or layouts depend on it.
+            ArgumentError: It is asked for after the first reset, or the model has none of what it scales.
+            SceneMismatchError: The Model has one row for all worlds.
+        """
+        return self.fields.ask(name, of, where="ResetRandomizer.model_field")
+
+    def random(self, name: str, shape: tuple[int, ...] = ()) -> wp.array:
+        """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), float32.
+
+        They depend only on the seed and the episode of a world's layout, the split, and the name.
+        """
+        layouts, nworld = self.layouts, self.data.nworld
+        with wp.ScopedDevice(self.device):
+            values = wp.empty((nworld, math.prod(shape)), dtype=float)
+            draw_named(layouts.seed, layouts.episode, self._split, name, values)
+        return values.reshape((nworld, *shape))
+
+    @launching
+    def refresh(self) -> None:
+        """Bring up to date what follows from model fields that were written to, in the worlds of the latest reset.
+
+        These are inverse weights, masses of subtrees, poses of cameras and lights, controls that hold the pose, and
+        `needs`.
+
+        Raises:
+            FixedError: An array of a field was replaced instead of written to.
+        """
+        self.fields.check()
+        self._refresh()
 
     def reseed(
         self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
@@ -226,14 +293,25 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         scene = layouts.scene if isinstance(layouts, LayoutTable) else layouts.compiled.hash
         if scene not in ("", self.compiled.hash):
-            raise SceneMismatchError(
-                f"layouts are of scene {scene} and should be of {self.compiled.hash}. Give layouts of this scene."
-            )
-        poses, nrow = _poses_of(layouts, self.model, self.device), layouts.qpos.shape[0]
+            mismatch = self.compiled.scene.mismatch(scene, "Give layouts of this scene.")
+            raise SceneMismatchError(f"layouts: each of them {mismatch}")
+        poses, nrow = _poses_of(layouts, self.compiled.mjm, self.device), layouts.qpos.shape[0]
+        present = layouts.present
+        if self.variants is not None and not isinstance(present, wp.array):
+            present = wp.array(present, dtype=int, ndim=2, device=self.device)
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            self._launch_write(poses, on_device)
+            seed, episode = layouts.seed, layouts.episode
+            if isinstance(layouts, LayoutTable):
+                seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
+            self._launch_write(poses, present, seed, episode, on_device)
+
+    def launch_variants(self, mask: wp.array) -> None:
+        """Give the masked worlds the variants of their present layouts, without a reset."""
+        if self.variants is not None:
+            fill_mask(mask, self._mask)
+            self.variants.launch(_poses(self.layouts), self.layouts.present)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
@@ -253,34 +331,48 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def _make_writer(self, origins: Any) -> StateWriter:
         """Return the writer of what a reset writes, at home where layouts do not say."""
-        scene, mjm, d = self.compiled.scene, self.compiled.mjm, self.data
-        act, plastic = np.zeros(mjm.na), None
-        if scene.keyframe >= 0:
-            act, plastic = mjm.key_act[scene.keyframe], keyframe_plastic(mjm, scene.keyframe)
-        rest, bodies = rest_map(mjm, scene.home_ctrl, act, self.device), None
+        scene, mjm, d = self.compiled.scene.sim, self.compiled.sim_mjm, self.data
+        plastic, bodies = keyframe_plastic(mjm, scene.keyframe) if scene.keyframe >= 0 else None, None
         if not self._whole:
             bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
         if origins is not None:
             origins = as_origins(origins, d.nworld, self.device)
-            warn_of_origins(scene, origins.numpy(), "ResetRandomizer: origins")
-        return StateWriter(mjm, d, self._mask, rest, bodies=bodies, origins=origins, plastic=plastic)
+            warn_of_origins(self.compiled.scene, origins.numpy(), "ResetRandomizer: origins")
+        return StateWriter(mjm, d, self._mask, self.fields.rest, bodies=bodies, origins=origins, plastic=plastic)
 
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat))
+        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode)
 
-    def _launch_write(self, poses: Poses, rows: wp.array | None = None) -> None:
+    def _launch_refresh(self) -> None:
+        self.fields.launch_follow(self._mask)
+        self._launch_stages()
+
+    def _launch_stages(self) -> None:
+        for stage in self._stages:
+            stage(self.model, self.data)
+
+    def _launch_write(
+        self, poses: Poses, present: Any, seed: wp.array, episode: wp.array, rows: wp.array | None = None
+    ) -> None:
         m, d = self.model, self.data
+        drawn = rows
+        if self.variants is not None:
+            poses, rows = self.variants.launch(poses, present, rows), None
         self._contacts.launch_drop()
+        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)
             mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
         self._writer.launch(poses, rows)
-        for stage in self._stages:
-            stage(m, d)
+        self._launch_stages()
+
+
+def _poses(layouts: Layouts) -> Poses:
+    return Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
 
 
 def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> LayoutSource:
@@ -294,7 +386,7 @@ def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> Layo
     return PreparedLayouts(generator, stream, graph=graph) if prefetch else generator
 
 
-def _poses_of(layouts: Layouts | LayoutTable, m: mjw.Model, device: wp.Device) -> Poses:
+def _poses_of(layouts: Layouts | LayoutTable, m: mujoco.MjModel, device: wp.Device) -> Poses:
     """Return the poses of stored layouts, on the device.
 
     Raises:

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 
 # as integers: `numpy.int32(0) in (enum member,)` is false although both are equal
@@ -19,35 +20,50 @@ SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 class RestMap:
     """Controls and activations at rest, each an affine function of qpos: `bias + sum(coef * qpos[qposadr])`.
 
-    Element e has the terms `rowadr[e]` to `rowadr[e + 1]`; the nu controls come first, then the na activations.
+    Element e has the terms `rowadr[e]` to `rowadr[e + 1]`; the nu controls come first, then the na activations. Factors
+    and constant parts have one row for all worlds, or a row for each if gains differ.
 
     Attributes:
         rowadr: First term of an element, shape (nu + na + 1,).
         qposadr: Address in qpos of a term.
-        coef: Factor of a term.
-        bias: Constant part, shape (nu + na,); the home value of an element that holds no pose and has no terms.
+        coef: Factor of a term, shape (1 or nworld, nterm).
+        bias: Constant part, shape (1 or nworld, nu + na); the home value of an element that holds no pose and has no
+            terms.
         lower: Lower limit, shape (nu + na,).
         upper: Upper limit, shape (nu + na,).
+        actuator: The actuator that holds a pose by this element, shape (nu + na,); -1 if none does.
+        arm: Factor of a term in the actuator's length, over its gear.
     """
 
     rowadr: wp.array[int]
     qposadr: wp.array[int]
-    coef: wp.array[float]
-    bias: wp.array[float]
+    coef: wp.array2d[float]
+    bias: wp.array2d[float]
     lower: wp.array[float]
     upper: wp.array[float]
+    actuator: wp.array[int]
+    arm: wp.array[float]
 
 
 @wp.func
-def rest_value(rest: RestMap, elemid: int, qpos: wp.array[float]) -> float:
-    """Return the control or activation `elemid` at rest at the joint positions `qpos` (nq,)."""
-    value = rest.bias[elemid]
+def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) -> float:
+    """Return the control or activation `elemid` at rest at the joint positions `qpos` (nq,) of a world."""
+    row = worldid % rest.bias.shape[0]
+    value = rest.bias[row, elemid]
     for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
-        value += rest.coef[term] * qpos[rest.qposadr[term]]
+        value += rest.coef[row, term] * qpos[rest.qposadr[term]]
     return wp.clamp(value, rest.lower[elemid], rest.upper[elemid])
 
 
-def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, device: str | None) -> RestMap:
+def scene_rest(scene: SceneModel, device: wp.Device) -> RestMap:
+    """Return the controls and activations that hold a pose of a scene; home where they hold none."""
+    mjm, key = scene.mjm, scene.keyframe
+    return rest_map(mjm, scene.home_ctrl, mjm.key_act[key] if key >= 0 else np.zeros(mjm.na), device)
+
+
+def rest_map(
+    mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, device: str | wp.Device | None
+) -> RestMap:
     """Find the controls and activations that hold a pose.
 
     A position actuator (a fixed gain and an affine bias that pulls against its length) holds the pose when its input
@@ -64,11 +80,13 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
     nu, na = mjm.nu, mjm.na
     bias = np.concatenate([home_ctrl, home_act]).astype(float)
     lower, upper = np.full(nu + na, -np.inf), np.full(nu + na, np.inf)
-    terms: list[list[tuple[int, float]]] = [[] for _ in range(nu + na)]
+    terms: list[list[tuple[int, float, float]]] = [[] for _ in range(nu + na)]
+    actuator = np.full(nu + na, -1)
     ctrladr, ctrlnum = actuator_controls(mjm)
     for i in range(len(ctrladr)):
         length = _length_terms(mjm, i)
         gain, bias0, bias1 = mjm.actuator_gainprm[i, 0], *mjm.actuator_biasprm[i, :2]
+        gear = float(mjm.actuator_gear[actuator_outputs(mjm)[i], 0])
         holds = (
             mjm.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
             and mjm.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE
@@ -85,23 +103,25 @@ def rest_map(mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, d
             inputs.append((nu + mjm.actuator_actadr[i], i, mjm.actuator_actlimited, mjm.actuator_actrange))
         # control ranges are listed by control, activation ranges by actuator
         for e, which, limited, limits in inputs:
-            bias[e] = -bias0 / gain
-            terms[e] = [(adr, -bias1 / gain * coef) for adr, coef in length]
+            bias[e], actuator[e] = -bias0 / gain, i
+            terms[e] = [(adr, -bias1 / gain * (gear * arm), arm) for adr, arm in length]
             if limited[which]:
                 lower[e], upper[e] = limits[which]
     flat = [term for row in terms for term in row]
     rest = RestMap()
     with wp.ScopedDevice(device):
         rest.rowadr = wp.array(np.cumsum([0] + [len(row) for row in terms]), dtype=int)
-        rest.qposadr = wp.array([adr for adr, _ in flat], dtype=int)
-        rest.coef = wp.array([coef for _, coef in flat], dtype=float)
-        rest.bias, rest.lower, rest.upper = (wp.array(values, dtype=float) for values in (bias, lower, upper))
+        rest.qposadr = wp.array([adr for adr, _, _ in flat], dtype=int)
+        rest.coef = wp.array(np.array([coef for _, coef, _ in flat]).reshape(1, -1), dtype=float)
+        rest.arm = wp.array([arm for _, _, arm in flat], dtype=float)
+        rest.bias = wp.array(bias.reshape(1, -1), dtype=float)
+        rest.lower, rest.upper = (wp.array(values, dtype=float) for values in (lower, upper))
+        rest.actuator = wp.array(actuator, dtype=int)
     return rest
 
 
 def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
-    """Return (qpos address, factor) pairs that sum to an actuator's length, or None if it is not linear in qpos."""
-    gear = float(mjm.actuator_gear[actuator_outputs(mjm)[actuator], 0])
+    """Return (qpos address, factor) pairs that sum to an actuator's length over its gear, or None if it is no sum."""
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
         joints = [(target, 1.0)]
@@ -114,7 +134,7 @@ def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]
         return None
     if any(int(mjm.jnt_type[j]) not in SCALAR_JOINTS for j, _ in joints):
         return None
-    return [(int(mjm.jnt_qposadr[j]), gear * coef) for j, coef in joints]
+    return [(int(mjm.jnt_qposadr[j]), coef) for j, coef in joints]
 
 
 def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:

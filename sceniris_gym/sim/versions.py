@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -63,14 +64,12 @@ def keyframe_plastic(mjm: mujoco.MjModel, key: int) -> np.ndarray:
     return mjm.key_plastic[key] if hasattr(mjm, "key_plastic") else np.empty(0)
 
 
-def render_context(mjm: mujoco.MjModel, nworld: int, camera: str, **options: Any) -> Any:
-    """Return mujoco_warp's context for pictures of one camera, by its name.
+def render_context(mjm: mujoco.MjModel, nworld: int, cameras: Sequence[str], **options: Any) -> Any:
+    """Return mujoco_warp's context for pictures of some cameras, by their names; lists are in the model's order.
 
-    Before 4.0 it takes a flag for each camera, and no `samples_per_pixel`, so that edges in pictures are rough.
+    Before 4.0 there is no `samples_per_pixel`, so that edges in pictures are rough.
     """
     known = inspect.signature(mjw.create_render_context).parameters
-    if "samples_per_pixel" in known:
-        return mjw.create_render_context(mjm, nworld, cam_active=[camera], **options)
-    active = [mjm.camera(i).name == camera for i in range(mjm.ncam)]
     options = {name: value for name, value in options.items() if name in known}
+    active = [mjm.camera(i).name in cameras for i in range(mjm.ncam)]
     return mjw.create_render_context(mjm, nworld, cam_active=active, **options)

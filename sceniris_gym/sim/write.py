@@ -27,6 +27,37 @@ class Poses(NamedTuple):
     mocap_quat: wp.array
 
 
+class Addresses(NamedTuple):
+    """Addresses of the poses of bodies.
+
+    Attributes:
+        qposadr: Their positions in `qpos`.
+        dofadr: Their velocities in `qvel`.
+        mocapid: Their mocap bodies.
+        elements: The controls, and after all of these the activations, that hold one of these positions.
+    """
+
+    qposadr: np.ndarray
+    dofadr: np.ndarray
+    mocapid: np.ndarray
+    elements: np.ndarray
+
+
+def addresses_of(
+    mjm: mujoco.MjModel, bodies: Sequence[int], rest: RestMap, joints: Sequence[int] | None = None
+) -> Addresses:
+    """Return where the poses of these bodies, or positions of these joints, are kept, each array in ascending order."""
+    chosen = np.isin(np.arange(mjm.nbody), bodies)
+    ids = np.flatnonzero(chosen[mjm.jnt_bodyid]) if joints is None else np.array(joints, int)
+    widths = np.array([(7, 6), (4, 3), (1, 1), (1, 1)])[mjm.jnt_type[ids]]  # in qpos and in qvel, by type
+    qposadr = _spread(mjm.jnt_qposadr[ids], widths[:, 0])
+    dofadr = _spread(mjm.jnt_dofadr[ids], widths[:, 1])
+    first, held = rest.rowadr.numpy(), np.isin(rest.qposadr.numpy(), qposadr)
+    elements = [e for e in range(len(first) - 1) if held[first[e] : first[e + 1]].any()]
+    mocapid = np.sort(mjm.body_mocapid[chosen & (mjm.body_mocapid >= 0)])
+    return Addresses(qposadr, dofadr, mocapid, np.array(elements, int))
+
+
 @wp.kernel
 def _write_state(
     # Lists of what is written:
@@ -83,11 +114,11 @@ def _write_state(
     if i < elemid.shape[0]:
         element, nu = elemid[i], ctrl_out.shape[1]
         if element < nu:
-            ctrl_out[worldid, element] = rest_value(rest, element, qpos_in[row])
+            ctrl_out[worldid, element] = rest_value(rest, worldid, element, qpos_in[row])
         else:
-            act_out[worldid, element - nu] = rest_value(rest, element, qpos_in[row])
+            act_out[worldid, element - nu] = rest_value(rest, worldid, element, qpos_in[row])
     if i < sampleadr.shape[0]:
-        history_out[worldid, sampleadr[i]] = rest_value(rest, sampled[i], qpos_in[row])
+        history_out[worldid, sampleadr[i]] = rest_value(rest, worldid, sampled[i], qpos_in[row])
     if i < plastic.shape[0]:
         plastic_out[worldid, i] = plastic[i]
 
@@ -96,15 +127,16 @@ class StateWriter:
     """Writes poses into the masked worlds, with the controls and activations that hold them.
 
     Delayed actuators get these controls as their past, too. Of whole worlds, which `mjw.reset_data` has cleared before,
-    all positions, controls and activations are written. Of chosen bodies, all their joints are written and come to
-    rest, with the actuators that hold one of these joints; everything else stays as it is.
+    all positions, controls and activations are written. Chosen joints, or all those of chosen bodies, are written
+    and come to rest, with the actuators that hold one of them; everything else stays as it is.
 
     Args:
         mjm: The model.
         d: Data of the worlds; its arrays are used in place.
         mask: The worlds to write into, shape (nworld,), bool; read at every launch.
         rest: Controls and activations at rest.
-        bodies: Ids of the bodies to write; None writes whole worlds.
+        bodies: Ids of the bodies to write; None writes whole worlds, or `joints`.
+        joints: Ids of the joints to write, instead of bodies.
         origins: Origins of the worlds [m], shape (nworld,), vec3, added to the positions of free bodies and mocap
             bodies; read at every launch. None adds nothing.
         plastic: Plastic references of springs at home, shape (nplastic,), for whole worlds.
@@ -118,26 +150,23 @@ class StateWriter:
         rest: RestMap,
         *,
         bodies: Sequence[int] | None = None,
+        joints: Sequence[int] | None = None,
         origins: wp.array | None = None,
         plastic: np.ndarray | None = None,
     ) -> None:
-        whole = bodies is None
-        chosen = np.ones(mjm.nbody, bool) if whole else np.isin(np.arange(mjm.nbody), bodies)
-        joints = np.flatnonzero(chosen[mjm.jnt_bodyid])
-        widths = np.array([(7, 6), (4, 3), (1, 1), (1, 1)])[mjm.jnt_type[joints]]  # in qpos and in qvel, by type
-        qposadr = _spread(mjm.jnt_qposadr[joints], widths[:, 0])
-        free = mjm.jnt_qposadr[joints[mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_FREE]]
+        whole = bodies is None and joints is None
+        places = addresses_of(mjm, range(mjm.nbody) if whole else bodies or [], rest, joints)
+        free = mjm.jnt_qposadr[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
         axis = np.full(mjm.nq, -1)  # coordinate of the origin that is added
         axis[_spread(free, np.full(len(free), 3))] = np.tile(np.arange(3), len(free))
-        first, held = rest.rowadr.numpy(), np.isin(rest.qposadr.numpy(), qposadr)
-        elements = [e for e in range(len(first) - 1) if whole or held[first[e] : first[e + 1]].any()]
+        elements = np.arange(mjm.nu + mjm.na) if whole else places.elements
         sampleadr, sampled = history_samples(mjm)
         delayed = np.isin(sampled, elements)
         lists = [
-            qposadr,
-            axis[qposadr],
-            _spread(mjm.jnt_dofadr[joints], widths[:, 1]) if not whole else [],
-            mjm.body_mocapid[chosen & (mjm.body_mocapid >= 0)],
+            places.qposadr,
+            axis[places.qposadr],
+            places.dofadr if not whole else [],
+            places.mocapid,
             elements,
             sampleadr[delayed],
             sampled[delayed],

@@ -10,7 +10,7 @@ from typing import Any
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.training.settings import Settings
 
-CONFIG, LOG, MODEL, JUDGED = "config.json", "log.jsonl", "model.pt", "judged.json"
+CONFIG, LOG, MODEL, JUDGED, TEACHER = "config.json", "log.jsonl", "model.pt", "judged.json", "teacher.pt"
 
 
 def read_config(folder: Path) -> tuple[str, Settings]:
@@ -30,6 +30,11 @@ def read_config(folder: Path) -> tuple[str, Settings]:
         return told["options"]["task"], Settings(**told["settings"])
     except (ValueError, KeyError, TypeError) as error:
         raise ArgumentError(f"{folder / CONFIG}: should be as 'sceniris-gym train' writes it: {error}.") from None
+
+
+def scene_of_run(folder: Path) -> str | None:
+    """Return the hash of the scene of the run in a folder; None for one of version 0.1.0, which wrote none."""
+    return json.loads((folder / CONFIG).read_text()).get("scene", {}).get("hash")
 
 
 def evaluations(folder: Path) -> list[dict[str, Any]]:

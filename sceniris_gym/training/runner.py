@@ -1,4 +1,4 @@
-"""rsl-rl's PPO for an environment."""
+"""rsl-rl's PPO for an environment, and imitation of a teacher where a policy sees images."""
 
 from __future__ import annotations
 
@@ -8,45 +8,50 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.training.keypoints import Keypoints
 from sceniris_gym.training.settings import Settings
 
 if TYPE_CHECKING:
     from rsl_rl.runners import OnPolicyRunner
+
+_NOISE = 0.2
+"""Standard deviation of the actions of a policy that imitates, so that it sees the states around its own."""
 
 
 def runner_of(env: RslRlVecEnv, settings: Settings, seed: int) -> OnPolicyRunner:
     """Return rsl-rl's runner, with an untrained policy.
 
     The actor sees the observation group `policy` and the critic the group `critic`; where a task lacks one of them,
-    both see the other.
+    both see the other. The actor also sees all images. With `settings.teacher` it imitates a teacher that sees the
+    group `critic`, on the states that its own actions lead to (DAgger, Ross et al. 2011): load one before it learns.
     """
-    from rsl_rl.runners import OnPolicyRunner  # below the adapter, which says how to install it
+    from rsl_rl.runners import DistillationRunner, OnPolicyRunner  # below the adapter, which says how to install it
 
     torch.manual_seed(seed)
-    config = _config(settings, seed, list(env.unwrapped.observation_names))
-    with redirect_stdout(None):  # it prints the networks
-        return OnPolicyRunner(env, config, log_dir=None, device=str(env.device))
-
-
-def _config(settings: Settings, seed: int, groups: list[str]) -> dict[str, Any]:
-    """Return rsl-rl's configuration for a task with these observation groups."""
-    actor = "policy" if "policy" in groups else groups[0]
-    critic = "critic" if "critic" in groups else actor
-    model = {
-        "class_name": "MLPModel",
-        "hidden_dims": list(settings.hidden),
-        "activation": "elu",
-        "obs_normalization": True,
-    }
-    noise = {"class_name": "GaussianDistribution", "init_std": settings.init_std, "std_range": (0.02, 2.0)}
-    return {
+    names = list(env.unwrapped.observation_names)
+    seen = env.get_observations()
+    sight = {name: Keypoints(images.shape[1]) for name, images in seen.items() if name not in names}
+    imitates = settings.teacher > 0.0 and bool(sight)
+    config = {
         "seed": seed,
         "num_steps_per_env": settings.steps,
         "save_interval": 1_000_000_000,  # we write our own checkpoints
         "check_for_nan": False,  # would wait for the device at every step; non-finite worlds end by themselves
-        "obs_groups": {"actor": [actor], "critic": [critic]},
-        "actor": {**model, "distribution_cfg": noise},
-        "critic": dict(model),
+        **(_imitation if imitates else _ppo)(settings, names, sight),
+    }
+    with redirect_stdout(None):  # it prints the networks
+        made = DistillationRunner if imitates else OnPolicyRunner
+        return made(env, config, log_dir=None, device=str(env.device))
+
+
+def _ppo(settings: Settings, groups: list[str], sight: dict[str, Keypoints]) -> dict[str, Any]:
+    """Return rsl-rl's configuration of PPO for a task with these observation groups and cameras."""
+    actor = "policy" if "policy" in groups else groups[0]
+    critic = "critic" if "critic" in groups else actor
+    return {
+        "obs_groups": {"actor": [actor, *sight], "critic": [critic]},
+        "actor": _model(settings, sight, settings.init_std),
+        "critic": _model(settings, {}),
         "algorithm": {
             "class_name": "PPO",
             "num_learning_epochs": settings.epochs,
@@ -63,3 +68,35 @@ def _config(settings: Settings, seed: int, groups: list[str]) -> dict[str, Any]:
             "use_clipped_value_loss": False,
         },
     }
+
+
+def _imitation(settings: Settings, groups: list[str], sight: dict[str, Keypoints]) -> dict[str, Any]:
+    """Return rsl-rl's configuration of imitation: a step of the optimizer for each control step of all worlds."""
+    return {
+        "obs_groups": {"student": ["policy", *sight], "teacher": ["critic"]},
+        "student": _model(settings, sight, _NOISE),
+        "teacher": _model(settings, {}, settings.init_std),
+        "algorithm": {
+            "class_name": "Distillation",
+            "num_learning_epochs": settings.epochs,
+            "gradient_length": 1,
+            "learning_rate": 5e-4,
+            "loss_type": "huber",  # a teacher's actions may be far beyond the bounds, to which they are clipped
+        },
+    }
+
+
+def _model(settings: Settings, sight: dict[str, Keypoints], init_std: float | None = None) -> dict[str, Any]:
+    """Return rsl-rl's configuration of a network, which draws actions if `init_std` is given."""
+    model: dict[str, Any] = {
+        "class_name": "CNNModel" if sight else "MLPModel",
+        "hidden_dims": list(settings.hidden),
+        "activation": "elu",
+        "obs_normalization": True,
+    }
+    if sight:
+        model["cnns"] = sight
+    if init_std is not None:
+        noise = {"class_name": "GaussianDistribution", "init_std": init_std, "std_range": (0.02, 2.0)}
+        model["distribution_cfg"] = noise
+    return model

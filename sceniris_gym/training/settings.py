@@ -28,6 +28,8 @@ class Settings:
         epochs: passes over them in an update
         mini_batches: parts of a pass
         desired_kl: KL divergence that the learning rate is adapted to
+        teacher: minutes in which PPO first trains a teacher that sees what the critic sees, and no image; a policy that
+            sees images then imitates it. None where it is 0: PPO trains the policy itself
     """
 
     hidden: tuple[int, ...] = (256, 128, 64)
@@ -40,6 +42,7 @@ class Settings:
     epochs: int = 5
     mini_batches: int = 4
     desired_kl: float = 0.01
+    teacher: float = 0.0
 
     def entropy_after(self, env_steps: int) -> float:
         """Return the weight of the entropy bonus after `env_steps` control steps of all worlds together."""
@@ -50,8 +53,10 @@ class Settings:
 SETTINGS = {
     "TabletopReach-v0": Settings(),
     "TabletopReachEasy-v0": Settings(),
+    "TabletopReachPixels-v0": Settings(epochs=2, teacher=2.0),
     "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
+    "TabletopLiftAny-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
     "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
     "ClutterExtract-v0": Settings(

@@ -30,9 +30,10 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json, replacing
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.choice import Levels
+from sceniris_gym.scene.model import build_model
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, evaluations, without_layouts
+from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, TEACHER, evaluations, without_layouts
 from sceniris_gym.training.runner import runner_of
 from sceniris_gym.training.settings import Options, settings_of
 from sceniris_gym.training.sources import source_hash
@@ -69,7 +70,7 @@ class Run:
             self._check_same()
         # evaluation layouts do not depend on the training layouts
         checked = options.reachable and not options.uniform
-        compiled = compile_scene(scene_of(options.task, reachable=checked), options.device)
+        self._compiled = compiled = compile_scene(scene_of(options.task, reachable=checked), options.device)
         seed = (1 + options.seed) * 16 * SEED_SPACING
         source = None
         if options.bank:
@@ -110,6 +111,7 @@ class Run:
         else:
             self.checkpoint.unlink(missing_ok=True)  # of an earlier run
             self.log.write_text("")
+            self._teach()
         with replacing(options.out / CONFIG) as file:
             file.write_text(as_json(self._config(), indent=1))
         while not self.finished:
@@ -125,7 +127,8 @@ class Run:
 
     def _config(self) -> dict[str, Any]:
         sources = {"hash": source_hash(*_own_sources(self.options.task))}
-        return {"options": asdict(self.options), "settings": asdict(self.settings), "sources": sources}
+        scene = {"hash": build_model(scene_of(self.options.task, reachable=True)).hash}
+        return {"options": asdict(self.options), "settings": asdict(self.settings), "sources": sources, "scene": scene}
 
     def _check_same(self) -> None:
         """Compare with the run that made the checkpoint."""
@@ -144,7 +147,29 @@ class Run:
         """Compile and allocate everything that training needs, with another policy than the one that is trained."""
         for env in self.judges.values():
             env.step(torch.zeros(env.num_envs, env.num_actions, device=env.device))
-        runner_of(self.env, self.settings, self.options.seed).learn(1, init_at_random_ep_len=True)
+        runner = runner_of(self.env, self.settings, self.options.seed)
+        # imitation asks for a teacher, and here any will do
+        runner.alg.teacher_loaded = True  # type: ignore[attr-defined]
+        runner.learn(1, init_at_random_ep_len=True)
+
+    def _teach(self) -> None:
+        """Train the teacher that a policy imitates, if it imitates one. The time of it counts, its steps do not."""
+        if not hasattr(self.runner.alg, "teacher"):
+            return
+        options, seed = self.options, (1 + self.options.seed) * 16 * SEED_SPACING
+        seeing = {"images": None, "observation_groups": ("critic",)}
+        env = RslRlVecEnv(make_env(options.task, options.num_envs, self._compiled, **seeing), seed)
+        runner_of(env, self.settings, options.seed).learn(1, init_at_random_ep_len=True)  # compiles everything
+        teacher = runner_of(env, self.settings, options.seed)
+        while self.seconds < 60.0 * min(self.settings.teacher, options.minutes):
+            start = self._clock()
+            teacher.learn(options.every)
+            self.seconds += self._clock() - start
+        self._tell("teacher", env.unwrapped.statistics.read())
+        with replacing(options.out / TEACHER) as file:
+            teacher.save(str(file))
+            self.runner.load(str(file), map_location=str(env.device))
+        env.close()
 
     def _train(self, iterations: int) -> None:
         self.runner.alg.entropy_coef = self.settings.entropy_after(self.env_steps)

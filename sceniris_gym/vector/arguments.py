@@ -28,6 +28,7 @@ from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
@@ -166,7 +167,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
 
 
 def as_chosen_layouts(
-    value: Any, num_envs: int, scene: str, split: str
+    value: Any, num_envs: int, scene: SceneModel, split: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Return seeds, episodes and a mask of the worlds whose layouts are chosen, each (num_envs,); None for no choice.
 
@@ -175,7 +176,7 @@ def as_chosen_layouts(
             layout), or {"seed": seeds, "episode": episodes} as `info` has them under `layout_seed` and
             `layout_episode`, each a number for all worlds or an array.
         num_envs: Number of worlds.
-        scene: Hash of the scene.
+        scene: The scene.
         split: Split of the layouts.
 
     Raises:
@@ -199,8 +200,8 @@ def as_chosen_layouts(
             f"{where} should be a layout id, a sequence of {num_envs} of them, one per world, or a mapping with 'seed' "
             f"and 'episode', got {short(value)}."
         )
-    ids = [one if isinstance(one, LayoutId | None) else own_id(str(one), scene, split, where) for one in texts]
-    found = [LayoutId(scene, split, 0, 0) if one is None else one for one in ids]
+    ids = [None if one is None else own_id(one, scene, split, where) for one in texts]
+    found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
     return (
         np.array([one.seed for one in found], np.uint64),
         np.array([one.episode for one in found], np.int32),
@@ -208,17 +209,19 @@ def as_chosen_layouts(
     )
 
 
-def own_id(text: str, scene: str, split: str, where: str) -> LayoutId:
-    """Read a layout id, and refuse one of another scene or split.
+def own_id(text: Any, scene: SceneModel, split: str, where: str) -> LayoutId:
+    """Read a layout id, or take a LayoutId, and refuse one of another scene or split.
 
     Raises:
         LayoutIdError: A malformed id.
         SceneMismatchError: Another scene or split.
     """
-    found = LayoutId.parse(text)
-    if (found.scene, found.split) != (scene, split):
+    found = text if isinstance(text, LayoutId) else LayoutId.parse(str(text))
+    if found.scene == scene.former_hash:
+        raise SceneMismatchError(f"{where}: layout '{text}' {scene.mismatch(found.scene, '')}")
+    if (found.scene, found.split) != (scene.hash, split):
         raise SceneMismatchError(
-            f"{where}: layout '{text}' should be of scene {scene} and split '{split}', as the environment is."
+            f"{where}: layout '{text}' should be of scene {scene.hash} and split '{split}', as the environment is."
         )
     return found
 

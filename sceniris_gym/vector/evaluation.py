@@ -76,7 +76,7 @@ def evaluate(
     elif not isinstance(ids, Iterable):
         count = number if ids is None else as_count(ids, "evaluate: ids", 0)
         ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
-    wanted = [own_id(text, inner.compiled.hash, split, "evaluate") for text in ids]
+    wanted = [own_id(text, inner.compiled.scene, split, "evaluate") for text in ids]
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]

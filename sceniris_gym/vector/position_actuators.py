@@ -11,15 +11,15 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArmError
 from sceniris_gym.reach.arm import joint_label
+from sceniris_gym.sim.rest import rest_map
 from sceniris_gym.sim.versions import actuator_controls
-from sceniris_gym.vector.joint_writer import Holding
 from sceniris_gym.vector.state import as_columns
 
 
 class PositionActuators:
     """The position actuators of some joints, one each, whatever their names, gears and tendons.
 
-    A control `bias + scale * q` holds its joint at q (see `Holding`).
+    A control `bias + scale * q` holds its joint at q (see `rest_map`).
 
     Args:
         mjm: The model.
@@ -38,16 +38,21 @@ class PositionActuators:
         def tensor(values: np.ndarray) -> Tensor:
             return torch.tensor(values, dtype=torch.float32, device=device)
 
-        holding, controls, columns = Holding.of(mjm), [], mjm.jnt_qposadr[list(joints)]
-        alone = np.count_nonzero(holding.matrix[: mjm.nu], axis=1) == 1
+        rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
+        matrix, controls, columns = np.zeros((mjm.nu + mjm.na, mjm.nq)), [], mjm.jnt_qposadr[list(joints)]
+        rows = np.repeat(np.arange(len(matrix)), np.diff(rest.rowadr.numpy()))
+        np.add.at(matrix, (rows, rest.qposadr.numpy()), rest.coef.numpy()[0])
+        alone = np.count_nonzero(matrix[: mjm.nu], axis=1) == 1
         owner = np.repeat(np.arange(len(mjm.actuator_trntype)), actuator_controls(mjm)[1])
         for joint, column in zip(joints, columns, strict=True):
-            found = np.flatnonzero(alone & (holding.matrix[: mjm.nu, column] != 0.0)).tolist()
+            found = np.flatnonzero(alone & (matrix[: mjm.nu, column] != 0.0)).tolist()
             _check_number(mjm, joint, [int(owner[e]) for e in found], where)
             controls += found
         self._mjm, self._joints, self._actuators = mjm, list(joints), owner[controls]
-        self._scale, bias = holding.matrix[controls, columns], holding.bias[controls]
-        ends = np.sort([(limit[controls] - bias) / self._scale for limit in (holding.lower, holding.upper)], axis=0)
+        self._scale, bias = matrix[controls, columns], rest.bias.numpy()[0, controls]
+        ends = np.sort(
+            [(limit[controls] - bias) / self._scale for limit in (rest.lower.numpy(), rest.upper.numpy())], axis=0
+        )
         limited = mjm.jnt_limited[self._joints].astype(bool)[:, None]
         own = np.where(limited, mjm.jnt_range[self._joints], [-np.inf, np.inf]).T
         self.lower, self.upper = tensor(np.maximum(ends[0], own[0])), tensor(np.minimum(ends[1], own[1]))

@@ -10,12 +10,14 @@ import numpy as np
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.pictures.camera import FrameCamera
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector.arguments import as_size
 
 RENDER_MODES = ["rgb_array", "human"]
 """Values of `render_mode` besides None."""
+_LOOKS = Looks(shadows=True)
 
 
 class Rendering:
@@ -39,15 +41,16 @@ class Rendering:
         self.mode, self.camera = mode, camera
         self.worlds = num_envs if worlds is None else min(as_count(worlds, "render_envs"), num_envs)
         self.size = as_size(size, "render_size")
-        self._camera: FrameCamera | None = None
+        self._camera: Cameras | None = None
         self._window: Any = None
 
     def pictures(self, batch: Batch) -> tuple[np.ndarray, ...]:
         """Return a picture of each world, (height, width, 3) uint8. Waits for the device."""
         if self._camera is None:
-            width, height = self.size
-            self._camera = FrameCamera(batch.scene.mjm, batch.model, self.worlds, width, height, self.camera)
-        return tuple(self._camera.take(batch.data))
+            shots = {self.camera: Shot(self.size)}
+            self._camera = Cameras(batch.scene, batch.model, batch.data, shots, _LOOKS, nworld=self.worlds)
+        self._camera.launch()
+        return tuple(self._camera.images[self.camera]["rgb"].numpy())
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
         """Bring the page up to date in mode "human", so many seconds after the last call. Waits for the device."""
@@ -56,7 +59,7 @@ class Rendering:
         if self._window is None:
             # by its name, as the viewer imports the environments
             viewer: Any = importlib.import_module("sceniris_gym.viewer.window")
-            self._window = viewer.Window(batch.scene, self.worlds)
+            self._window = viewer.Window(batch.full_scene, self.worlds)
         self._window.show(batch, layouts, seconds)
 
     def close(self) -> None:

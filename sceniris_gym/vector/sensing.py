@@ -23,7 +23,7 @@ POLICY = "policy"
 
 @dataclass(frozen=True)
 class Sensing:
-    """Noise, delay and dropout of the group `policy`, which depend on a world's seed, episode and step alone.
+    """Noise, delay and dropout of the group `policy`, and delay of actions: functions of seed, episode and step alone.
 
     Attributes:
         noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. In a table, which has
@@ -32,6 +32,10 @@ class Sensing:
             repeated until the delay has passed.
         dropout: Probability in each step that an observation repeats the previous one, for each name independently.
         late: Names of the observations that are delayed and dropped; None is all.
+        encoder_bias: Greatest offset, by the name of an observation, in its unit; drawn uniformly for each episode and
+            each of its numbers.
+        action_delay: Least and greatest delay of actions [control steps], drawn uniformly for each episode. The first
+            action is repeated until the delay has passed.
 
     Raises:
         ArgumentError: A standard deviation or delay below 0, or a probability outside of [0, 1).
@@ -43,22 +47,26 @@ class Sensing:
     delay: tuple[int, int] = (0, 0)
     dropout: float = 0.0
     late: tuple[str, ...] | None = None
+    encoder_bias: Mapping[str, float] = field(default_factory=dict)
+    action_delay: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.noise, Mapping) and all(map(_is_number, self.noise.values()))):
-            raise ArgumentTypeError(f"sensing: noise should map names to numbers, got {self.noise!r}.")
-        for name, deviation in self.noise.items():
-            if not deviation >= 0.0:
-                raise ArgumentError(f"sensing: the noise of '{name}' should be 0 or more, got {deviation!r}.")
-        if not (isinstance(self.delay, tuple) and len(self.delay) == 2):
-            raise ArgumentTypeError(f"sensing: delay should be a pair (low, high), got {self.delay!r}.")
+        for word, sizes in (("noise", self.noise), ("encoder_bias", self.encoder_bias)):
+            if not (isinstance(sizes, Mapping) and all(map(_is_number, sizes.values()))):
+                raise ArgumentTypeError(f"sensing: {word} should map names to numbers, got {sizes!r}.")
+            for name, size in sizes.items():
+                if not size >= 0.0:
+                    raise ArgumentError(f"sensing: the {word} of '{name}' should be 0 or more, got {size!r}.")
         if not _is_number(self.dropout):
             raise ArgumentTypeError(f"sensing: dropout should be a number, got {self.dropout!r}.")
         if not (self.late is None or (isinstance(self.late, tuple) and all(isinstance(n, str) for n in self.late))):
             raise ArgumentTypeError(f"sensing: late should be a list of names or None, got {self.late!r}.")
-        low, high = self.delay
-        if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high):
-            raise ArgumentError(f"sensing: delay should be (low, high) with 0 <= low <= high, got {self.delay!r}.")
+        for word, delay in (("delay", self.delay), ("action_delay", self.action_delay)):
+            if not (isinstance(delay, tuple) and len(delay) == 2):
+                raise ArgumentTypeError(f"sensing: {word} should be a pair (low, high), got {delay!r}.")
+            low, high = delay
+            if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high):
+                raise ArgumentError(f"sensing: {word} should be (low, high) with 0 <= low <= high, got {delay!r}.")
         if not 0.0 <= self.dropout < 1.0:
             raise ArgumentError(f"sensing: dropout should be in [0, 1), got {self.dropout!r}.")
 
@@ -79,7 +87,7 @@ def as_sensing(value: Any) -> Sensing | None:
         if key not in Sensing.__dataclass_fields__:
             raise UnknownNameError("attribute", str(key), "sensing", Sensing.__dataclass_fields__)
     given: dict[str, Any] = dict(value)
-    for key in ("delay", "late"):
+    for key in ("delay", "late", "action_delay"):
         if isinstance(given.get(key), list):
             given[key] = tuple(given[key])
     return Sensing(**given)
@@ -105,16 +113,19 @@ class Sensors:
         s: The worlds.
         sensing: Noise, delay and dropout.
         observation: An observation of the task, for its names and shapes.
+        action_size: Length of an action.
 
     Raises:
         UnknownNameError: There is no group `policy`, or no such observation in it.
     """
 
-    def __init__(self, s: State, sensing: Sensing, observation: Mapping[str, Mapping[str, Tensor]]) -> None:
+    def __init__(
+        self, s: State, sensing: Sensing, observation: Mapping[str, Mapping[str, Tensor]], action_size: int
+    ) -> None:
         if POLICY not in observation:
             raise UnknownNameError("observation group", POLICY, "sensing", observation)
         seen = observation[POLICY]
-        for name in (*sensing.noise, *(sensing.late or ())):
+        for name in (*sensing.noise, *sensing.encoder_bias, *(sensing.late or ())):
             if name not in seen:
                 raise UnknownNameError("observation", name, "sensing", seen)
         self.sensing = sensing
@@ -122,13 +133,16 @@ class Sensors:
         sizes = torch.tensor([values[0].numel() for values in seen.values()])
         self._parts, width = len(seen), int(sizes.sum())
         self._part = torch.arange(self._parts).repeat_interleave(sizes).to(s.device)
-        deviations = [float(sensing.noise.get(name, 0.0)) for name in seen]
-        self._deviation = torch.tensor(deviations, device=s.device)[self._part]
+        self._deviation, self._bias = (
+            torch.tensor([float(of.get(name, 0.0)) for name in seen], device=s.device)[self._part]
+            for of in (sensing.noise, sensing.encoder_bias)
+        )
         self._late = torch.tensor([name in late for name in seen], device=s.device)[self._part]
         self._rows = torch.arange(s.num_envs, device=s.device)
         self._past = torch.zeros(s.num_envs, sensing.delay[1] + 1, width, device=s.device)
         self._shown = torch.zeros(s.num_envs, 2, width, device=s.device)
         self._delay = torch.zeros(s.num_envs, dtype=torch.long, device=s.device)
+        self._actions = torch.zeros(s.num_envs, sensing.action_delay[1] + 1, action_size, device=s.device)
 
     def __call__(self, s: State, observation: Mapping[str, dict[str, Tensor]]) -> dict[str, dict[str, Tensor]]:
         """Return the observation with noise, delay and dropout in the group `policy`."""
@@ -139,7 +153,22 @@ class Sensors:
         shaped = (piece.reshape(values.shape) for piece, values in zip(pieces, seen.values(), strict=True))
         return {**observation, POLICY: dict(zip(seen, shaped, strict=True))}
 
+    def delayed_action(self, s: State, action: Tensor) -> Tensor:
+        """Return the action that arrives in this step, shape (num_envs, action size)."""
+        low, high = self.sensing.action_delay
+        if high == 0:
+            return action
+        elapsed = s.elapsed.long()
+        first = (elapsed == 0)[:, None, None]
+        self._actions.copy_(torch.where(first, action[:, None], self._actions))
+        self._actions[self._rows, elapsed % (high + 1)] = action
+        delay = (low + (high - low + 1.0) * s.random("sensing: action_delay")).long().clamp(max=high)
+        return self._actions[self._rows, (elapsed - delay) % (high + 1)]
+
     def _noisy(self, s: State, exact: Tensor, seen: Mapping[str, Tensor]) -> Tensor:
+        if self.sensing.encoder_bias:
+            u = s.random("sensing: encoder_bias", (exact.shape[1],))
+            exact = exact + self._bias * (2.0 * u - 1.0)
         if not self.sensing.noise:
             return exact
         there = torch.cat([_there(values).reshape(len(values), -1) for values in seen.values()], dim=1)

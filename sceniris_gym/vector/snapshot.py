@@ -15,6 +15,7 @@ from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.sim.randomizer import PROMISED
 from sceniris_gym.vector.state import State
+from sceniris_gym.vector.variants import VariantView
 
 _OF_LAYOUTS = (
     *("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "present"),
@@ -84,6 +85,8 @@ def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> d
         array = getattr(state.data, name)
         if array.size:
             found[f"data.{name}"] = wp.to_torch(array)
+    for name, array in state.model_rows.items():
+        found[f"model.{name}"] = wp.to_torch(array)
     for name in _OF_LAYOUTS:
         array = getattr(layouts, name)
         if array.size:
@@ -97,7 +100,7 @@ def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> d
 
 def _memory(value: Any, num_envs: int, path: str, seen: set[int]) -> Iterator[tuple[str, Tensor]]:
     """Yield the tensors with `num_envs` rows in an object, and in its containers and helpers."""
-    if id(value) in seen or isinstance(value, State | type | ModuleType | FunctionType):
+    if id(value) in seen or isinstance(value, State | VariantView | type | ModuleType | FunctionType):
         return
     seen.add(id(value))
     if isinstance(value, Tensor):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any
+from typing import Any, overload
 
 import mujoco
 import numpy as np
@@ -11,18 +12,21 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.program.plan import slot_names
 from sceniris_gym.program.reach import ReachTarget
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import actuator_controls, sleeps
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import base_frame
 from sceniris_gym.vector.joint_writer import JointWriter
 from sceniris_gym.vector.pose_writer import PoseWriter
-from sceniris_gym.vector.task_random import draw_uniform, task_stream
+from sceniris_gym.vector.variants import Boxes, VariantView
 
 Joints = str | tuple[int, ...]
 """An object, a robot or one joint by its name, or joints by their numbers in the model."""
@@ -44,6 +48,7 @@ class State:
         batch: The worlds.
         layouts: The layouts of the worlds.
         split: The split of the layouts.
+        variant: The present variant of each object with variants, as `VariantWriter.variant`, if there are any.
 
     Attributes:
         num_envs: Number of worlds.
@@ -57,7 +62,7 @@ class State:
         layout_status: 0 for no layout yet, 1 for a valid one, 2 for one from the bank, shape (num_envs,), int32.
     """
 
-    def __init__(self, batch: Batch, layouts: Layouts, split: str = "train") -> None:
+    def __init__(self, batch: Batch, layouts: Layouts, split: str = "train", variant: wp.array | None = None) -> None:
         self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
         self.data, self._layouts, self._split = batch.data, layouts, split
         self._batch = batch
@@ -71,16 +76,21 @@ class State:
         self.ctrl = wp.to_torch(d.ctrl)
         self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
         self._qpos, self._qvel = wp.to_torch(d.qpos), wp.to_torch(d.qvel)
-        self._written = {"qpos": self._qpos, "qvel": self._qvel, "ctrl": self.ctrl, "act": wp.to_torch(d.act)}
-        self._written |= {"history": wp.to_torch(d.history)} if self.mjm.nhistory else {}
         self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
         self._site_xpos = wp.to_torch(d.site_xpos)
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
         self._base = base_frame(self.scene, self.device, self._xpos, self._xquat)
+        present = None if variant is None else wp.to_torch(variant)
+        self.variants = VariantView(batch.full_scene, present, self.device)
         self._kept: dict[tuple[Hashable, ...], Any] = {}
         if layouts.reaching is not None:
             self._layout_grasp = wp.to_torch(layouts.grasp)
             self._layout_joints = {q: wp.to_torch(getattr(layouts, q)) for q in ("grasp_qpos", "pregrasp_qpos")}
+
+    @property
+    def model_rows(self) -> dict[str, wp.array]:
+        """The arrays of the physics model that have a row for each world, by name."""
+        return self._batch.fields.rows
 
     @property
     def finite(self) -> Tensor:
@@ -102,9 +112,48 @@ class State:
             unknown = [name for name in names if name not in objects]
             if unknown:
                 raise self._unknown("object", unknown[0], "present", objects)
-            return self._index([objects.index(name) for name in names])
+            slots, always = slot_names(self.variants.scene.config), present.shape[1]
+            return self._index([always if name in self.variants.names else slots.index(name) for name in names])
 
-        return wp.to_torch(self._layouts.present)[:, self._once(find, "present", *names)] > 0
+        present = wp.to_torch(self._layouts.present)
+        columns = self._once(find, "present", *names)
+        if self.variants.names:  # of which one variant is always there
+            present = torch.cat([present, torch.ones_like(present[:, :1])], dim=1)
+        return present[:, columns] > 0
+
+    def variant(self, name: str, *, one_hot: bool = False) -> Tensor:
+        """Return which variant of an object is present, numbered as in the scene file.
+
+        Args:
+            name: An object with variants.
+            one_hot: Return a 1 in the column of that variant and 0 in the others, instead of its number.
+
+        Returns:
+            Shape (num_envs,), int64; with `one_hot` shape (num_envs, number of variants), float32.
+
+        Raises:
+            UnknownNameError: The scene has no such object with variants.
+        """
+        if name not in self.variants.names:
+            raise self._unknown("object with variants", name, "variant", self.variants.names)
+        index = self.variants.index(name)
+        if not one_hot:
+            return index
+        return torch.nn.functional.one_hot(index, len(self.variants.scene.config.variants[name])).float()
+
+    def extent(self, name: str) -> Tensor:
+        """Return the edges [m] of the smallest box around a body, along the axes of its frame, shape (num_envs, 3).
+
+        It contains the colliding geoms of the body itself, of the variant that is present.
+
+        Raises:
+            UnknownNameError: The scene has no such body.
+            NotSupportedError: It has no geom that collides.
+        """
+        where = f"scene '{self.scene.config.name}': State.extent"
+        boxes = self._once(lambda: Boxes(self.variants, [self._id("body", name, "extent")], where), "extent", name)
+        lower, upper = boxes.corners()
+        return (upper - lower).reshape(-1, 3).expand(self.num_envs, 3)
 
     def poses(self, names: Sequence[str]) -> Tensor:
         """Return the poses of several bodies at once, shape (num_envs, len(names), 7); see `pose`."""
@@ -156,9 +205,11 @@ class State:
         Position [m] and orientation (wxyz), +z the approach and +y the closing axis. It moves with the object; NaN
         where the object is absent.
         """
-        column, target = self._target(name, "grasp")
-        body, pos, quat = self._once(lambda: self._grasps(target), "grasps", target.number)
-        chosen = self._layout_grasp[:, column]
+        columns, targets = self._once(lambda: self._targets(name, "grasp"), "targets", name)
+        body, pos, quat, first = self._once(lambda: self._grasps(targets), "grasps", name)
+        # at most one variant has a grasp, and each has its own after those of the variants before
+        own = self._layout_grasp[:, columns]
+        chosen = torch.where(own >= 0, own + first, -1).amax(dim=1)
         i = chosen.clamp(min=0).long()
         rows = torch.arange(self.num_envs, device=self.device)
         xpos, xquat = self._xpos[rows, body[i]], self._xquat[rows, body[i]]
@@ -214,7 +265,7 @@ class State:
         width = qpos.shape[1]
 
         def make() -> JointWriter:
-            return JointWriter(self.mjm, self._written, self._joints(name, "put_joints")[:width])
+            return JointWriter(self.mjm, self.data, self._batch.fields.rest, self._joints(name, "put_joints")[:width])
 
         writer = self._once(make, "joints", name, width)
         writer.write(qpos, mask & qpos.isfinite().all(dim=1))
@@ -269,44 +320,108 @@ class State:
         asleep[:, trees] = torch.where(mask[:, None], trees.int(), asleep[:, trees])
         awake[:, trees] = torch.where(mask[:, None], 0, awake[:, trees])
 
+    def model_field(self, name: str, of: str | None = None) -> Tensor:
+        """Return a field of the physics model with a row for each world, to write to in `Task.on_reset`.
+
+        Ask for it in `Task.bind`: steps have all other fields once for all worlds. What follows from the field, such as
+        the inverse weights of bodies, is brought up to date after `on_reset`; other fields do not follow: to make a
+        body heavier, scale "body_mass" and "body_inertia".
+
+        Args:
+            name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
+            of: An element of the model, or an object or a robot, of which a field of bodies has the row of the root
+                body, and other fields those of all geoms, joints or actuators inside.
+
+        Returns:
+            A view that steps read, in the units of MuJoCo, shape (num_envs, number of elements, ...); (num_envs, ...)
+            for `of` a single element.
+
+        Raises:
+            UnknownNameError: There is no such field or element, or layouts depend on it.
+            ArgumentError: The field is asked for after `bind`, or the model has none of what it scales.
+        """
+        return self._once(
+            lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of
+        )
+
+    def parameter(self, name: str) -> Tensor:
+        """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).
+
+        These are factors for `scale`, terms for `add`, and values for `abs` and `choice`. They are in the group
+        `critic`, too, under the name "parameters".
+
+        Args:
+            name: The name of the draw: "can.mass", "robot.gains", "gravity", "lights.lamp.diffuse".
+
+        Raises:
+            UnknownNameError: The scene draws nothing of this name.
+        """
+        return wp.to_torch(self._batch.fields.parameter(name, "State.parameter"))
+
+    @property
+    def parameters(self) -> Tensor | None:
+        """All numbers that `randomize` of the scene has drawn, shape (num_envs, n); None if it draws nothing."""
+        numbers = [self.parameter(draw.name) for draw in self.scene.draws]
+        return torch.cat(numbers, dim=1) if numbers else None
+
     def actuator(self, name: str) -> int:
         """Return the column of an actuator in `ctrl`."""
         return int(actuator_controls(self.mjm)[0][self._id("actuator", name, "actuator")])
 
-    def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor:
-        """Draw uniform numbers in [low, high), shape (num_envs, n).
+    @overload
+    def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor: ...
+    @overload
+    def random(self, n: str, low: tuple[int, ...] = ()) -> Tensor: ...
+    def random(self, n: int | str, low: Any = None, high: float = 1.0, *, stream: int = 0) -> Tensor:
+        """Draw uniform numbers: `random(n, low, high)` for this step, or `random(name, shape)` for this episode.
 
-        They depend only on the world's seed and episode, the steps since its reset, and `stream`: a second call in the
-        same step gives the same numbers, so use another stream for another purpose.
+        With a number they are in [low, high), by default [0, 1), shape (num_envs, n), and depend only on the world's
+        seed and episode, the steps since its reset, and `stream`: a second call in the same step gives the same
+        numbers, so use another stream for another purpose.
+
+        With a name they are in [0, 1), shape (num_envs, *shape), and depend only on seed, episode and name.
         """
-        values = torch.empty(self.num_envs, n, device=self.device)
-        number = task_stream(self._split, stream)
         layouts = self._layouts
+        if isinstance(n, str):
+            shape = low or ()
+            values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
+            draw_named(layouts.seed, layouts.episode, self._split, n, wp.from_torch(values))
+            return values.reshape(self.num_envs, *shape)
+        values = torch.empty(self.num_envs, n, device=self.device)
+        number, low = task_stream(self._split, stream), low or 0.0
         draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values
 
-    def _target(self, name: str, method: str) -> tuple[int, ReachTarget]:
-        """Return the column of a reachable object in the layouts' grasps, and its ReachTarget."""
+    def _targets(self, name: str, method: str) -> tuple[Tensor, list[ReachTarget]]:
+        """Return the columns of a reachable object in the layouts' grasps, and its ReachTargets, one for a variant."""
         targets = () if self._layouts.reaching is None else self._layouts.reaching.targets
-        for column, target in enumerate(targets):
-            if target.name == name:
-                return column, target
-        raise self._unknown("reachable object", name, method, [target.name for target in targets])
+        members = self.variants.scene.config.variants.get(name, (name,))
+        found = [i for i, target in enumerate(targets) if target.name in members]
+        if not found:
+            owners = owners_of(self.variants.scene.config.variants)
+            raise self._unknown("reachable object", name, method, {owners.get(t.name, t.name) for t in targets})
+        return self._index(found), [targets[i] for i in found]
 
     def _solved(self, array: str, name: str) -> Tensor:
-        column, target = self._target(name, array)
+        columns, targets = self._once(lambda: self._targets(name, array), "targets", name)
         assert self._layouts.reaching is not None
-        joints = len(self._layouts.reaching.arm_of(target).arm.joints)
-        return self._layout_joints[array][:, column, :joints].clone()
+        joints = len(self._layouts.reaching.arm_of(targets[0]).arm.joints)
+        solved = self._layout_joints[array][:, columns, :joints]
+        if len(targets) == 1:
+            return solved[:, 0].clone()
+        there = self._layout_grasp[:, columns].argmax(dim=1)  # absent variants have -1
+        return solved[torch.arange(self.num_envs, device=self.device), there]
 
-    def _grasps(self, target: ReachTarget) -> tuple[Tensor, Tensor, Tensor]:
-        """Return body ids, positions and orientations (wxyz) of the grasps of a reachable object."""
-        grasps = target.grasp_set.grasps
+    def _grasps(self, targets: Sequence[ReachTarget]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return body ids, positions and orientations (wxyz) of grasps, and the number of the first one of a target."""
+        grasps = [grasp for target in targets for grasp in target.grasp_set.grasps]
+        counts = [0, *(len(target.grasp_set.grasps) for target in targets[:-1])]
+        bodies = self.variants.scene.sim_bodies[[g.body for g in grasps]]
         pos, quat = (
             torch.tensor(np.array(values), dtype=torch.float32, device=self.device)
             for values in zip(*((g.pos, g.quat) for g in grasps), strict=True)
         )
-        return self._index([g.body for g in grasps]), pos, quat
+        return self._index(bodies.tolist()), pos, quat, self._index(np.cumsum(counts).tolist())
 
     def _once(self, make: Callable[[], Any], *key: Hashable) -> Any:
         """Return what `make` returned when it was first called for this key."""

@@ -43,16 +43,19 @@ from sceniris_gym.vector.arguments import (
     as_task,
     fresh_seed,
 )
+from sceniris_gym.vector.images import GROUP, make_images
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing, Sensors, as_sensing
 from sceniris_gym.vector.snapshot import Snapshot, live_tensors, put, take
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
-from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.task_checks import check_observation, check_outcome
 
 OUTPUTS = ("torch", "numpy")
+PARAMETERS = "parameters"
+"""The name of drawn physics and looks in the group `critic`."""
 
 
 class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
@@ -62,11 +65,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     their parts in order. Put wrappers that take a single array, such as Gymnasium's NormalizeObservation, around
     FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
 
+    With `images` there is a group `images`, too, with a tensor for each camera and kind of picture, of shape (num_envs,
+    height, width, channels): `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1 channel,
+    float32: distance along the camera's axis [m], 0 where nothing is) and `["segmentation"]` (1 channel, int32: an
+    index into `images.names`). Pictures are taken after resets, so that none shows the layout before.
+
     `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
-    each world, and after a step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has
-    `final_obs` and `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as
-    torch lacks uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64`
-    is the seed.
+    each world, `layout_variants` (the number of the present variant, by object) if objects have variants, and after a
+    step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has `final_obs` and
+    `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks
+    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
     processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
@@ -99,9 +107,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
-        sensing: Noise, delay and dropout of the group `policy`: a Sensing, a mapping of its attributes, or None.
+        sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
+            attributes, or None.
         output: "torch" (tensors on `device`) or "numpy".
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
+        images: Pictures to observe, by the names of cameras: {"overview": {"size": (width, height), "data": kinds}},
+            with kinds out of "rgb" (the default), "depth" and "segmentation". None observes no images.
+        render_every: Control steps between two pictures of a world, counted from its reset, which always takes one;
+            in between, the last picture is observed.
+        final_images: Take pictures of the last state of episodes, too, for `final_obs`, which has none otherwise.
         render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
             browser, in real time (extra `viewer`); or None.
         render_envs: Number of worlds that `render` takes pictures of, or that the page shows, from the first one on;
@@ -122,7 +136,17 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """
 
     FIXED = ("compiled", "batch", "randomizer", "state", "statistics", "num_envs", "device", "split", "rank")
-    ARGUMENTS = ("scene", "overrides", "layout_source", "levels", "prefetch", "graph", "nconmax", "njmax")
+    ARGUMENTS = (
+        "scene",
+        "overrides",
+        "layout_source",
+        "levels",
+        "prefetch",
+        "graph",
+        "nconmax",
+        "njmax",
+        "render_every",
+    )
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
@@ -148,6 +172,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         sensing: Sensing | Mapping[str, Any] | None = None,
         output: str = "torch",
         copy: bool = True,
+        # images as observations:
+        images: Mapping[str, Mapping[str, Any]] | None = None,
+        render_every: int = 1,
+        final_images: bool = False,
         # pictures:
         render_mode: str | None = None,
         render_envs: int | None = None,
@@ -163,9 +191,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
         self._groups = as_groups(observation_groups)
-        if max_episode_steps is not None:
-            max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
-        self.task, self.num_envs, self.max_episode_steps = as_task(task), num_envs, max_episode_steps
+        self.task, self.num_envs = as_task(task), num_envs
+        steps = max_episode_steps
+        self.max_episode_steps = None if steps is None else as_count(steps, "max_episode_steps")
         self.autoreset_mode = as_autoreset_mode(autoreset_mode)
         self.output, self.copy, self.split = output, copy, split
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
@@ -177,8 +205,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
         room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
-        task = self.task
-        physics: dict[str, Any] = {"needs": task.needs, "substeps": task.substeps, "options": task.options}
+        physics: dict[str, Any] = {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **room, **physics, graph=graph)
         self.randomizer = ResetRandomizer(
             self.compiled,
@@ -189,10 +216,12 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             split=split,
             prefetch=prefetch,
             needs=self.task.needs,
+            fields=self.batch.fields,
             graph=graph,
         )
-        self.state = State(self.batch, self.randomizer.layouts, split)
+        self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
         self.device = self.state.device
+        self.images, self.final_images = make_images(self.batch, images, render_every, graph=graph), final_images
         self.statistics = EpisodeStatistics(num_envs, self.device)
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
@@ -208,15 +237,19 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
         with self._on_torch_stream():
             self.task.bind(self.state)
+            self.batch.fields.close()
             self.batch.update()
-            observation = self.task.observe(self.state)
+            observation = self._task_observation()
             check_observation(self.task, observation, self.num_envs)
-            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation)
+            action_size = self.task.action_size or self.compiled.mjm.nu
+            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation, action_size)
             observation = spaces.chosen(observation, self._groups)
             flat = spaces.flatten(observation)
         self.observation_names = spaces.names_of(observation)
         self.single_observation_space = spaces.observation_space(flat)
-        self.single_action_space = spaces.action_space(self.task.action_size or self.compiled.mjm.nu)
+        if self.images is not None:
+            self.single_observation_space[GROUP] = self.images.space
+        self.single_action_space = spaces.action_space(action_size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         return flat
@@ -256,13 +289,18 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
             )
-        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.compiled.hash, self.split)
+        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.compiled.scene, self.split)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
+        self.batch.fields.check()
         with self._on_torch_stream():
             if kept is not None:
-                due = put(kept, self.compiled.hash, self._live(), None if mask is None else due)
+                live, given_to = self._live(), None if mask is None else due
+                due = put(kept, self.compiled.hash, live, given_to)
+                if self.randomizer.variants is not None:  # which brings the model of the variants as it was made
+                    self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
+                    put(kept, self.compiled.hash, live, given_to)
                 self.batch.update()
                 self.statistics.start(due)
             else:
@@ -272,7 +310,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if not self._ready:
                 self.batch.check_budget()
                 self._ready = True
-            observation = self._observe(0)
+            observation = self._observe(0) | self._see(due)
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
             return self._returned(observation), self._returned(self._layout_info())
 
@@ -344,9 +382,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._check_open()
         if not self._ready:
             raise gymnasium.error.ResetNeeded("Call reset() before step().")
+        self.batch.fields.check()
         with self._on_torch_stream():
             action = as_action(actions, self.action_space, self.device)
-            self.task.apply(self.state, action)
+            delayed = action if self._sensors is None else self._sensors.delayed_action(self.state, action)
+            self.task.apply(self.state, delayed)
             self.batch.step()
             self.state.elapsed.add_(1)
             outcome = self._outcome(action)
@@ -396,12 +436,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._tell_levels(success)
         info: dict[str, Any] = {"success": success, "broken": broken, "reward_terms": terms}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            final = {**info, "reward_terms": dict(terms), **self._layout_info()}
-            info["final_obs"], info["final_info"] = self._observe(1), final
+            info["final_info"] = {**info, "reward_terms": dict(terms), **self._layout_info()}
+            info["final_obs"] = self._observe(1) | (self._see(done, copy=True) if self.final_images else {})
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._reset_worlds(done)
         info |= self._layout_info()
-        returned = (self._observe(0), reward, terminated, truncated, info)
+        observation = self._observe(0) | self._see()
+        returned = (observation, reward, terminated, truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
     def _tell_levels(self, success: Tensor) -> None:
@@ -417,22 +458,41 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.state.elapsed.masked_fill_(mask, 0)
         self.statistics.start(mask)
         self.task.on_reset(self.state, mask)
+        if self.batch.fields.asked:
+            self.randomizer.refresh()
 
     def _observe(self, buffer: int) -> dict[str, Tensor]:
         """Return the flat observation, in new tensors or in one of the two buffers."""
-        observation = self.task.observe(self.state)
+        observation = self._task_observation()
         if self._sensors is not None:
             observation = self._sensors(self.state, observation)
         observation = spaces.chosen(observation, self._groups)
         return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
 
-    def _layout_info(self) -> dict[str, Tensor]:
+    def _task_observation(self) -> Observation:
+        """Return what the task observes, with the numbers that the scene has drawn in the group `critic`."""
+        observation, parameters = self.task.observe(self.state), self.state.parameters
+        if parameters is None or "critic" not in observation:
+            return observation
+        return {**observation, "critic": {**observation["critic"], PARAMETERS: parameters}}
+
+    def _see(self, mask: Tensor | None = None, *, copy: bool = False) -> dict[str, Any]:
+        """Return the group `images` after pictures of the masked worlds, by default of those that are due."""
+        if self.images is None:
+            return {}
+        return {
+            GROUP: self.images.take(self.images.due(self.state.elapsed) if mask is None else mask, copy or self.copy)
+        }
+
+    def _layout_info(self) -> dict[str, Any]:
         s, sampler = self.state, self.randomizer.levels
-        info = {
+        info: dict[str, Any] = {
             "layout_seed": s.seed.clone(),
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        if s.variants.names:
+            info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
         return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
 
     def _returned(self, value: Any) -> Any:

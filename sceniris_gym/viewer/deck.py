@@ -132,7 +132,7 @@ class LayoutDeck:
             LayoutIdError: The text has not the form of an id.
             SceneMismatchError: The layout is of another scene.
         """
-        name = LayoutId.of_scene(text.strip(), self.compiled.hash, "Open its scene.")
+        name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open its scene.")
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:

@@ -118,7 +118,7 @@ class EnvView:
 
     def _own_id(self, text: str) -> LayoutId:
         cure = "Open its environment, with the same changes of the scene."
-        found = LayoutId.of_scene(text, self.envs.compiled.hash, cure)
+        found = LayoutId.of_scene(text, self.envs.compiled.scene, cure)
         if found.split != self.envs.split:
             raise SceneMismatchError(
                 f"layout '{text}': is of the split '{found.split}', and '{self.envs.split}' is played here. "

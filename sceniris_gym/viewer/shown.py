@@ -8,6 +8,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.program.compiled import CompiledScene
@@ -24,8 +25,8 @@ class ShownWorld:
         compiled: Its scene.
         table: Its layout, one row.
         unplaced: Objects that are not drawn, as they have no place yet.
-        stands: The generator's own pivot [m] and heading [rad], and bounds, of each slot, shape (nslot, 4) each. None
-            for a state that the generator does not have; then they are worked out from the state.
+        stands: The generator's own pivot [m] and heading [rad], and bounds, of each of `Plan.places`, shape (nplace, 4)
+            each. None for a state that the generator does not have; then they are worked out from the state.
     """
 
     compiled: CompiledScene
@@ -49,18 +50,24 @@ class ShownWorld:
 
     def is_present(self, name: str) -> bool:
         """Return True if an object takes part in this layout."""
-        return bool(self.table.present[0, self.compiled.slots.index(name)])
+        return bool(self.table.present[0, self.compiled.slots.index(self.own(name))])
+
+    def own(self, name: str) -> str:
+        """Return the variant of an object that is present, and the name itself if it has no variants."""
+        members = self.compiled.config.variants.get(name, (name,))
+        there = self.table.present[0, [self.compiled.slots.index(member) for member in members]]
+        return members[int(there.argmax())]
 
     def is_shown(self, name: str) -> bool:
         """Return True if an object is present and has a place."""
-        return self.is_present(name) and name not in self.unplaced
+        return self.is_present(name) and self.own(name) not in self.unplaced
 
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Return pivot [m] and heading [rad], and bounds, of an object as relations take them; see `Plan.place`."""
-        slot = self.compiled.slots.index(name)
+        plan, name = self.compiled.plan, self.own(name)
+        slot = plan.places.index(owners_of(self.compiled.config.variants).get(name, name))
         if self.stands is not None:
             return self.stands[0][slot], self.stands[1][slot]
-        plan = self.compiled.plan
         variants = self.placed(name).variants if name in self.compiled.placed else []
         if not variants:
             return plan.place[slot], plan.bounds[slot]
@@ -73,7 +80,7 @@ class ShownWorld:
 
     def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Return the corners [m] of the upright box around an object, or around its root body alone."""
-        mjm, data = self.compiled.mjm, self.data
+        mjm, data, name = self.compiled.mjm, self.data, self.own(name)
         bodies = [self.compiled.scene.bodies[name]] if root_alone else self.compiled.scene.subtree(name)
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
         if not len(geoms):

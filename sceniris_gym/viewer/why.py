@@ -28,6 +28,7 @@ CAUSES = {
     "unreachable": "no grasp of it is within the arm's reach",
     "no_ik": "the arm has no joints for a grasp of it",
     "blocked": "something is in the way of the arm in every grasp of it",
+    "falls": "it would not stand there, or what it is put on would not",
     "unsound": "the layout has numbers that are not finite",
 }
 """The meaning of each cause, in words that follow 'because'."""

@@ -24,7 +24,7 @@ class Window:
     """Shows the first worlds of a batch, at most 64, and keeps to real time.
 
     Args:
-        scene: The scene.
+        scene: The scene, with all variants, of which those that are absent are hidden.
         num: How many worlds there are.
         server: The page; None opens one, and says on stderr where it is.
 
@@ -39,6 +39,10 @@ class Window:
             print(f"sceniris_gym: the environment is shown at {address(self.server)}", file=sys.stderr, flush=True)
         self._worlds = Worlds(self.server, scene, self.num)
         self._worlds.aim()
+        self._simulated = scene.sim_bodies
+        mocap = np.flatnonzero(scene.mjm.body_mocapid >= 0)
+        self._mocap = np.zeros(len(mocap), int)
+        self._mocap[scene.mjm.body_mocapid[mocap]] = scene.sim.mjm.body_mocapid[scene.sim_bodies[mocap]]
         self._bodies = [scene.subtree(name) for name in slot_names(scene.config)]
         self._due = time.monotonic()
 
@@ -53,6 +57,8 @@ class Window:
         data = batch.data
         arrays = (data.xpos, data.xmat, data.mocap_quat, layouts.present)
         xpos, xmat, mocap_quat, present = (array.numpy() for array in arrays)
+        xpos, xmat = xpos[:, self._simulated], xmat[:, self._simulated]
+        mocap_quat = mocap_quat[:, self._mocap]
         for i in range(self.num):
             absent = [body for slot in np.flatnonzero(present[i] == 0) for body in self._bodies[slot]]
             self._worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i], mocap_quat=mocap_quat[i]), absent)

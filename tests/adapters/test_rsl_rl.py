@@ -159,3 +159,21 @@ def test_the_runner_trains_saves_and_goes_on(env, tmp_path: Path):
     with torch.inference_mode():
         assert torch.equal(policies[0](observation), policies[1](observation))
     other.learn(1)
+
+
+def test_images_train_a_cnn_model(reach_scene: CompiledScene):
+    """A camera is a group, its pictures are channels: colours from 0 to 1, then depths [m]."""
+    images = {"overview": {"size": (20, 16), "data": ("rgb", "depth")}}
+    inner = SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5, images=images)
+    env = RslRlVecEnv(inner, seed=3)
+    seen = env.get_observations()["overview"]
+    assert (seen.shape, seen.dtype) == ((4, 4, 16, 20), torch.float32)
+    plain, _ = inner.reset(seed=3)
+    pictures = plain["images"]["overview"]
+    assert torch.equal((255 * seen[:, :3]).round().to(torch.uint8), pictures["rgb"].permute(0, 3, 1, 2))
+    assert torch.equal(seen[:, 3], pictures["depth"][..., 0])
+    settings = config()
+    settings["obs_groups"]["actor"] = ["policy", "overview"]
+    settings["actor"]["class_name"] = "CNNModel"
+    settings["actor"]["cnn_cfg"] = {"output_channels": [4], "kernel_size": 4, "stride": 4}
+    OnPolicyRunner(env, settings, log_dir=None, device="cpu").learn(2)

@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MissingExtraError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, MissingExtraError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.single_env import SceneEnv
@@ -380,3 +380,46 @@ def test_worlds_on_a_gpu_are_seen_in_numpy():
     assert all(np.isfinite(info["terminal_observation"]).all() for info in infos)
     assert [info["layout_episode"] for info in envs.reset_infos] == [2, 1, 2, 1]
     PPO("MlpPolicy", envs, n_steps=8, batch_size=32, device="cpu").learn(64)
+
+
+IMAGES = {"overview": {"size": (40, 36), "data": ("rgb", "depth")}}
+
+
+def until_an_end(envs: SB3VecEnv) -> tuple[Any, list[dict]]:
+    """Return observations and infos of the step that ends the first episodes."""
+    envs.reset()
+    for _ in range(MAX_STEPS - 1):
+        envs.step(np.zeros((2, 5), np.float32))
+    observation, _, _, infos = envs.step(np.zeros((2, 5), np.float32))
+    return observation, infos
+
+
+def test_images_train_a_cnn_policy(make):
+    """A picture alone: bytes with the channels last, which SB3 puts first; terminal observations have it as well."""
+    envs = SB3VecEnv(make(2, images=IMAGES, final_images=True).env, "overview/rgb")
+    assert envs.observation_space == gymnasium.spaces.Box(0, 255, (36, 40, 3), np.uint8)
+    observation, infos = until_an_end(envs)
+    assert (observation.shape, observation.dtype) == ((2, 36, 40, 3), np.uint8)
+    assert infos[0]["terminal_observation"].shape == (36, 40, 3)
+    model = PPO("CnnPolicy", envs, n_steps=6, batch_size=6, n_epochs=1, seed=0, device="cpu")
+    assert model.observation_space.shape == (3, 36, 40)
+    model.learn(12)
+
+
+def test_images_and_numbers_train_a_policy_of_several_inputs(make):
+    """As a dict, also in terminal observations; SB3 takes floats such as depths as they are."""
+    envs = SB3VecEnv(make(2, images=IMAGES, final_images=True).env, ("policy", "overview/rgb", "overview/depth"))
+    observation, infos = until_an_end(envs)
+    assert {name: part.shape[1:] for name, part in observation.items()} == {
+        name: part.shape for name, part in infos[1]["terminal_observation"].items()
+    }
+    assert envs.observation_space.contains(infos[1]["terminal_observation"])
+    PPO("MultiInputPolicy", envs, n_steps=6, batch_size=6, n_epochs=1, seed=0, device="cpu").learn(12)
+
+
+def test_pictures_need_those_of_the_last_state_too(make):
+    """The error names the argument; a picture that is not taken is none of the names."""
+    with pytest.raises(ArgumentError, match="final_images=True"):
+        SB3VecEnv(make(1, images=IMAGES).env, "overview/rgb")
+    with pytest.raises(UnknownNameError, match=r"'overview/rbg'.*Did you mean 'overview/rgb'"):
+        SB3VecEnv(make(1, images=IMAGES, final_images=True).env, "overview/rbg")

@@ -12,6 +12,7 @@ READING = {
     "orientation",  # the DrawnOrientation that an orientation means
     "groups",
     "heaps",  # which things fill what, and the file of their rows
+    "stacks",  # which things stand on which, as `on` and `near` say too
     "robot",  # which arm, and where its base and TCP are
     "fields",
     "section",  # mistakes in a scene file, and files
@@ -20,9 +21,11 @@ READING = {
     "loader",
     "limits",
     "bounds",  # of numbers in a scene file
+    "cameras",  # which no layout depends on
     "expansion",  # how much a file says by its aliases
     "paths",  # how users give them
     "tier",  # the names of tiers
+    "variants",  # which objects others mean by one name
 }
 
 

@@ -12,8 +12,9 @@ import torch
 pytest.importorskip("rsl_rl")
 
 from sceniris_gym import cli
-from sceniris_gym.commands.evaluate import report
+from sceniris_gym.commands.evaluate import evaluate, report
 from sceniris_gym.commands.train import train
+from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.training.settings import Options
 from tests.training.scenes import write_task
 
@@ -71,6 +72,15 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path, capfd: pytest.Capture
     assert (stop.value.code, said.out) == (2, "")
     wanted = f"should be the folder of a run that 'sceniris-gym train TASK --out {tmp_path}' made"
     assert said.err == f"sceniris-gym: {tmp_path}: {wanted}, but has no model.pt.\n"
+
+
+def test_a_policy_of_a_version_with_other_layouts_is_refused(tmp_path: Path):
+    """Runs of version 0.1.0 do not tell their scene; that of this task was another one then."""
+    told = {"options": {"task": "DrawerPick-v0"}, "settings": {}}
+    (tmp_path / "config.json").write_text(json.dumps(told))
+    (tmp_path / "model.pt").touch()
+    with pytest.raises(SceneMismatchError, match=r"this policy was made by version 0\.1\.0 or before"):
+        evaluate(tmp_path, 1, "cpu")
 
 
 def test_the_policy_is_exported_as_the_page_says(run: Path, capfd: pytest.CaptureFixture):

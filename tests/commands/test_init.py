@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sceniris_gym import cli
 from sceniris_gym.commands.init import init
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneFileError
+from sceniris_gym.errors import NotSupportedError, SceneFileError
+from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.tables import make_table
+from tests.importers.libero.problems import write
 from tests.importers.models.models import FINGERS, TABLE, arm
 
 
@@ -71,3 +75,30 @@ def test_a_model_that_cannot_be_read_is_an_error(tmp_path: Path):
     (tmp_path / "bad.xml").write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
     with pytest.raises(SceneFileError, match=r"bad\.xml"):
         init(tmp_path / "bad.xml", "cpu")
+
+
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
+def test_a_problem_file_of_libero_becomes_a_scene_file_with_its_model(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """The same layouts come of the scene file as of the problem file; the goal is a comment."""
+    problem, out = write(tmp_path), tmp_path / "kitchen.yaml"
+    cli.main(["init", str(problem), "-o", str(out), "--widen", "2", "--clutter", "1", "--device", "cpu"])
+    assert "(On akita_black_bowl_1 plate_1)" in capfd.readouterr().out
+    text = out.read_text()
+    assert "# Goal: (On akita_black_bowl_1 plate_1) (Close wooden_cabinet_1_top_region)" in text
+    assert "model: kitchen_model/scene.xml" in text
+    written = compile_scene(out, "cpu")
+    direct = compile_scene(read_bddl(problem, widen=2.0, clutter=1).scene, "cpu")
+    assert written.placed == direct.placed
+    ours, theirs = make_table(written, 32, 0), make_table(direct, 32, 0)
+    np.testing.assert_allclose(ours.qpos, theirs.qpos, atol=1e-6)
+    np.testing.assert_allclose(ours.mocap_pos, theirs.mocap_pos, atol=1e-6)
+
+
+def test_options_of_problem_files_belong_to_them_alone(tmp_path: Path):
+    """A model takes none of them, and a problem file needs a place for its model."""
+    model = tmp_path / "table.xml"
+    model.write_text(TABLE)
+    with pytest.raises(NotSupportedError, match=r"--assets, --widen and --clutter belong to a problem file"):
+        cli.init(model, widen=2.0)
+    with pytest.raises(NotSupportedError, match=r"needs a folder. Give a scene file: -o FILE.yaml"):
+        cli.init(write(tmp_path))

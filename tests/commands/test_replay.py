@@ -9,11 +9,12 @@ import torch
 
 from sceniris_gym.commands.replay import LayoutId, default_picture, describe, find_scene, replay, report
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import LayoutIdError, UnknownNameError
+from sceniris_gym.errors import LayoutIdError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table, read_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import box_mjcf
 
 
@@ -33,6 +34,14 @@ def test_an_id_makes_the_same_layout_again(split: str):
 def test_a_shipped_scene_is_found_by_its_hash():
     """The hash of a shipped scene is enough."""
     assert find_scene(compile_scene("mid", "cpu").hash).config.name == "mid"
+
+
+def test_an_id_of_a_version_with_other_layouts_is_refused():
+    """It names that version; the scene is found in any case, and no layout is answered."""
+    former = build_model(SceneConfig.load("mid")).former_hash
+    assert former is not None
+    with pytest.raises(SceneMismatchError, match=r"of 'mid' was made by version 0\.1\.0 or before"):
+        find_scene(former)
 
 
 @pytest.mark.parametrize(

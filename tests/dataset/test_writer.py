@@ -117,7 +117,12 @@ def test_a_data_set_is_never_written_over(tmp_path: Path):
         write(tmp_path, 50, resume=True)
     assert write(tmp_path, resume=True).complete
     assert contents(tmp_path) == before
-    (tmp_path / "dataset.json").write_text("[" * 200_000)
+    held = tmp_path / "dataset.json"
+    scene = compile_on_cpu("mid").scene
+    held.write_text(held.read_text().replace(scene.hash, scene.former_hash or ""))
+    with pytest.raises(DatasetError, match=r"the data set here was made by version 0\.1\.0 or before"):
+        write(tmp_path, resume=True)
+    held.write_text("[" * 200_000)
     with pytest.raises(DatasetError, match="cannot be read"):
         write(tmp_path, resume=True)
 

@@ -15,10 +15,10 @@ from sceniris_gym.cli import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "levels")
+WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "levels", "images", "randomisation", "variants")
 PAGES = (
     *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
-    *("libraries", "mjlab", "training", "reach"),
+    *("libraries", "mjlab", "jax", "newton", "training", "reach", "libero"),
 )
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 
@@ -82,6 +82,21 @@ def test_the_program_of_the_page_on_data_sets_runs(tmp_path: Path, monkeypatch: 
     assert names["batch"]["qpos"].shape[0] == 16
     names["source"].generate()
     assert names["source"].layouts.seed.numpy().max() < 16
+
+
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
+def test_the_program_of_the_page_on_libero_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """On the problem file of the page, without LIBERO's models; no world starts at its goal."""
+    monkeypatch.chdir(tmp_path)
+    page = read("libero")
+    problem = re.search(r'^```lisp title="([^"]+)"\n(.*?)^```$', page, re.MULTILINE | re.DOTALL)
+    assert problem is not None
+    Path(problem[1]).write_text(problem[2], encoding="utf-8")
+    ((_, _, program),) = BLOCK.findall(page)
+    names: dict = {}
+    exec(compile(program, "libero.md", "exec"), names)
+    assert names["observations"]["policy"].shape == (16, 9 + 7 + 7)
+    assert not names["env"].unwrapped.step(names["env"].action_space.sample())[4]["success"].any()
 
 
 def test_every_command_has_a_section():

@@ -15,12 +15,14 @@ from PIL import Image
 from docs.examples import FOLDER, PAGES, TEXT_KEY, Example, read_examples
 from docs.seen import View
 from sceniris_gym import errors
+from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import KINDS, Connection, Distance
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.config.scene import Floor, SceneConfig
+from sceniris_gym.config.stacks import StackConfig
 from sceniris_gym.program.checks import oddities
 from sceniris_gym.program.device import Cause
 from tests.oracle.hostile_judge import KICK
@@ -28,7 +30,8 @@ from tests.oracle.hostile_judge import KICK
 EXAMPLES = read_examples(*PAGES)
 TEXT = "".join(page.read_text(encoding="utf-8") for page in PAGES)
 PARTS = (
-    *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig),
+    *(SceneConfig, Floor, RobotConfig, TcpConfig, ObjectConfig, RegionConfig, JointConfig, GroupConfig, StackConfig),
+    *(CameraConfig,),
     *(*KINDS, Connection, Distance, Orientation, Stable),
 )
 NOT_EXPLAINED = {"name", "objects", "asset"}  # what is no matter of placement
@@ -134,6 +137,7 @@ LIMITS = {
     Path("program/checks/parking.py"),
     Path("program/checks/regions.py"),
     Path("program/checks/relations.py"),
+    Path("program/checks/standing.py"),  # the page on standing
     Path("scene/parking.py"),
 }
 ELSEWHERE = ("audit", "commands", "dataset", "pictures", "training", "importers")

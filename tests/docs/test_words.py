@@ -10,11 +10,14 @@ import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from sceniris_gym.config import objects, orientation, relations, robot
+from sceniris_gym.config import loader, objects, orientation, relations, robot, variants
+from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.randomize import DrawConfig, SceneDraws
 from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.config.section import Section
+from sceniris_gym.config.stacks import StackConfig
 
 PAGE = Path(__file__).parents[2] / "docs" / "language" / "words.md"
 MODELS: dict[str, type[BaseModel]] = {
@@ -31,13 +34,19 @@ MODELS: dict[str, type[BaseModel]] = {
     "distance": relations.Distance,
     "robot": robot.RobotConfig,
     "tcp": robot.TcpConfig,
+    "camera": CameraConfig,
     "group": GroupConfig,
+    "stack": StackConfig,
     "heap": HeapConfig,
+    "draw": DrawConfig,
+    "whole scene": SceneDraws,
 }
 """The models, by their names in the table."""
 FIELDS = {(place, field.alias or name): field for place, m in MODELS.items() for name, field in m.model_fields.items()}
 READ_BEFORE = {
     ("scene", "base"),
+    *(("object", word) for word in (loader.VARIANTS, loader.HOLDOUT)),
+    *(("variant", word) for word in variants.DRAWN),
     *(("orientation", word) for word in orientation._WORDS),
     *(("reachable", word) for word in objects._REACH_WORDS),
 }

@@ -16,8 +16,8 @@ def check_stated(task: type[Task], envs: SceneVectorEnv, privileged: list[tuple[
     table = [(name, tuple(map(int, shape.split(", ")))) for name, shape in ROW.findall(task.__doc__)]
     assert table == envs.observation_names["policy"]
     assert envs.observation_names["critic"] == [*table, *privileged]
-    for group, space in envs.single_observation_space.items():  # type: ignore[attr-defined]
-        size = space.shape[0]
+    for group in envs.observation_names:
+        size = envs.single_observation_space[group].shape[0]  # type: ignore[index]
         assert re.search(rf"[Gg]roups? `{group}`[^.:]*, {size} numbers", task.__doc__) or (
             not privileged and re.search(rf"groups `policy` and `critic` alike, {size} numbers", task.__doc__)
         )

@@ -82,6 +82,7 @@ def test_the_clutter_covers_three_tenths_of_its_table():
     [
         "tabletop_reach",
         "tabletop_lift",
+        "tabletop_lift_any",
         "clutter_push",
         "clutter_extract",
         "drawer_pick",

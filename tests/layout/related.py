@@ -113,8 +113,9 @@ def related(asset: str | None, *relations: Mapping[str, Any], **words: Any) -> d
 
 
 def scene(objects: Mapping[str, Any], **words: Any) -> CompiledScene:
-    """The CompiledScene of these objects on a floor of 2 m x 2 m."""
-    return compile_on_cpu({"floor": FLOOR, "objects": dict(objects), **words}, bank=8)
+    """The CompiledScene of these objects on a floor of 2 m x 2 m; none has to stand, as some touch nothing."""
+    fall = {name: {"stands": False, **part} for name, part in objects.items()}
+    return compile_on_cpu({"floor": FLOOR, "objects": fall, **words}, bank=8)
 
 
 def table_of(compiled: CompiledScene, n: int, seed: int = 0) -> LayoutTable:

@@ -153,7 +153,8 @@ def test_restarts_for_what_no_attempt_cures_are_blamed_on_it(tmp_path: Path, cra
         <geom type="box" size=".1 .1 .005"/></body>"""
     lid = {"lid": {"choice": [0.0, 1.0]}}
     rack = {"asset": write_mjcf(tmp_path, "rack", body), "kind": "fixture", "on": "floor", "joints": lid}
-    scene = {"floor": FLOOR, "objects": {"rack": rack, "crate": {**crate, "on": "rack/lid"}}, "restarts": 0}
+    thing = {**crate, "on": "rack/lid", "stands": False}
+    scene = {"floor": FLOOR, "objects": {"rack": rack, "crate": thing}, "restarts": 0}
     with pytest.warns(FallbackWarning, match=r"'crate' \(empty\)") as told:
         compile_on_cpu(scene)
     assert "auto" not in str(told[0].message)
@@ -349,7 +350,7 @@ def test_a_support_that_leans_carries_nothing(tmp_path: Path, crate: dict):
     def scene(part: str, joints: dict) -> dict:
         return {
             "floor": FLOOR,
-            "objects": {"rack": {**rack, "joints": joints}, "crate": {**crate, "on": f"rack/{part}"}},
+            "objects": {"rack": {**rack, "joints": joints}, "crate": {**crate, "on": f"rack/{part}", "stands": False}},
         }
 
     _refused(scene("wall", {}), NotSupportedError, "objects.crate.on", "'rack/wall' leans by 90 degrees")

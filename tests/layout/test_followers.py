@@ -144,7 +144,7 @@ def test_a_robot_s_mimic_finger_follows_noise_and_home(tmp_path: Path):
 def test_absent_objects_are_parked_with_their_equalities_kept(tmp_path: Path):
     """An object that its group leaves out has all its joints at home."""
     asset = write_mjcf(tmp_path, "doors", DOORS, GEARS)
-    doors = {"asset": asset, "on": "floor", "joints": {"left": {"range": [-0.5, 0.5]}}}
+    doors = {"asset": asset, "on": "floor", "stands": False, "joints": {"left": {"range": [-0.5, 0.5]}}}
     scene = {
         "floor": {"size": [2, 2]},
         "objects": {"a": dict(doors), "b": dict(doors)},

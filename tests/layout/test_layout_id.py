@@ -2,8 +2,10 @@
 
 import pytest
 
-from sceniris_gym.errors import LayoutIdError
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.scene.model import build_model
 
 
 @pytest.mark.parametrize("split", ["train", "eval"])
@@ -18,3 +20,13 @@ def test_anything_else_is_refused(text: str):
     """With the form that it should have."""
     with pytest.raises(LayoutIdError, match="should be scenehash:split:seed:episode"):
         LayoutId.parse(text)
+
+
+def test_an_id_is_of_a_scene_as_it_is_now():
+    """One of another scene is refused, and one that the same words had before free objects had to stand."""
+    scene = build_model(SceneConfig.load("mid"))
+    assert LayoutId.of_scene(f"{scene.hash}:train:1:0", scene, "").seed == 1
+    with pytest.raises(SceneMismatchError, match=rf"is of scene 0+, and this one is {scene.hash}\. Open it\."):
+        LayoutId.of_scene(f"{'0' * 16}:train:1:0", scene, "Open it.")
+    with pytest.raises(SceneMismatchError, match=r"was made by version 0\.1\.0 or before"):
+        LayoutId.of_scene(f"{scene.former_hash}:train:1:0", scene, "Open it.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import pytest
@@ -132,9 +133,60 @@ def test_a_model_in_memory_is_known_by_its_arrays(change: Callable[[mujoco.MjSpe
     assert hashed(spec) != before
 
 
+TABLE = {"desk": {"kind": "static"}}
+FALLING: dict[str, tuple[dict[str, Any], bool]] = {
+    "on something": ({"on": "desk"}, True),
+    "on something, all of it": ({"on": "desk", "ratio_on_support": 1}, False),
+    "on the floor": ({"on": "floor"}, False),
+    "dropped": ({"on": "desk", "gap": 0.006}, False),
+    "in any orientation": ({"on": "desk", "orientation": "any"}, False),
+    "in space": ({"region": {"box": [[0, 0, 1], [1, 1, 2]]}}, False),
+    "meant to fall": ({"on": "desk", "stands": False}, False),
+}
+
+
+@pytest.mark.parametrize(("words", "could_fall"), FALLING.values(), ids=FALLING.keys())
+def test_a_scene_in_which_something_could_fall_has_another_hash_than_before(
+    folder: Path, words: dict[str, Any], could_fall: bool
+):
+    """All others keep theirs."""
+    scene = build(folder, {"stone": words, **TABLE}, model=str(folder / "own.xml"))
+    assert (scene.former_hash is not None) == could_fall
+    assert scene.hash != scene.former_hash
+
+
+def test_a_scene_with_something_on_a_free_object_has_another_hash(folder: Path):
+    """Even if all of it is on that."""
+    objects = {"a": {"asset": "can", "on": "floor"}, "b": {"asset": "can", "on": "a", "ratio_on_support": 1}}
+    config = SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects})
+    assert build_model(config).former_hash is not None
+    less = SceneConfig.load(config, {"objects.b.on": "floor"})
+    assert build_model(less).former_hash is None
+
+
+@pytest.mark.parametrize(
+    ("option", "counts"),
+    [('timestep="0.004"', False), ('timestep="0.02"', True), ('o_solref="0.1 1"', True), ('iterations="7"', False)],
+)
+def test_options_that_say_how_things_stand_count_where_something_could_fall(folder: Path, option: str, counts: bool):
+    """A timestep counts if MuJoCo makes contacts softer for it."""
+    own = folder / "own.xml"
+
+    def hashed(text: str, words: dict[str, Any]) -> str:
+        own.write_text(text)
+        return build(folder, {"stone": words, **TABLE}, model=str(own)).hash
+
+    before = own.read_text()
+    after = before.replace('<option timestep="0.003"/>', f"<option {option}/>", 1)
+    assert after != before
+    assert (hashed(before, {"on": "desk"}) != hashed(after, {"on": "desk"})) == counts
+    assert hashed(before, {"on": "floor"}) == hashed(after, {"on": "floor"})
+
+
 @pytest.mark.oldest
 def test_the_hash_is_the_same_with_every_version_of_mujoco(folder: Path):
     """Of a scene from files: the number is kept here, and tests run with the oldest version and the newest."""
     own = build(folder, {"stone": {"on": "desk"}, "desk": {"kind": "static"}}, model=str(folder / "own.xml"))
     assert OWN in (folder / "own.xml").read_text()
-    assert (build(folder, {"a": dict(CABINET["a"])}).hash, own.hash) == ("b2186a1706e23957", "47c17d236259dd1c")
+    assert own.former_hash == "47c17d236259dd1c"
+    assert (build(folder, {"a": dict(CABINET["a"])}).hash, own.hash) == ("b2186a1706e23957", "69d5ef02a389cd99")

@@ -25,7 +25,8 @@ def _table(nrow: int, seed: int) -> LayoutTable:
     draws = np.random.default_rng(seed)
     shapes = {"qpos": (8,), "mocap_pos": (2, 3), "mocap_quat": (2, 4), "present": (3,), "grasp": (2,)}
     shapes |= {"grasp_pose": (2, 7), "grasp_qpos": (2, 6), "pregrasp_qpos": (2, 6)}
-    return LayoutTable(**{name: draws.random((nrow, *shapes.get(name, ()))) for name in COLUMNS})
+    columns: dict[str, Any] = {name: draws.random((nrow, *shapes.get(name, ()))) for name in COLUMNS}
+    return LayoutTable(**columns)
 
 
 def _rows(table: LayoutTable) -> list[tuple[np.ndarray, ...]]:

@@ -14,7 +14,7 @@ from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.fit import check_fit, check_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
 NWORLD = 2
@@ -108,6 +108,23 @@ def test_a_foreign_model_is_refused(compiled: CompiledScene, make: Callable[[], 
     """The error names the difference, and what should be there."""
     with pytest.raises(SceneMismatchError, match=says):
         ResetRandomizer(compiled, *put(make()))
+
+
+def test_an_mjmodel_of_somebody_else_is_taken(compiled: CompiledScene):
+    """Sizes that nothing collides with may differ: those of the ground's picture, and those a sphere has no use for."""
+    mjm = model()
+    mjm.geom_size[mjm.geom("ground").id] = 0.0
+    check_model(compiled, mjm, "loop", "")
+    with pytest.raises(SceneMismatchError, match=r"loop: the name of body 2 is 'large'.* Take another\.$"):
+        check_model(compiled, model(LARGE, SMALL), "loop", "Take another.")
+    ball = '<body name="ball" pos="0 0 .1"><freejoint/><geom type="sphere" size=".02"/></body>'
+    mjm = model(ball)
+    round_scene = compile_scene({"model": model(ball), "objects": {"ball": {"on": "ground"}}, "bank": 2}, "cpu")
+    mjm.geom_size[2, 1:] = 0.5
+    check_model(round_scene, mjm, "loop", "")
+    mjm.geom_size[2, 0] = 0.03
+    with pytest.raises(SceneMismatchError, match=r"loop: model\.geom_size of geom 2 is \[0\.03, 0\.5, 0\.5\]"):
+        check_model(round_scene, mjm, "loop", "")
 
 
 def test_twins_in_another_order_are_told_apart_by_their_places_and_by_their_names():

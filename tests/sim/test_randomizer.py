@@ -291,7 +291,7 @@ def test_what_does_not_belong_to_the_scene_is_refused(make_randomizer, small_sce
     short = replace(rows, qpos=rows.qpos[:, :5])
     with pytest.raises(SceneMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
         randomizer.write(short, [0, 1])
-    with pytest.raises(SceneMismatchError, match="are of scene 0123456789abcdef and should be of"):
+    with pytest.raises(SceneMismatchError, match="is of scene 0123456789abcdef, and this one is"):
         randomizer.write(replace(rows, scene="0123456789abcdef"), [0, 1])  # in which places may mean something else
     flat = replace(rows, mocap_quat=rows.mocap_quat[:, :, :3])
     with pytest.raises(SceneMismatchError, match=r"layouts\.mocap_quat has shape \(7, \d, 3\) and .* \(7, \d, 4\)"):

@@ -61,7 +61,7 @@ def test_a_camera_is_rendered_by_its_name():
         m, d = mjw.put_model(mjm), mjw.make_data(mjm)
         found = {}
         for name in ("at", "away"):
-            context = render_context(mjm, 1, name, cam_res=(8, 8), render_rgb=True, samples_per_pixel=1)
+            context = render_context(mjm, 1, [name], cam_res=(8, 8), render_rgb=True, samples_per_pixel=1)
             for stage in (mjw.kinematics, mjw.com_pos, mjw.camlight):
                 stage(m, d)
             mjw.refit_bvh(m, d, context)

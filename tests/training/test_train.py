@@ -18,6 +18,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json
 from sceniris_gym.training import sources, task_scenes, train
 from sceniris_gym.training.settings import SETTINGS, Options
+from tests.training.scenes import reach_scene
 
 
 @pytest.mark.slow
@@ -71,6 +72,37 @@ def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Pa
     assert judged[0]["valid"]["unfinished"] == 0
     table = curves.table(curves.read(tmp_path))
     assert "| TabletopReach-v0 | fresh | 1 | 0.0 M | 0.0% (0.0% to 49.0%) | 0.0% (0.0% to 49.0%) | - |" in table
+
+
+def test_a_policy_that_sees_images_imitates_a_teacher_that_sees_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The teacher is trained once, by the critic's numbers; a run that is resumed has it in its checkpoint."""
+    monkeypatch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=4))
+    monkeypatch.setattr(train, "judges_of", lambda *_: {})
+    compiled = reach_scene()
+    monkeypatch.setattr(train, "compile_scene", lambda *_: compiled)
+    small = ("steps=2", "hidden=(8,)", "epochs=1", "teacher=0.001")
+    common: dict[str, Any] = {"num_envs": 2, "out": tmp_path, "every": 1, "device": "cpu", "changes": small}
+    run = train.Run(Options("TabletopReachPixels-v0", **common, million_steps=4e-6))
+    assert run.env.get_observations()["front"].shape == (2, 4, 64, 64)
+    monkeypatch.setattr(run, "_judge", lambda: None)
+    monkeypatch.setattr(train, "evaluations", lambda _: [{}])
+    before = {name: value.clone() for name, value in run.runner.alg.get_policy().state_dict().items()}
+    run.go()
+    taught = torch.load(tmp_path / "teacher.pt", weights_only=False)["actor_state_dict"]
+    saved = torch.load(tmp_path / "model.pt", weights_only=False)
+    assert all(torch.equal(value, saved["teacher_state_dict"][name]) for name, value in taught.items())
+    assert taught["mlp.0.weight"].shape == (8, 73)
+    changed = {
+        name.split(".")[1]
+        for name, value in saved["student_state_dict"].items()
+        if "cnns" in name and not torch.equal(value, before[name])
+    }
+    assert changed == {"front", "wrist"}
+    again = train.Run(Options("TabletopReachPixels-v0", **common, million_steps=8e-6, resume=True))
+    monkeypatch.setattr(again, "_judge", lambda: None)
+    monkeypatch.setattr(again, "_teach", pytest.fail)
+    again.go()
+    assert again.iterations == 2
 
 
 def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):

@@ -133,3 +133,16 @@ def test_wrappers_may_be_around(make: Callable[..., SceneVectorEnv]):
     turned = TransformAction(envs, lambda actions: -np.asarray(actions))
     mirrored = evaluate(lambda observation: -turning(observation).numpy(), turned, 2)
     assert mirrored == evaluate(turning, make(2), 2)
+
+
+def test_a_policy_may_look_at_images(make_env):
+    """Those of the layouts that it is judged on: the same ids give the same results with more worlds at a time."""
+
+    def look(observation: dict) -> torch.Tensor:
+        depth = observation["images"]["overview"]["depth"]
+        return (depth.mean(dim=(1, 2, 3), keepdim=False)[:, None] - 1.5).clamp(-0.8, 0.8).expand(-1, 5)
+
+    images = {"overview": {"size": (16, 12), "data": "depth"}}
+    few, many = (evaluate(look, make_env(n, max_episode_steps=4, images=images), 4) for n in (2, 4))
+    assert [row.id for row in few] == [row.id for row in many]
+    assert [row.total_reward for row in few] == pytest.approx([row.total_reward for row in many])

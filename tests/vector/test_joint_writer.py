@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import mujoco
+import mujoco_warp as mjw
 import numpy as np
 import pytest
 import torch
+import warp as wp
 from torch import Tensor
 
+from sceniris_gym.sim.rest import RestMap, rest_map
 from sceniris_gym.vector.joint_writer import JointWriter
 from tests.vector.stepping import oracle
 from tests.versions import since_4
@@ -53,14 +56,23 @@ ARM = """
 """
 
 
+def make_data(mjm: mujoco.MjModel, nworld: int) -> mjw.Data:
+    """Return data on the CPU."""
+    with wp.ScopedDevice("cpu"):
+        return mjw.make_data(mjm, nworld)
+
+
+def at_rest(mjm: mujoco.MjModel) -> RestMap:
+    """Return what holds a pose, with zeros at home."""
+    return rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
+
+
 def written(names: list[str], values: list[list[float]], mask: list[bool]) -> tuple[mujoco.MjModel, dict[str, Tensor]]:
     """Put joints of worlds whose state is all sevens; return the model and the state."""
     mjm = mujoco.MjModel.from_xml_string(ARM)
-    state = {
-        name: torch.full((len(mask), n), 7.0)
-        for name, n in (("qpos", mjm.nq), ("qvel", mjm.nv), ("ctrl", mjm.nu), ("act", mjm.na))
-    }
-    writer = JointWriter(mjm, state, [mjm.joint(name).id for name in names])
+    d = make_data(mjm, len(mask))
+    state = {name: wp.to_torch(getattr(d, name)).fill_(7.0) for name in ("qpos", "qvel", "ctrl", "act")}
+    writer = JointWriter(mjm, d, at_rest(mjm), [mjm.joint(name).id for name in names])
     writer.write(torch.tensor(values), torch.tensor(mask))
     return mjm, state
 
@@ -114,14 +126,15 @@ def test_delayed_actuators_read_the_new_control_from_the_past():
     """All that a delayed actuator remembers is the control that holds the joint; others remember what they did."""
     mjm = mujoco.MjModel.from_xml_string(DELAYED)
     data = mujoco.MjData(mjm)
-    state = {"qpos": torch.zeros(2, 2), "qvel": torch.zeros(2, 2), "ctrl": torch.zeros(2, 2), "act": torch.zeros(2, 0)}
-    state["history"] = torch.tensor(data.history, dtype=torch.float32).repeat(2, 1)
-    before = state["history"].clone()
-    JointWriter(mjm, state, [mjm.joint("one").id]).write(torch.tensor([[0.4], [0.5]]), torch.tensor([True, False]))
-    assert torch.equal(state["history"][1], before[1])
-    data.history[:], data.ctrl[:] = state["history"][0].numpy(), state["ctrl"][0].numpy()
+    d = make_data(mjm, 2)
+    history, ctrl = wp.to_torch(d.history), wp.to_torch(d.ctrl)
+    history.copy_(torch.tensor(data.history, dtype=torch.float32))
+    before, writer = history.clone(), JointWriter(mjm, d, at_rest(mjm), [mjm.joint("one").id])
+    writer.write(torch.tensor([[0.4], [0.5]]), torch.tensor([True, False]))
+    assert torch.equal(history[1], before[1])
+    data.history[:], data.ctrl[:] = history[0].numpy(), ctrl[0].numpy()
     read = np.zeros((2, 1))
     for i in range(2):
         mujoco.mj_readCtrl(mjm, data, i, 0.0, read[i], -1)
     np.testing.assert_allclose(read[:, 0], [0.0, 0.8], atol=1e-6)
-    assert (state["history"][0] != before[0]).sum() == 12
+    assert (history[0] != before[0]).sum() == 12

@@ -50,7 +50,7 @@ def test_a_page_is_opened_when_it_is_first_needed_and_closed(monkeypatch: pytest
         return opened[-1]
 
     monkeypatch.setattr(rendering.importlib, "import_module", lambda name: SimpleNamespace(Window=open_page))
-    batch: Any = SimpleNamespace(scene=None)
+    batch: Any = SimpleNamespace(full_scene=None)
     layouts: Any = None
     for mode, pages in (("rgb_array", 0), (None, 0), ("human", 1)):
         looked = Rendering(mode, 2, None, (8, 8), "overview")

@@ -16,6 +16,7 @@ from sceniris_gym.errors import (
     SeedError,
     UnknownNameError,
 )
+from sceniris_gym.layout.layout_id import LayoutId
 from tests.vector.stepping import actions, assert_equal, state
 
 
@@ -189,6 +190,7 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
     ("layouts", "error", "match"),
     [
         (["a:train:0:0"] * 2, SceneMismatchError, "should be of scene"),
+        (LayoutId("a", "train", 0, 0), SceneMismatchError, "should be of scene"),
         (["nonsense"] * 2, LayoutIdError, "should be scenehash"),
         ([7, 8], LayoutIdError, "should be scenehash"),
         ([None], ArgumentError, "a sequence of 2"),

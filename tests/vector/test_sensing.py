@@ -142,3 +142,50 @@ def test_wrong_values_are_named():
         as_sensing({"delays": (0, 1)})
     with pytest.raises(UnknownNameError, match="unknown observation 'tim'"):
         make({"noise": {"tim": 0.1}}, 1)
+
+
+def test_encoder_biases_last_for_an_episode_and_are_uniform():
+    """Each number has its own, within the bound; the next episode has others."""
+    envs = make({"encoder_bias": {"two": 0.1}}, 64)
+    policy, critic = run(envs, 3)
+    bias = (policy - critic)[:, :, 1:3]
+    assert torch.allclose(bias[0], bias[3], atol=1e-6)
+    assert 0.05 < bias.abs().max() <= 0.1
+    assert (bias[0, :, 0] - bias[0, :, 1]).abs().min() > 0.0
+    assert abs(bias[0].mean()) < 0.02
+    others = [0, *range(3, policy.shape[2])]
+    assert torch.equal(policy[:, :, others], critic[:, :, others])
+    seen, _ = envs.reset()
+    assert ((seen["policy"] - seen["critic"])[:, 1:3] - bias[0]).abs().min() > 0.0
+
+
+class Echo(Clock):
+    """Keeps the actions that arrive."""
+
+    def bind(self, s: State) -> None:
+        """Make room for them."""
+        self.arrived = torch.zeros(s.num_envs, 1)
+
+    def apply(self, s: State, action: Tensor) -> None:
+        """Keep one."""
+        self.arrived.copy_(action)
+
+
+def test_actions_arrive_late():
+    """By the delay of the episode; the first one is repeated until then, also after a reset in part."""
+    envs = SceneVectorEnv(Echo, 16, scene=SCENE, device="cpu", sensing={"action_delay": [1, 3]})
+    envs.reset(seed=1)
+    arrived = []
+    for step in range(8):
+        envs.step(torch.full((16, 1), 0.1 * step))
+        arrived.append(envs.task.arrived.clone())  # type: ignore[attr-defined]
+    found = torch.stack(arrived)[:, :, 0]
+    delay = ((0.7 - found[7]) / 0.1).round().long()
+    assert set(delay.tolist()) == {1, 2, 3}
+    for step in range(8):
+        expected = 0.1 * (step - delay).clamp(min=0)
+        assert torch.allclose(found[step], expected)
+    envs.reset(options={"reset_mask": torch.arange(16) == 0})
+    envs.step(torch.full((16, 1), 0.8))
+    assert envs.task.arrived[0] == pytest.approx(0.8)  # type: ignore[attr-defined]
+    assert torch.allclose(envs.task.arrived[1:, 0], 0.8 - 0.1 * delay[1:])  # type: ignore[attr-defined]

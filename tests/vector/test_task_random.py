@@ -8,7 +8,7 @@ import torch
 import warp as wp
 from scipy import stats
 
-from sceniris_gym.vector.task_random import draw_uniform, task_stream
+from sceniris_gym.sim.named_random import draw_uniform, named_stream, task_stream
 
 
 def test_random_numbers_depend_on_seed_episode_step_and_stream(make_env):
@@ -68,7 +68,8 @@ def test_no_stream_of_a_task_is_one_of_the_layouts_or_of_another_split():
     """The lowest and the highest ones; what is beyond them is refused."""
     most = 2**24 - 1
     found = [task_stream(split, stream) for split in ("train", "eval") for stream in (0, 1, most)]
-    assert len(set(found)) == 6
+    found += [named_stream(split) for split in ("train", "eval")]
+    assert len(set(found)) == 8
     layouts = {(split << 24) + number for split in (0, 1, 2) for number in (0, 1, most - 2, most - 1, most)}
     assert not layouts & set(found)
     assert max(found) < 2**32

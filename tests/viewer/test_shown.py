@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sceniris_gym.viewer.relations import sketch_relations
 from sceniris_gym.viewer.shown import ShownWorld
 from tests.viewer.worlds_on_show import world_of
 
@@ -51,3 +52,19 @@ def test_what_has_no_place_yet_is_not_shown():
     assert not early.is_shown("banana")
     assert early.placed_names == ["cabinet", "apple"]
     assert early.hidden_bodies() == world.compiled.scene.subtree("banana")
+
+
+def test_an_object_is_the_variant_that_is_there():
+    """Its name stands for that variant, and the generator's own pivot is the one of the state."""
+    things = {"asset": ["apple", "can", "pear"], "on": "floor", "region": {"box": [[-0.2, -0.2], [0.2, 0.2]]}}
+    near = [{"near": "thing", "distance": {"max": 0.3}}]
+    objects = {"thing": things, "mug": {"asset": "mug", "on": "floor", "relations": near}}
+    world = world_of({"floor": {"size": [1.0, 1.0]}, "objects": objects}, 3)
+    own = world.own("thing")
+    assert world.placed_names == [own, "mug"]
+    assert world.is_shown("thing")
+    alone = ShownWorld(world.compiled, world.table)
+    for name in (own, "thing"):
+        assert alone.standing(name)[0][:3] == pytest.approx(world.standing(own)[0][:3], abs=1e-4)
+    assert len(sketch_relations(world, "mug").surfaces) == 1
+    assert world.box("thing")[0] == pytest.approx(world.box(own)[0])

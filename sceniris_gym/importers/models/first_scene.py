@@ -56,7 +56,7 @@ class Entry:
         """Return its lines of YAML."""
         lines = [f"# {line}" for note in (*self.notes, self.why) for line in _wrapped(note)]
         if self.words:
-            lines.append(f"{'# ' if self.why else ''}{self.name}: {_flow(self.words)}")
+            lines.append(f"{'# ' if self.why else ''}{self.name}: {flow(self.words)}")
         return [indent + line for line in lines]
 
 
@@ -119,9 +119,9 @@ class FirstScene:
         """
         lines = [
             "# A first scene, written from the model: try it with `sceniris-gym check`, and change what it says.",
-            f"model: {_flow(model)}",
+            f"model: {flow(model)}",
             *(f"# {line}" for line in _wrapped(self.start)),
-            *([f"home: {_flow(self.home)}"] if self.home else []),
+            *([f"home: {flow(self.home)}"] if self.home else []),
         ]
         if self.robot is not None:
             lines += ["", *self.robot.lines("")]
@@ -312,17 +312,17 @@ def _carrier(entry: Entry) -> str:
 
 def _support_line(support: FoundSupport) -> str:
     if support.is_endless:
-        return f"{_flow(support.name)}: endless; give a region"
+        return f"{flow(support.name)}: endless; give a region"
     x, y = support.extent
     high = ", ".join(f"{s.height:.3g}" for s in support.surfaces)
     covered = "" if support.open_above else "; covered, so `in` in place of `on`"
-    return f"{_flow(support.name)}: {x:.3g} x {y:.3g} m, {support.area:.3g} m2, at z = {high} m of its body{covered}"
+    return f"{flow(support.name)}: {x:.3g} x {y:.3g} m, {support.area:.3g} m2, at z = {high} m of its body{covered}"
 
 
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
     """Return a value as YAML on one line."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k}: {_flow(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{k}: {flow(v)}" for k, v in value.items()) + "}"
     is_plain = isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _NOT_STRINGS
     return value if is_plain else json.dumps(value)
 

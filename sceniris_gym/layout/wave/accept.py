@@ -61,12 +61,15 @@ def _place(
         layouts.body_quat[row, body] = search.body_quat[c, body]
     if lane > 0:
         return
-    slot = program.obj_slot[obj]
+    slot = program.obj_place[obj]
     if program.obj_kind[obj] != ObjectKind.STATIC:
         layouts.place[row, slot] = search.place[c]
         layouts.bounds[row, slot] = search.bounds[c]
     elif program.obj_measured[obj] != 0:
         layouts.bounds[row, slot] = search.bounds[c]
+    if search.row_surface.shape[1] > 0:
+        search.row_surface[row, obj] = search.surface[c]
+        search.row_variant[row, obj] = search.turn[c].variant
     if reach.obj_reach.shape[0] > 0:
         column = reach.obj_reach[obj]
         if column >= 0:
@@ -196,8 +199,9 @@ def _accept(
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
     # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
-    #   rows_left, source, rows, cause, turn, place, bounds, grasp, free, qpos, body_pos, body_quat
-    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, rows_left, candidates
+    #   rows_left, source, rows, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos, body_quat
+    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, row_surface, row_variant,
+    #   rows_left, candidates
     search: Search,
 ):
     block, lane = wp.tid()

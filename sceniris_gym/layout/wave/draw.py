@@ -26,6 +26,7 @@ from sceniris_gym.layout.wave.sides import LEVEL
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
 from sceniris_gym.placement.measure import bounds_of, measure
 from sceniris_gym.placement.orientations import draw_variant, heading_of
+from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -36,7 +37,7 @@ def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int,
     """Pose a static object at its place in the model, with its joints drawn."""
     pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
     if program.obj_measured[obj] == Measure.WHOLE:
-        place = layouts.place[row, program.obj_slot[obj]]
+        place = layouts.place[row, program.obj_place[obj]]
         search.bounds[c] = bounds_of(program, obj, place, search.body_pos[c], search.body_quat[c])
 
 
@@ -50,7 +51,7 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     beside = program.obj_beside[obj]
     is_joined = False
     if beside >= 0:
-        is_joined = layouts.present[row, beside] != 0
+        is_joined = is_there(layouts.present[row], beside)
     search.heading[c] = turn.yaw
     if is_joined:
         search.heading[c] = turn.yaw + layouts.place[row, beside][3]

@@ -17,6 +17,33 @@ from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SP
 
 
 @wp.func
+def _draw_weighted(
+    program: Program, seed: wp.uint64, episode: int, split: wp.uint32, g: int, count: int, present: wp.array[int]
+):
+    """Draw so many members of a group one after the other, each by the weights of those that are left."""
+    column = int(split % wp.uint32(2))  # those of the splits 'eval' and 'eval_bank' are odd
+    adr = program.group_slotadr[g]
+    num = program.group_slotnum[g]
+    total = float(0.0)
+    for i in range(num):
+        present[program.group_slot[adr + i]] = 0
+        total += program.group_weight[adr + i][column]
+    for k in range(count):
+        u = uniforms(seed, episode, numbered_stream(split, GROUP_STREAM), g, 1 + k // 4)[k % 4]
+        at = u * total
+        chosen = int(0)
+        below = float(0.0)  # weights of the members before, which are only added up, so that all devices round alike
+        for i in range(num):
+            weight = program.group_weight[adr + i][column]
+            if weight > 0.0 and present[program.group_slot[adr + i]] == 0:
+                if below <= at:
+                    chosen = i
+                below += weight
+        present[program.group_slot[adr + chosen]] = 1
+        total = below - program.group_weight[adr + chosen][column]
+
+
+@wp.func
 def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]):
     """Draw which objects of each group are present: k uniform in its interval, then k members without replacement.
 
@@ -30,6 +57,9 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
         low = program.group_low[g]
         left = low + int(uniforms(seed, episode, stream, g, 0)[0] * float(program.group_high[g] - low + 1))
         left = wp.min(left, program.group_high[g])
+        if not program.group_uniform[g]:
+            _draw_weighted(program, seed, episode, split, g, left, present)
+            continue
         # selection sampling: D. Knuth, "The Art of Computer Programming", vol. 2, algorithm 3.4.2 S
         for i in range(num):
             u = uniforms(seed, episode, stream, g, 1 + i // 4)[i % 4]
@@ -67,8 +97,9 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
     layouts.body_pos[row, root] = pos
     layouts.body_quat[row, root] = quat
     pose_bodies(program, obj, 1, qpos, layouts.body_pos[row], layouts.body_quat[row])
-    layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
-    layouts.bounds[row, slot] = program.variant_bounds[variant]
+    if program.obj_place[obj] == slot:  # else the place is that of the present variant
+        layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
+        layouts.bounds[row, slot] = program.variant_bounds[variant]
     write_root(program, obj, pos, quat, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
 
 

@@ -18,7 +18,7 @@ from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.footprint import outline_distance
 from sceniris_gym.placement.orientations import facing
-from sceniris_gym.placement.placed import Placed, placed
+from sceniris_gym.placement.placed import Placed, is_there, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
 from sceniris_gym.placement.relations import relation_holds
 from sceniris_gym.program.device import Cause, OrientationType, Program
@@ -122,7 +122,7 @@ def _draw_in_piece(
     heading = search.heading[c]
     if program.obj_orientation[obj] == OrientationType.FACE_TO:
         target = program.obj_target[obj]
-        if layouts.present[row, target] != 0:
+        if is_there(layouts.present[row], target):
             place = layouts.place[row, target]
             heading = turn.yaw + facing(at, wp.vec2(place[0], place[1]))
     own = placed(at, heading, turn.bounds)

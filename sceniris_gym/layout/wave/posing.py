@@ -9,6 +9,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import NO_GRASP, Search
 from sceniris_gym.placement.kinematics import pose_bodies
 from sceniris_gym.placement.orientations import facing
+from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import OrientationType, Program
 
 wp.set_module_options({"enable_backward": False})
@@ -22,7 +23,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
     point = search.point[c]
     if program.obj_orientation[obj] == OrientationType.FACE_TO:
         target = program.obj_target[obj]
-        if layouts.present[row, target] != 0:
+        if is_there(layouts.present[row], target):
             at = layouts.place[row, target]
             heading = turn.yaw + facing(wp.vec2(point[0], point[1]), wp.vec2(at[0], at[1]))
     pivot = point

@@ -41,7 +41,7 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode
     # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left

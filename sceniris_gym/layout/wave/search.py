@@ -24,6 +24,7 @@ from sceniris_gym.placement.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_statics import Statics
 
 NO_GRASP = 1 << 30
 """Sentinel: the arm's map accepts no grasp."""
@@ -54,6 +55,9 @@ class Search:
     row_attempts: wp.array[int]  # candidates drawn in this restart
     row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
+    # Of each object that is placed, if objects may fall
+    row_surface: wp.array2d[int]
+    row_variant: wp.array2d[int]
     # Counts
     worlds_left: wp.array[int]
     rows_left: wp.array[int]
@@ -235,6 +239,7 @@ class Workspace:
 
     Attributes:
         program: The placement program.
+        statics: How objects stand, None if none can fall.
         related: Whether there are regions that differ between worlds.
         reaches: The arms; a single empty one if there are no reach targets.
         split: Number of the split.
@@ -245,6 +250,7 @@ class Workspace:
     """
 
     program: Program
+    statics: Statics | None
     related: bool
     reaches: Sequence[Reach]
     split: int
@@ -294,6 +300,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros(nworld, "pending restart ticket best")
         zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
         zeros((2, nrow), "queue")
+        zeros((nrow, len(compiled.placed) if compiled.statics is not None else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
         zeros(1, "candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")

@@ -10,6 +10,7 @@ import numpy as np
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
@@ -31,7 +32,7 @@ _ORIENTATIONS = {
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields `obj_*`, and the lists that they address but for pairs; `joints` as from `joints_of`."""
-    objects, slots = plan.objects, plan.slots
+    objects, slots, shared = plan.objects, plan.slots, owners_of(plan.scene.config.variants)
     boxes = [_box(o.config) for o in objects]
     followers, followed = addressed("obj_follow", ([f.coupling for f in o.followers] for o in objects))
     return {
@@ -39,6 +40,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
         "obj_body": np.array([o.bodies[0] for o in objects], int),
         "obj_adr": np.array([_address(rules.mjm, o.bodies[0], o.kind) for o in objects], int),
         "obj_slot": np.array([slots.index(o.name) for o in objects], int),
+        "obj_place": np.array([plan.places.index(shared.get(o.name, o.name)) for o in objects], int),
         "obj_measured": np.array([_measured(plan, o) for o in objects], int),
         "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
         "obj_gap": np.array([_gap(rules, o) for o in objects]),
@@ -88,10 +90,10 @@ def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.nd
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
     return {
         "obj_orientation": np.array([_ORIENTATIONS[d.kind] for d in drawn], int),
-        "obj_target": np.array([plan.slots.index(d.target) if d.target else 0 for d in drawn], int),
+        "obj_target": np.array([plan.places.index(d.target) if d.target else 0 for d in drawn], int),
         "obj_yaw": np.reshape(yaws, (-1, 2)),
         "obj_beside": np.array(
-            [plan.slots.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
+            [plan.places.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
         ),
         **fields,
         **columns("variant", variants, quat=4, pivot=3, bounds=4),
@@ -156,7 +158,8 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
         return Measure.NOTHING
     if o.erosion > 0.0 or any(r.has_own_width for r in relations_of(o)):
         return Measure.WHOLE
-    seen = [r for other in plan.objects for r in relations_of(other) if o.name in (other.name, *r.anchors)]
+    names = {o.name, owners_of(plan.scene.config.variants).get(o.name)}
+    seen = [r for other in plan.objects for r in relations_of(other) if names.intersection((other.name, *r.anchors))]
     return Measure.WHOLE if any(r.by_bounds for r in seen) else Measure.LOWEST
 
 

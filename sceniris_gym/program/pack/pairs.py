@@ -14,6 +14,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece
@@ -154,6 +155,8 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         rules: The rules for its colliders.
     """
     bodies, standing = [c.body for c in rules.colliders], _standing_clearances(plan)
+    variants = plan.scene.config.variants
+    owners = owners_of(variants)
     robots = plan.scene.config.all_robots
     result = []
     for i, o in enumerate(plan.objects):
@@ -162,9 +165,11 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         is_static = o.kind == ObjectKind.STATIC
         pairs = []
         if o.config is None or o.config.kind != "marker":
+            never = variants.get(owners.get(o.name, ""), ())  # together: other variants of the same object
+            others = {body for name in never for body in plan.scene.subtree(name)}
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
-                for a, b in product(rules.of(o.bodies), rules.of(standing))
+                for a, b in product(rules.of(o.bodies), rules.of(standing.keys() - others))
                 if rules.meet(a, b) and not (o.heap is not None and bodies[b] in o.heap.together)
             ]
             if o.joint_ranges:

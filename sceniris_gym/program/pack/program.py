@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.inner_boxes import inner_box, no_inner_box
 from sceniris_gym.geometry.pieces import Piece
@@ -51,6 +51,8 @@ def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[s
         "group_slot": np.array(members, int),
         "group_low": np.array([g.count[0] for g in groups], int),
         "group_high": np.array([g.count[1] for g in groups], int),
+        "group_uniform": np.array([g.is_uniform for g in groups], bool),
+        "group_weight": np.reshape([w for g in groups for w in zip(*map(g.weights_in, SPLITS), strict=True)], (-1, 2)),
     }
 
 

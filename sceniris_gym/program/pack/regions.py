@@ -8,16 +8,17 @@ import numpy as np
 
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.ragged import addressed, ranges
+from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.pack.relations import region_pieces, relations_of
 from sceniris_gym.program.placed_object import PlacedObject
 
 
 def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     """Return the triangles of the regions of all variants, those of a shared region once, and the outlines around."""
-    regions = {id(mine): mine for o in objects for mine in o.surfaces}
+    regions = _regions(objects)
     number = {key: i for i, key in enumerate(regions)}
     used = np.array([number[id(mine)] for o in objects for mine in o.surfaces], int)
-    surfaces = [surface for mine in regions.values() for surface in mine]
+    surfaces = surfaces_of_regions(objects)
     triangles, adr, num = ranges([t for surface in mine for t in surface.triangles] for mine in regions.values())
     corners = np.reshape(triangles, (-1, 3, 2))
     sums = [np.cumsum(weights) for weights in np.split(supports.weights(corners), adr[1:])]
@@ -38,6 +39,16 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
     }
+
+
+def _regions(objects: list[PlacedObject]) -> dict[int, list[SupportSurface]]:
+    """Return the lists of surfaces of all variants, a shared one once, by their identity."""
+    return {id(mine): mine for o in objects for mine in o.surfaces}
+
+
+def surfaces_of_regions(objects: list[PlacedObject]) -> list[SupportSurface]:
+    """Return the surfaces of all variants in the order of the fields `surface_*`."""
+    return [surface for mine in _regions(objects).values() for surface in mine]
 
 
 def _convex_turn(edges: np.ndarray) -> int:

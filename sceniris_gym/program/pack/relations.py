@@ -24,7 +24,7 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
     """Return the fields `rel_*`, and which of them each object has; `joints` as from `joints_of`."""
     owned = [(o, relation) for o in plan.objects for relation in relations_of(o)]
     relations, reladr, relnum = ranges(relations_of(o) for o in plan.objects)
-    slots = {name: slot for slot, name in enumerate(plan.slots)}
+    slots = {name: slot for slot, name in enumerate(plan.places)}
     anchors, anchoradr, anchornum = ranges([slots[a] for a in r.anchors] for r in relations)
     frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
     return {

@@ -62,7 +62,7 @@ def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int,
 
 
 def test_later_rounds_try_twice_as_much(tray: CompiledScene):
-    """What was too little for a world is doubled; a scene with a stage tries once where that keeps all lanes busy."""
+    """Too few restarts for a world are doubled; a scene with a stage tries once where that keeps all lanes busy."""
     search = create_search(tray, 100, replace(default_size("cpu"), rows=5000))
     tried = []
     for staged, worlds, busy, before in ((False, 1, 1000, 0), (False, 1, 1000, 2), (True, 100, 200, 0)):

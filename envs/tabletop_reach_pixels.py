@@ -1,0 +1,38 @@
+"""TabletopReachPixels-v0: TabletopReach-v0 from images, without the poses of things."""
+
+from __future__ import annotations
+
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation, regrouped
+
+from .tabletop_reach import TabletopReach
+
+POLICY = ("arm_qpos", "arm_qvel", "arm_lead", "tcp_pose", "chosen", "last_action")
+MORE = ("tcp_to_objects", "tcp_to_target", "object_velocities")
+
+
+class TabletopReachPixels(TabletopReach):
+    """TabletopReach-v0, but the policy has to find the chosen object in the pictures of two cameras.
+
+    Scene, action, reward, success and the end of an episode are those of `TabletopReach-v0`. The pictures have 64 x 64
+    pixels: colours and depth of the camera `front`, which sees the objects and the hand, and colours of the camera
+    `wrist`, which looks between the fingers.
+
+    Observations, group `policy`, 40 numbers, of the arm and the choice alone:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | arm_qpos | 7 | joint angles [rad] |
+    | arm_qvel | 7 | joint velocities [rad/s] |
+    | arm_lead | 7 | joint targets minus joint angles [rad] |
+    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | chosen | 5 | 1 for the chosen object, 0 for the others |
+    | last_action | 7 | the last action, zeros after a reset |
+
+    Group `critic`, 73 numbers: the same, then `tcp_to_objects` (5, 3), `tcp_to_target` (3) and `object_velocities`
+    (5, 3) of `TabletopReach-v0`.
+    """
+
+    def observe(self, s: State) -> Observation:
+        """Return the observations that the class lists."""
+        return regrouped(super().observe(s), policy=POLICY, more=MORE)

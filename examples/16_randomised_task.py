@@ -1,0 +1,56 @@
+"""Physics and looks from the layout's seed: a scene draws masses, gains, colours and light, and a task its own."""
+
+import pkgutil
+from typing import Any
+
+import torch
+import tyro
+from torch import Tensor
+
+from sceniris_gym import SceneVectorEnv, State
+
+TabletopLift: Any = pkgutil.resolve_name("sceniris_gym.envs.tabletop_lift:TabletopLift")
+THING = {"mass": {"scale": [0.5, 2.0], "distribution": "log_uniform"}, "friction": {"scale": [0.7, 1.3]}}
+COLOUR = {"rgba": {"abs": [[0.1, 0.1, 0.1], [0.9, 0.9, 0.9]]}}
+SCENE = {
+    "base": "tabletop_lift",
+    "objects": {name: {"randomize": THING | COLOUR} for name in ("can", "lemon", "block")},
+    "robot": {"randomize": {"gains": {"scale": [0.8, 1.2]}, "damping": {"scale": [0.5, 2.0], "each": True}}},
+    "randomize": {
+        "lights": {"lamp": {"dir": {"add": [[-0.5, -0.5, 0.0], [0.5, 0.5, 0.0]]}, "diffuse": {"scale": [0.3, 1.3]}}},
+        "cameras": {"overview": {"quat": {"add": [[-4.0, -4.0, -4.0], [4.0, 4.0, 4.0]]}}},
+        "materials": {"table/wood": {"rgba": {"scale": [[0.4, 0.4, 0.4], [1.1, 1.1, 1.1]]}}},
+    },
+}
+
+
+class SlipperyLift(TabletopLift):
+    """TabletopLift with a tabletop that is slippery in every second world."""
+
+    def bind(self, s: State) -> None:
+        """Ask for the friction of the tabletop, shape (num_envs, 3)."""
+        super().bind(s)
+        self.top = s.model_field("geom_friction", "table/top")
+
+    def on_reset(self, s: State, mask: Tensor) -> None:
+        """Draw it, of the worlds that were reset."""
+        super().on_reset(s, mask)
+        drawn = torch.where(s.random("slippery top") < 0.5, 0.2, 0.8)
+        self.top[:, 0] = torch.where(mask, drawn, self.top[:, 0])
+
+
+def main(num_envs: int = 16, device: str | None = None) -> None:
+    """Reset some of the worlds, and compare what they have drawn."""
+    envs = SceneVectorEnv(SlipperyLift, num_envs, scene=SCENE, device=device)
+    envs.reset(seed=0)
+    factors = envs.state.parameter("can.mass")[:, 0].clone()
+    print(f"masses of the can are {factors.min():.2f} to {factors.max():.2f} of the model's")
+    task: Any = envs.task
+    print(f"{int((task.top[:, 0] < 0.5).sum())} of {num_envs} tables are slippery")
+    envs.reset(options={"reset_mask": torch.arange(num_envs) < 2})
+    kept = envs.state.parameter("can.mass")[:, 0] == factors
+    print(f"after a reset of 2 worlds, {int(kept.sum())} keep their masses")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

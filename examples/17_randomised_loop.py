@@ -1,0 +1,58 @@
+"""Model fields in your own mujoco_warp loop: pushed blocks slide as far as their own friction lets them."""
+
+import mujoco
+import mujoco_warp as mjw
+import torch
+import tyro
+import warp as wp
+
+from sceniris_gym import ResetRandomizer, compile_scene, put_model
+
+MJCF = """
+<mujoco>
+  <worldbody>
+    <light pos="0 -1 3"/>
+    <geom name="ground" type="plane" size="2 2 .1" friction=".05"/>
+    <body name="block" pos="0 0 .03"><freejoint/><geom type="box" size=".04 .04 .03" mass=".2"/></body>
+  </worldbody>
+</mujoco>
+"""
+OBJECTS = {"block": {"on": "ground", "region": {"box": [[-0.5, -0.5], [-0.3, 0.5]]}, "orientation": {"yaw": [0, 0]}}}
+
+
+def main(nworld: int = 64, steps: int = 500, device: str | None = None) -> None:
+    """Push the blocks, and see how far they come.
+
+    Args:
+        nworld: number of worlds.
+        steps: physics steps, of 2 ms each.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    compiled = compile_scene({"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}, device)
+    with wp.ScopedDevice(compiled.device):
+        model = put_model(compiled, nworld, "body_mass", "body_inertia", "geom_friction")  # a row for each world
+        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=32, njmax=128)
+        randomizer = ResetRandomizer(compiled, model, data, seed=0)
+        mass, inertia, friction = (
+            wp.to_torch(randomizer.model_field(name, "block"))
+            for name in ("body_mass", "body_inertia", "geom_friction")
+        )
+        randomizer.reset()
+        factor = 0.5 + 2.0 * wp.to_torch(randomizer.random("mass"))  # of this seed and episode
+        mass *= factor
+        inertia *= factor[:, None]
+        friction[:, 0, 0] = 0.1 + 0.6 * wp.to_torch(randomizer.random("friction"))
+        randomizer.refresh()  # inverse weights follow
+        start = wp.to_torch(randomizer.layouts.qpos)[:, 0].clone()
+        wp.to_torch(data.qvel)[:, 0] = 1.0  # m/s
+        for _ in range(steps):
+            mjw.step(model, data)
+        way = wp.to_torch(data.qpos)[:, 0] - start
+    slow = friction[:, 0, 0] > 0.4
+    print(f"masses from {mass.min():.2f} to {mass.max():.2f} kg")
+    print(f"blocks of little friction slide {way[~slow].mean():.2f} m, the others {way[slow].mean():.2f} m")
+    print(f"correlation of friction and way: {torch.corrcoef(torch.stack([friction[:, 0, 0], way]))[0, 1]:.2f}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,54 @@
+"""Another thing in every world at every reset: things fall onto a table, and each stays its own."""
+
+import mujoco_warp as mjw
+import numpy as np
+import tyro
+import warp as wp
+
+from sceniris_gym import ResetRandomizer, compile_scene, put_model
+from sceniris_gym.sim.batch import default_budget
+
+THINGS = ("can", "mug", "bowl", "banana", "book", "brick")
+SCENE = {
+    "objects": {
+        "table": {"asset": "table", "kind": "static"},
+        "thing": {
+            "asset": list(THINGS),
+            "orientation": "any",
+            "region": {"box": [[-0.2, -0.2, 0.6], [0.2, 0.2, 0.8]]},
+        },
+    },
+}
+
+
+def main(nworld: int = 32, resets: int = 3, seconds: float = 1.0, device: str | None = None) -> None:
+    """Let the things of all worlds fall, and print how fast and how high they are afterwards.
+
+    Args:
+        nworld: number of worlds.
+        resets: number of times that all of them get another thing.
+        seconds: time that things have to fall and to come to rest [s].
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    compiled = compile_scene(SCENE, device)
+    mjm = compiled.sim_mjm  # one body for all things
+    nconmax, njmax = default_budget(mjm, compiled.scene)
+    with wp.ScopedDevice(compiled.device):
+        model = put_model(compiled, nworld)  # a row for each world where things differ
+        data = mjw.make_data(mjm, nworld=nworld, nconmax=nconmax, njmax=njmax)
+        randomizer = ResetRandomizer(compiled, model, data, seed=0)
+        body = mjm.body("thing").id
+        for _ in range(resets):
+            randomizer.reset()
+            for _ in range(round(seconds / mjm.opt.timestep)):
+                mjw.step(model, data)
+            drawn = randomizer.variant.numpy()[:, 0]
+            height, mass = data.xpos.numpy()[:, body, 2], model.body_mass.numpy()[:, body]
+            for i, name in enumerate(THINGS):
+                if rows := np.flatnonzero(drawn == i).tolist():
+                    on = (height[rows] > 0.35).mean()
+                    print(f"{name}: {len(rows)} worlds, {mass[rows[0]]:.3f} kg, {on:.0%} still on the table")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

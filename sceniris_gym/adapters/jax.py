@@ -1,0 +1,313 @@
+"""Layouts as functions of JAX, and `FreshAutoReset` for environments of MuJoCo Playground on MJX."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    SceneMismatchError,
+    SeedError,
+    check_type,
+    import_extra,
+)
+from sceniris_gym.layout.requested import RequestedLayouts
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.fit import check_model
+from sceniris_gym.sim.rest import rest_map
+from sceniris_gym.sim.write import addresses_of
+
+jax: Any = import_extra("jax", "jax")
+jnp: Any = jax.numpy
+
+_KEPT = ("steps", "truncation", "episode_done", "episode_metrics", "AutoResetWrapper_preserve_info")
+"""Entries of `info` that Playground's and Brax's wrappers carry across a full reset."""
+
+
+class FreshLayouts(NamedTuple):
+    """Layouts as JAX arrays with the leading shape of the call.
+
+    Attributes:
+        qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (..., nq).
+        mocap_pos: Positions of mocap bodies [m], world frame, shape (..., nmocap, 3).
+        mocap_quat: Their orientations, wxyz, shape (..., nmocap, 4).
+        fallback: True for a layout from the bank of valid ones, shape (...).
+    """
+
+    qpos: Any
+    mocap_pos: Any
+    mocap_quat: Any
+    fallback: Any
+
+
+class LayoutFunction:
+    """The layouts of a scene as a pure function of seed and episode, for jit, vmap, scan and eval_shape.
+
+    A generator is made for each number of layouts that is asked for at once, while JAX traces the call, and kept.
+
+    Args:
+        compiled: The scene, on the device on which JAX computes.
+        split: "train" or "eval", which share no layouts.
+    """
+
+    def __init__(self, compiled: CompiledScene, *, split: str = "train") -> None:
+        check_type(compiled, CompiledScene, "LayoutFunction: compiled")
+        self.compiled, self.split = compiled, split
+        self._callables: dict[int, Any] = {}
+
+    def qpos(self, seed: Any, episode: Any, where: Any = True) -> FreshLayouts:
+        """Return the layouts of these seeds and episodes.
+
+        Args:
+            seed: Two words of 32 bits for each 64-bit seed, the high one first, shape (..., 2), uint32, as of
+                `jax.random.PRNGKey`; or keys of `jax.random.key`, or with x64 uint64 seeds, shape (...).
+            episode: Episodes from 0 on, integers of shape (...).
+            where: Layouts to make, booleans of shape (...); the others are the start pose and cost nothing.
+
+        Raises:
+            SeedError: Seeds of another type or shape.
+            ArgumentTypeError: Episodes that are no integers, or a `where` that is not boolean.
+            SceneMismatchError: The scene is on another device than JAX.
+        """
+        words, episode, where = _words(seed), jnp.asarray(episode), jnp.asarray(where)
+        if not jnp.issubdtype(episode.dtype, jnp.integer):
+            raise ArgumentTypeError(f"LayoutFunction: episode should be integers from 0 on, got {episode.dtype}.")
+        if where.dtype != bool:
+            raise ArgumentTypeError(f"LayoutFunction: where should be booleans, got {where.dtype}.")
+        lead = jnp.broadcast_shapes(words.shape[:-1], episode.shape, where.shape)
+        episode, where = (jnp.broadcast_to(array, lead) for array in (episode.astype(jnp.int32), where))
+        return FreshLayouts(*_vmappable(self)(jnp.broadcast_to(words, (*lead, 2)), episode, where))
+
+    def _call(self, words: Any, episode: Any, where: Any) -> list[Any]:
+        """Return the arrays of FreshLayouts for arguments of one leading shape."""
+        _check_device(self.compiled)
+        lead, mjm = episode.shape, self.compiled.mjm
+        nworld = math.prod(lead)
+        dims = {"qpos_out": (nworld, mjm.nq), "fallback_out": (nworld,)}
+        dims |= dict.fromkeys(("mocap_pos_out", "mocap_quat_out"), (nworld, mjm.nmocap))
+        if nworld not in self._callables:
+            self._callables[nworld] = _callable(RequestedLayouts(self.compiled, nworld, self.split))
+        call = self._callables[nworld]
+        flat = call(words.reshape(nworld, 2), episode.reshape(nworld), where.reshape(nworld), output_dims=dims)
+        return [array.reshape(*lead, *array.shape[1:]) for array in flat]
+
+
+class FreshAutoReset:
+    """Starts every episode of a batch of environments of MuJoCo Playground in a fresh layout.
+
+    It stands in for Playground's BraxAutoResetWrapper, which starts all episodes of a world in the same state. The
+    objects and the robot of the scene get the poses of a layout and come to rest, with the controls that hold them.
+    Everything else of a world that is done is as the environment's own reset made it: once, at the beginning, or with
+    `full_reset` anew. Layouts take one call a step, which makes those of the worlds that are done.
+
+    `info` has what BraxAutoResetWrapper keeps there, and `layout_seed` (two uint32 words), `layout_episode` and
+    `layout_fallback` (the layout came from the bank) of each world; `compiled.layout_id(seed, episode, split)` names
+    the layout. Seeds are drawn from the keys of the reset.
+
+    Args:
+        env: The batch, as BraxAutoResetWrapper takes it: a VmapWrapper, and an EpisodeWrapper around it.
+        compiled: A scene with `model: env.mj_model`, on the device on which JAX computes.
+        split: "train" or "eval", which share no layouts.
+        full_reset: Call the reset of the environments in every step and take `info` (targets, for instance) and the
+            rest of the state from there, as BraxAutoResetWrapper does with this word.
+        observe: Function of a world's (data, info) that returns its observation; None is the method `_get_obs`.
+        update: Function of a world's (mjx.Model, mjx.Data) that computes what observations need of a new state; None is
+            `mjx.forward`, and `mjx.kinematics` is quicker where no sensors are observed.
+
+    Raises:
+        SceneMismatchError: The scene was not made from the model of the environment.
+        ArgumentError: `_get_obs` takes other arguments, so that `observe` is needed.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        compiled: CompiledScene,
+        *,
+        split: str = "train",
+        full_reset: bool = False,
+        observe: Callable[[Any, dict[str, Any]], Any] | None = None,
+        update: Callable[[Any, Any], Any] | None = None,
+    ) -> None:
+        self.env, self.layouts, self.full_reset = env, LayoutFunction(compiled, split=split), full_reset
+        cure = "Compile a scene with model: env.mj_model."
+        check_model(compiled, env.mj_model, "FreshAutoReset", cure)
+        self._update = import_extra("mujoco.mjx", "jax", "mujoco-mjx").forward if update is None else update
+        if observe is None and not _takes(getattr(env.unwrapped, "_get_obs", None), "data", "info"):
+            raise ArgumentError(
+                f"FreshAutoReset: observe should be a function of (data, info), since {type(env.unwrapped).__name__} "
+                "has no method _get_obs with these arguments."
+            )
+        self._observe, self._place = observe, _placing(compiled)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("env", "__setstate__"):  # of an object that is being copied or unpickled
+            raise AttributeError(name)
+        return getattr(self.env, name)
+
+    def reset(self, rng: Any) -> Any:
+        """Reset all worlds with one key each, every world to the first layout of its seed."""
+        rng, key, seed = jnp.moveaxis(jax.vmap(lambda one: jax.random.split(one, 3))(rng), 1, 0)
+        state, worlds = self.env.reset(key), rng.shape[:1]
+        episode = jnp.zeros(worlds, jnp.int32)
+        data, obs, fallback = self._start(state.data, state.info, _words(seed), episode, jnp.ones(worlds, bool))
+        same = jax.tree.map(lambda a, b: a.shape == b.shape and a.dtype == b.dtype, obs, state.obs)
+        if not jax.tree.all(same):
+            raise ArgumentError(
+                "FreshAutoReset: observe should return observations like those of the environment's reset, "
+                f"{jax.tree.map(jnp.shape, state.obs)}, got {jax.tree.map(jnp.shape, obs)}."
+            )
+        info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
+        state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})
+        state.info.update(layout_seed=_words(seed), layout_episode=episode, layout_fallback=fallback)
+        return state.replace(data=data, obs=obs)
+
+    def step(self, state: Any, action: Any) -> Any:
+        """Step all worlds, and give those that are done the next layouts of their seeds."""
+        if "steps" in state.info:
+            state.info.update(steps=jnp.where(state.done, jnp.zeros_like(state.info["steps"]), state.info["steps"]))
+        state = self.env.step(state.replace(done=jnp.zeros_like(state.done)), action)
+        done, info = state.done.astype(bool), dict(state.info)
+        rng, key = jnp.moveaxis(jax.vmap(jax.random.split)(info["AutoResetWrapper_rng"]), 1, 0)
+        first = info.get("AutoResetWrapper_first_data")
+        if self.full_reset:
+            again = self.env.reset(key)
+            first, new = again.data, {k: v for k, v in again.info.items() if k in info and k not in _KEPT}
+            info |= _where(done, new, {name: info[name] for name in new})
+        episode = info["layout_episode"] + done
+        data, obs, fallback = self._start(first, info, info["layout_seed"], episode, done)
+        info |= {"AutoResetWrapper_rng": rng, "layout_episode": episode}
+        info["AutoResetWrapper_done_count"] = info["AutoResetWrapper_done_count"] + done
+        info["layout_fallback"] = jnp.where(done, fallback, info["layout_fallback"])
+        data = jax.vmap(lambda one, old, new: old.where(one, new))(done, state.data, data)
+        return state.replace(data=data, obs=_where(done, obs, state.obs), info=info)
+
+    def _start(self, data: Any, info: dict[str, Any], seed: Any, episode: Any, where: Any) -> tuple[Any, Any, Any]:
+        """Return data with the layouts of the masked worlds, their observations, and which came from the bank."""
+        fresh = self.layouts.qpos(seed, episode, where)
+        unwrapped, randomized = self.env.unwrapped, getattr(self.env, "_mjx_model_v", None)
+
+        def start(model: Any, data: Any, info: dict[str, Any], fresh: FreshLayouts) -> tuple[Any, Any]:
+            data = self._update(model, self._place(data, fresh))
+            return data, (self._observe or unwrapped._get_obs)(data, dict(info))
+
+        model, axes = (self.env.mjx_model, None) if randomized is None else (randomized, self.env._in_axes)
+        return *jax.vmap(start, in_axes=(axes, 0, 0, 0))(model, data, info, fresh), fresh.fallback
+
+
+def fresh_training(compiled: CompiledScene, **words: Any) -> Callable[..., FreshAutoReset]:
+    """Return a `wrap_env_fn` for Brax's trainers: Playground's `wrap_for_brax_training` with `FreshAutoReset`.
+
+    Args:
+        compiled: As of `FreshAutoReset`.
+        **words: Other arguments of `FreshAutoReset`.
+    """
+    wrapper = import_extra("mujoco_playground._src.wrapper", "jax", "playground")
+
+    def wrap(env: Any, **arguments: Any) -> FreshAutoReset:
+        return FreshAutoReset(wrapper.wrap_for_brax_training(env, **arguments).env, compiled, **words)
+
+    return wrap
+
+
+def _placing(compiled: CompiledScene) -> Callable[[Any, FreshLayouts], Any]:
+    """Return a function that writes the placed bodies of a layout into a world's data, and brings them to rest."""
+    mjm, scene = compiled.mjm, compiled.scene
+    rest = rest_map(mjm, scene.home_ctrl, np.zeros(mjm.na), "cpu")
+    places = addresses_of(mjm, list(scene.owners), rest)
+    is_qpos, is_dof, is_mocap, is_held = (np.zeros(n, bool) for n in (mjm.nq, mjm.nv, mjm.nmocap, mjm.nu + mjm.na))
+    is_qpos[places.qposadr] = is_dof[places.dofadr] = is_mocap[places.mocapid] = is_held[places.elements] = True
+    first, coef = rest.rowadr.numpy(), np.zeros((mjm.nu + mjm.na, mjm.nq), np.float32)
+    for element in places.elements:
+        terms = slice(first[element], first[element + 1])
+        coef[element, rest.qposadr.numpy()[terms]] = rest.coef.numpy()[terms]
+    bias, lower, upper = (array.numpy() for array in (rest.bias, rest.lower, rest.upper))
+
+    def place(data: Any, fresh: FreshLayouts) -> Any:
+        held = jnp.clip(bias + coef @ fresh.qpos, lower, upper)
+        return data.replace(
+            qpos=jnp.where(is_qpos, fresh.qpos, data.qpos),
+            qvel=jnp.where(is_dof, 0.0, data.qvel),
+            ctrl=jnp.where(is_held[: mjm.nu], held[: mjm.nu], data.ctrl),
+            act=jnp.where(is_held[mjm.nu :], held[mjm.nu :], data.act),
+            mocap_pos=jnp.where(is_mocap[:, None], fresh.mocap_pos, data.mocap_pos),
+            mocap_quat=jnp.where(is_mocap[:, None], fresh.mocap_quat, data.mocap_quat),
+        )
+
+    return place
+
+
+def _where(mask: Any, new: Any, old: Any) -> Any:
+    """Return the leaves of `new` for masked worlds and of `old` for the others."""
+    return jax.vmap(lambda one, a, b: jax.tree.map(lambda x, y: jnp.where(one, x, y), a, b))(mask, new, old)
+
+
+def _takes(function: Any, *args: str) -> bool:
+    """Tell whether something is a function that can be called with these arguments."""
+    try:
+        inspect.signature(function).bind(*args)
+    except TypeError:
+        return False
+    return True
+
+
+def _check_device(compiled: CompiledScene) -> None:
+    """Refuse a scene on a GPU where JAX computes on the CPU, and the reverse."""
+    device = jax.config.jax_default_device
+    platform = jax.default_backend() if device is None else getattr(device, "platform", device)
+    if (platform == "cpu") != (compiled.device == "cpu"):
+        raise SceneMismatchError(
+            f"LayoutFunction: the compiled scene is on {compiled.device} and should be where JAX computes, on "
+            f"{platform}: compile_scene(scene, {'cpu' if platform == 'cpu' else 'cuda:0'!r})."
+        )
+
+
+def _vmappable(layouts: LayoutFunction) -> Any:
+    """Return the call with a rule for `vmap`: one call for all members of the batch, at any depth."""
+    call = jax.custom_batching.custom_vmap(layouts._call)
+
+    @call.def_vmap
+    def batch(size: int, batched: list[bool], *args: Any) -> tuple[Any, Any]:
+        spread = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(args, batched, strict=True)]
+        return _vmappable(layouts)(*spread), [True] * len(FreshLayouts._fields)
+
+    return call
+
+
+def _callable(requested: RequestedLayouts) -> Any:
+    """Return `requested.launch` as a function of JAX, which compiled functions may call as long as they live."""
+
+    def launch(
+        seed: wp.array2d[wp.uint32],
+        episode: wp.array[wp.int32],
+        mask: wp.array[wp.bool],
+        qpos_out: wp.array2d[wp.float32],
+        mocap_pos_out: wp.array2d[wp.vec3],
+        mocap_quat_out: wp.array2d[wp.quat],
+        fallback_out: wp.array[wp.bool],
+    ) -> None:
+        requested.launch(seed, episode, mask, qpos_out, mocap_pos_out, mocap_quat_out, fallback_out)
+
+    return wp.jax_callable(launch, num_outputs=4, graph_mode=wp.JaxCallableGraphMode.NONE)
+
+
+def _words(seed: Any) -> Any:
+    """Return seeds as two words of 32 bits each, shape (..., 2), uint32."""
+    seed = jnp.asarray(seed)
+    if jnp.issubdtype(seed.dtype, jax.dtypes.prng_key):
+        seed = jax.random.key_data(seed)
+    if seed.dtype == jnp.uint64:
+        return jnp.stack([seed >> 32, seed], axis=-1).astype(jnp.uint32)
+    if seed.dtype != jnp.uint32 or seed.shape[-1:] != (2,):
+        raise SeedError(
+            "LayoutFunction: seed should be two uint32 words for each 64-bit seed, the high one first, shape (..., 2), "
+            f"got {seed.dtype} of shape {seed.shape}. jax.random.PRNGKey(7) is the seed 7."
+        )
+    return seed

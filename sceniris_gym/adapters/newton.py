@@ -1,0 +1,246 @@
+"""`NewtonRandomizer`: resets worlds of Newton's MuJoCo solver to fresh layouts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type, import_extra
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.masks import as_mask, fill_mask
+from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.fit import check_fit
+
+newton: Any = import_extra("newton", "newton")
+
+wp.set_module_options({"enable_backward": False})
+
+_FREE = wp.constant(int(newton.JointType.FREE))
+_BALL = wp.constant(int(newton.JointType.BALL))
+
+_TOLERANCE = 1.0e-4
+"""Largest difference [m, rad, or of a quaternion] between two starts that counts as rounding."""
+_CURE = (
+    "Compile a scene with model: solver.mj_model, and give all worlds the same shapes and origin: one builder, "
+    "replicated without spacing."
+)
+
+
+@wp.func
+def _mujoco_pose(pos: wp.vec3, quat: wp.quat) -> wp.transform:
+    """Return a pose of MuJoCo, whose quaternion is wxyz, as a transform, whose quaternion is xyzw."""
+    return wp.transform(pos, wp.quat(quat[1], quat[2], quat[3], quat[0]))
+
+
+@wp.kernel
+def _write_joints(
+    # Lists of joints:
+    joint_type: wp.array[int],
+    q_start: wp.array[int],
+    qd_start: wp.array[int],
+    x_c: wp.array[wp.transform],
+    dof_ref: wp.array[float],
+    qposadr: wp.array[int],
+    mocapid: wp.array[int],
+    # In:
+    mask: wp.array[wp.bool],
+    qpos: wp.array2d[float],
+    mocap_pos: wp.array2d[wp.vec3],
+    mocap_quat: wp.array2d[wp.quat],
+    # Newton's arrays out:
+    x_p: wp.array[wp.transform],
+    joint_q: wp.array[float],
+    joint_qd: wp.array[float],
+):
+    worldid, i = wp.tid()
+    if not mask[worldid]:
+        return
+    joint = worldid * qposadr.shape[0] + i
+    adr, first = qposadr[i], q_start[joint]
+    if adr < 0 and mocapid[i] < 0:  # MuJoCo has no position of this joint
+        return
+    for k in range(qd_start[joint], qd_start[joint + 1]):
+        joint_qd[k] = 0.0
+    if joint_type[joint] == _BALL:
+        x = qpos[worldid]
+        drawn = wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr])
+        turn = wp.transform_get_rotation(x_c[joint])
+        rotation = wp.quat_inverse(turn) * drawn * turn
+        for k in range(4):
+            joint_q[first + k] = rotation[k]
+        return
+    if joint_type[joint] != _FREE and mocapid[i] < 0:
+        for k in range(q_start[joint + 1] - first):
+            reference = float(0.0)
+            if dof_ref:
+                reference = dof_ref[qd_start[joint] + k]
+            joint_q[first + k] = qpos[worldid, adr + k] - reference
+        return
+
+    pose = wp.transform_identity()
+    if mocapid[i] >= 0:
+        pose = _mujoco_pose(mocap_pos[worldid, mocapid[i]], mocap_quat[worldid, mocapid[i]])
+    else:
+        x = qpos[worldid]
+        quat = wp.quat(x[adr + 3], x[adr + 4], x[adr + 5], x[adr + 6])
+        pose = _mujoco_pose(wp.vec3(x[adr], x[adr + 1], x[adr + 2]), quat)
+    if joint_type[joint] == _FREE:
+        motion = wp.transform_inverse(x_p[joint]) * pose * x_c[joint]
+        for k in range(7):
+            joint_q[first + k] = motion[k]
+    else:  # a fixed root stands where its parent frame is
+        x_p[joint] = pose * x_c[joint]
+
+
+@wp.kernel
+def _mask_articulations(
+    articulation_world: wp.array[int],
+    world_mask: wp.array[wp.bool],
+    # Out:
+    articulation_mask: wp.array[wp.bool],
+):
+    articulation = wp.tid()
+    world = articulation_world[articulation]
+    articulation_mask[articulation] = world >= 0 and world_mask[world]
+
+
+class NewtonRandomizer(StaysHere):
+    """Resets chosen worlds of a `newton.solvers.SolverMuJoCo` to fresh layouts, at rest.
+
+    Newton owns the state: every step of the solver writes `State.joint_q` into MuJoCo's data. So a layout is written
+    there, in Newton's convention: poses of joints between their anchors, and quaternions as xyzw. `joint_qd` becomes 0,
+    body poses and velocities follow (`newton.eval_fk`), and `solver.reset` clears warm starts, forces, activations and
+    controls. Joints that the scene does not draw go back to their start. Roots that Newton fixes to the world may be
+    placed, too: their poses are those of `Model.joint_X_p`. All other worlds keep their bits.
+
+    Nothing waits for the device, so a reset with a mask on the device can be captured in a graph with the steps.
+
+    Args:
+        compiled: A scene with `model: solver.mj_model`, on the device of the model.
+        model: The newton.Model.
+        solver: The newton.solvers.SolverMuJoCo that steps it.
+        *states: Every newton.State that the loop steps; a reset writes all of them.
+        seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
+        split: "train" or "eval", which share no layouts. Not used with a layout_source.
+        layout_source: Another source of layouts, such as `PreparedLayouts`, which makes them ahead on a GPU.
+
+    Attributes:
+        layouts: The latest layout of each world.
+
+    Raises:
+        ArgumentError: The solver runs on MuJoCo C, or has all worlds of the model in one.
+        SceneMismatchError: The scene is not that of the model, worlds differ, or joints start elsewhere.
+    """
+
+    SEND = "the CompiledScene, and make a new one there"
+
+    @launching
+    def __init__(
+        self,
+        compiled: CompiledScene,
+        model: Any,
+        solver: Any,
+        *states: Any,
+        seed: int | Sequence[int] | np.ndarray = 0,
+        split: str = "train",
+        layout_source: LayoutSource | None = None,
+    ) -> None:
+        check_type(compiled, CompiledScene, "NewtonRandomizer: compiled")
+        nworld, data = model.world_count, getattr(solver, "mjw_data", None)
+        if data is None or solver.use_mujoco_cpu or data.nworld != nworld:
+            raise ArgumentError(
+                "NewtonRandomizer: solver should be a SolverMuJoCo with use_mujoco_cpu=False and a world of its own "
+                f"for each of the {nworld} worlds of the model, as newton.ModelBuilder.replicate makes them."
+            )
+        if layout_source is None:
+            layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split)
+        check_type(layout_source, LayoutSource, "NewtonRandomizer: layout_source")
+        self.compiled, self.model, self.solver, self.states = compiled, model, solver, states
+        self.layout_source: LayoutSource = layout_source
+        where = "NewtonRandomizer"
+        check_fit(compiled, solver.mjw_model, data, self.layouts, solver.mj_model, where=where, cure=_CURE)
+        with wp.ScopedDevice(model.device):
+            self._world_mask = wp.zeros(nworld + 1, dtype=wp.bool)  # Newton has a global world, which is the last one
+            self._mask = self._world_mask[:nworld]
+            self._articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
+            self._qposadr = wp.array(solver.mj_q_start.numpy()[: model.joint_count // nworld], dtype=int)
+            self._mocapid = wp.array(self._mocap_of_joints(), dtype=int)
+        self._check_start()
+
+    @property
+    def layouts(self) -> Layouts:
+        """See the class."""
+        return self.layout_source.layouts
+
+    @launching
+    def reset(self, mask: Any = None) -> None:
+        """Give the masked worlds their next layouts.
+
+        Args:
+            mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds.
+
+        Raises:
+            MaskTypeError, MaskError: Not an array of booleans, or of a wrong shape.
+        """
+        nworld = self.model.world_count
+        fill_mask(None if mask is None else as_mask(mask, nworld, self.model.device), self._mask)
+        self.layout_source.generate(self._mask)
+        model = self.model
+        wp.launch(
+            _mask_articulations,
+            model.articulation_count,
+            inputs=[model.articulation_world, self._world_mask],
+            outputs=[self._articulation_mask],
+            device=model.device,
+        )
+        for state in self.states:
+            self._write(self.layouts.qpos, state.joint_q, state.joint_qd, model.joint_X_p)
+            newton.eval_fk(model, state.joint_q, state.joint_qd, state, mask=self._articulation_mask)
+            self.solver.reset(state, self._world_mask, flags=0)
+
+    def _write(self, qpos: wp.array, joint_q: wp.array, joint_qd: wp.array, x_p: wp.array) -> None:
+        """Write joint positions into the masked worlds of Newton's arrays, with the mocap poses of the layouts."""
+        m, layouts = self.model, self.layouts
+        dof_ref = getattr(getattr(m, "mujoco", None), "dof_ref", None)
+        joints = [m.joint_type, m.joint_q_start, m.joint_qd_start, m.joint_X_c, dof_ref, self._qposadr, self._mocapid]
+        wp.launch(
+            _write_joints,
+            (m.world_count, self._qposadr.shape[0]),
+            inputs=[*joints, self._mask, qpos, layouts.mocap_pos, layouts.mocap_quat],
+            outputs=[x_p, joint_q, joint_qd],
+            device=m.device,
+        )
+
+    def _mocap_of_joints(self) -> np.ndarray:
+        """Return the placed mocap body that each joint of a world is the root of; -1 for others."""
+        found, scene = np.full(self._qposadr.shape[0], -1), self.compiled.scene
+        roots = self.solver.mjc_mocap_to_newton_jnt
+        placed = self.compiled.mjm.body_mocapid[list(scene.owners)]
+        for mocap in placed[placed >= 0]:
+            found[roots.numpy()[0, mocap]] = mocap
+        return found
+
+    def _check_start(self) -> None:
+        """Refuse joints that the scene does not place and that start elsewhere in the scene than in Newton's model."""
+        m, mjm, scene = self.model, self.compiled.mjm, self.compiled.scene
+        home = wp.array(np.tile(self.compiled.home_qpos, (m.world_count, 1)), dtype=float, device=m.device)
+        joint_q, joint_qd = wp.clone(m.joint_q), wp.clone(m.joint_qd)
+        self._mask.fill_(True)
+        self._write(home, joint_q, joint_qd, wp.clone(m.joint_X_p))
+        free = set(mjm.jnt_qposadr[np.isin(mjm.jnt_bodyid, list(scene.owners))].tolist())
+        first, adr, start, wanted = m.joint_q_start.numpy(), self._qposadr.numpy(), m.joint_q.numpy(), joint_q.numpy()
+        for joint in range(m.joint_count):
+            q = slice(first[joint], first[joint + 1])
+            if adr[joint % len(adr)] not in free and np.abs(start[q] - wanted[q]).max(initial=0.0) > _TOLERANCE:
+                raise SceneMismatchError(
+                    f"NewtonRandomizer: joint '{m.joint_label[joint]}' starts at {start[q].round(4).tolist()} in "
+                    f"model.joint_q and at {wanted[q].round(4).tolist()} in the scene, which would not keep layouts "
+                    "clear of it. Hold it there in the scene: `robot: {in_model: base, joints: {name: {value: ...}}}`."
+                )

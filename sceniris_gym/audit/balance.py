@@ -1,0 +1,121 @@
+"""Check of balance: every object has the centre of mass of all that it carries over the patch that it stands on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import shapely
+
+from sceniris_gym.audit.geometry import Form, Poses, solids_of, subtree
+from sceniris_gym.audit.scene import Carrier, JudgedScene
+from sceniris_gym.audit.standing import Misplaced, StandingAudit
+from sceniris_gym.audit.supports import HEIGHT_TOLERANCE, surface_of
+from sceniris_gym.config.objects import ObjectConfig
+
+LOW = 5e-4  # m; what is this near to the lowest point touches the support, also as a curved foot rocks by 2.5 degrees
+EDGE = 1e-4  # m; a centre of mass this far outside of a patch is still over it
+_ENDLESS = shapely.box(-1e4, -1e4, 1e4, 1e4)
+
+
+class BalanceAudit:
+    """Judges the statics of layouts, level by level: a support carries the weight of everything above it.
+
+    Contacts are rigid here. Whether soft ones hold is for MuJoCo C to say; see `physics`.
+
+    Args:
+        scene: The scene.
+        standing: The judge of supports.
+    """
+
+    def __init__(self, scene: JudgedScene, standing: StandingAudit) -> None:
+        self._scene, self._standing = scene, standing
+        self._surface = {
+            s.geom: surface_of(s)[0] for s in solids_of(scene.mjm, "physics") if s.form is not Form.HALFSPACE
+        }
+        filling = {name for heap in scene.config.heaps.values() for name in heap.of}
+        objects = {n: p for n, p in scene.placed.items() if p.support is not None and n in scene.config.objects}
+        self._owner = {n: self._carrier(p).owner for n, p in objects.items() if p.has_to_stand or n in filling}
+        self._judged = [name for name in self._owner if name not in filling]
+
+    def check(
+        self, poses: Poses, supporting: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray]
+    ) -> list[Misplaced]:
+        """Return the objects that fall over, or make what is below them fall; the cause is "falls".
+
+        Args:
+            poses: Poses in some layouts.
+            supporting: Object name -> id of its supporting body in each row, -1 for none, shape (nrow,).
+            there: Object name -> rows in which it is present, shape (nrow,).
+        """
+        weight = {name: self._weight(name, poses) * there[name][:, None] for name in self._owner}
+        load = {name: own.copy() for name, own in weight.items()}
+        for name in weight:
+            below = self._owner[name]
+            for _ in range(len(weight)):  # no more levels than objects
+                if below not in load:
+                    break
+                load[below] += weight[name]
+                below = self._owner[below]
+        found = []
+        for name in self._judged:
+            rows = np.flatnonzero((supporting[name] >= 0) & there[name])
+            rows = rows[load[name][rows, 0] > 0.0]
+            if not len(rows):
+                continue
+            center = load[name][rows, 1:] / load[name][rows, :1]
+            falls = rows[~self._carried(name, _only(poses, rows), center)]
+            found += [Misplaced(int(row), name, "falls") for row in falls]
+        return found
+
+    def _carrier(self, part: ObjectConfig) -> Carrier:
+        assert part.support is not None
+        return self._scene.carrier(part.support.parent)
+
+    def _weight(self, name: str, poses: Poses) -> np.ndarray:
+        """Return the mass that gravity acts on, and its first moment, in each row [kg, kg m], shape (nrow, 4)."""
+        mjm = self._scene.mjm
+        bodies = sorted(subtree(mjm, self._scene.bodies[name]))
+        mass = mjm.body_mass[bodies] * (1.0 - mjm.body_gravcomp[bodies])
+        center = poses.xpos[:, bodies] + np.einsum("nbij,bj->nbi", poses.xmat[:, bodies], mjm.body_ipos[bodies])
+        total = np.full((len(center), 1), mass.sum())
+        return np.hstack([total, np.einsum("b,nbi->ni", mass, center)])
+
+    def _carried(self, name: str, poses: Poses, center: np.ndarray) -> np.ndarray:
+        """Return a mask of the rows in which a centre of mass (nrow, 3) is over the patch that an object stands on."""
+        part, standing, mjm = self._scene.placed[name], self._standing, self._scene.mjm
+        carrier = self._carrier(part)
+        bodies = subtree(mjm, self._scene.bodies[name])
+        parts = [
+            vertices @ poses.geom_xmat[:, geom].transpose(0, 2, 1) + poses.geom_xpos[:, geom, None]
+            for geom, vertices in self._surface.items()
+            if int(mjm.geom_bodyid[geom]) in bodies
+        ]
+        ground = [standing.in_frame(carrier.body, poses, points) for points in parts]
+        at = standing.in_frame(carrier.body, poses, center[:, None])[:, 0, :2]
+        lowest = np.min([points[:, :, 2].min(1) for points in ground], axis=0)
+        over = np.zeros(len(center), bool)
+        for rows, surfaces in standing.surfaces("in", carrier, poses):
+            for surface in surfaces:
+                level = rows[np.abs(lowest[rows] - surface.height - part.gap) <= 2 * HEIGHT_TOLERANCE]
+                area = _ENDLESS if standing.is_plane(carrier) else surface.area
+                touching = [shapely.intersection(_feet(points[level], lowest[level]), area) for points in ground]
+                pieces = [shapely.geometrycollections(list(piece)) for piece in zip(*touching, strict=True)]
+                patch = shapely.convex_hull(np.array(pieces, object))
+                over[level] = shapely.distance(patch, shapely.points(at[level])) <= EDGE
+        return over
+
+
+def _feet(points: np.ndarray, lowest: np.ndarray) -> np.ndarray:
+    """Return the hull of the low points of a convex solid in each row, from its vertices (nrow, n, 3)."""
+    row, number = np.nonzero(points[:, :, 2] <= lowest[:, None] + LOW)
+    feet = np.full(len(points), shapely.Point(), object)
+    if len(row):
+        clouds = shapely.multipoints(points[row, number, :2], indices=np.unique(row, return_inverse=True)[1])
+        feet[np.unique(row)] = shapely.convex_hull(clouds)
+    return feet
+
+
+def _only(poses: Poses, rows: np.ndarray) -> Poses:
+    """Return the poses in some rows."""
+    return Poses(poses.geom_xpos[rows], poses.geom_xmat[rows], poses.xpos[rows], poses.xmat[rows])

@@ -1,0 +1,171 @@
+"""Draws of physics and looks at every reset: `DrawConfig`, and the words of objects, lights, cameras and scenes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+
+from sceniris_gym.config.fields import Number, listed, wrong
+from sceniris_gym.config.loader import DRAW_FORMS
+from sceniris_gym.config.section import Section
+
+DEVIATIONS = 3.0
+"""Standard deviations beyond which numbers of a normal distribution are cut off."""
+
+
+@dataclass(frozen=True)
+class Word:
+    """A word of `randomize`.
+
+    Attributes:
+        field: The field of the model that is drawn.
+        width: Numbers of one element, from the number `first` on.
+        first: The first of them.
+        least, most: Bounds of the values.
+        follow: Fields that keep their ratio to the drawn one, with the first number and the width of each.
+        shared: Number of components that a single drawn number is for, from the first one on; None is all.
+    """
+
+    field: str
+    width: int = 1
+    first: int = 0
+    least: float = -inf
+    most: float = inf
+    follow: tuple[tuple[str, int, int], ...] = ()
+    shared: int | None = None
+
+
+OBJECT_WORDS = {
+    "mass": Word("body_mass", least=1e-6, follow=(("body_inertia", 0, 3),)),
+    "ipos": Word("body_ipos", 3),
+    "friction": Word("geom_friction", 3, least=0.0, shared=1),
+    "solref": Word("geom_solref", 2),
+    "solimp": Word("geom_solimp", 5, least=0.0),
+    "rgba": Word("geom_rgba", 4, least=0.0, most=1.0, shared=3),
+    "damping": Word("dof_damping", least=0.0),
+    "frictionloss": Word("dof_frictionloss", least=0.0),
+    "armature": Word("dof_armature", least=0.0),
+    "stiffness": Word("jnt_stiffness", least=0.0),
+    "gains": Word("actuator_gainprm", least=1e-9, follow=(("actuator_biasprm", 1, 2),)),
+    "bias": Word("actuator_biasprm"),
+    "forcerange": Word("actuator_forcerange", 2),
+    "delay": Word("actuator_delay", least=0.0),
+}
+LIGHT_WORDS = {
+    **{word: Word(f"light_{word}", 3) for word in ("pos", "dir")},
+    **{word: Word(f"light_{word}", 3, least=0.0) for word in ("diffuse", "ambient", "specular")},
+    **{word: Word(f"light_{word}", least=0.0, most=1.0) for word in ("castshadow", "active")},
+}
+CAMERA_WORDS = {
+    "pos": Word("cam_pos", 3),
+    "quat": Word("cam_quat", 3, least=-180.0, most=180.0),
+    "fovy": Word("cam_fovy", least=1.0, most=179.0),
+}
+MATERIAL_WORDS = {
+    "rgba": Word("mat_rgba", 4, least=0.0, most=1.0, shared=3),
+    "texid": Word("mat_texid", first=1, least=0.0),
+    **{word: Word(f"mat_{word}", least=0.0) for word in ("specular", "shininess", "emission")},
+    "texrepeat": Word("mat_texrepeat", 2),
+}
+SCENE_WORDS = {"gravity": Word("gravity", 3), "wind": Word("wind", 3)}
+
+
+def _vector(value: Any) -> Any:
+    value = listed(value)
+    return value if isinstance(value, list | tuple) else (value,)
+
+
+def _pair(value: Any) -> Any:
+    value = listed(value)
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise wrong("should be [low, high], of numbers or of lists of numbers")
+    return value
+
+
+def _alike(ends: tuple[tuple[float, ...], tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    if len(ends[0]) != len(ends[1]):
+        raise wrong("should have as many numbers in both of its ends")
+    return ends
+
+
+_Vector = Annotated[tuple[Number, ...], BeforeValidator(_vector)]
+_Ends = Annotated[tuple[_Vector, _Vector], BeforeValidator(_pair), AfterValidator(_alike)]
+_Chosen = Annotated[bool, Strict()] | Annotated[str, Strict()] | _Vector
+
+
+class DrawConfig(Section):
+    """The draw of a value at every reset; exactly one of `scale`, `add`, `abs` and `choice` is given.
+
+    `scale` and `add` are relative to the value of the model, `abs` and `choice` replace it. Ends [low, high] are of a
+    `uniform` or `log_uniform` distribution; for a `normal` one they are the mean and the standard deviation, and it is
+    cut off at three standard deviations. A single number is drawn for all components of a value, a list of numbers for
+    each component. With `each`, every element (geom, joint, actuator) has numbers of its own.
+    """
+
+    one_of = DRAW_FORMS
+    scale: _Ends | None = None
+    add: _Ends | None = None
+    abs: _Ends | None = None
+    choice: Annotated[tuple[_Chosen, ...], BeforeValidator(listed), Field(min_length=1)] | None = None
+    distribution: Literal["uniform", "log_uniform", "normal"] = "uniform"
+    each: Annotated[bool, Strict()] = False
+
+    @property
+    def form(self) -> str:
+        """The word that is given: 'scale', 'add', 'abs' or 'choice'."""
+        return self.given(DRAW_FORMS)[0]
+
+    @property
+    def ends(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The parameters of the distribution: its ends, or mean and standard deviation."""
+        return self.scale or self.add or self.abs or ((), ())
+
+    @property
+    def extremes(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The least and the greatest numbers that can be drawn."""
+        low, high = self.ends
+        if self.distribution != "normal":
+            return low, high
+        pairs = list(zip(low, high, strict=True))
+        return tuple(m - DEVIATIONS * s for m, s in pairs), tuple(m + DEVIATIONS * s for m, s in pairs)
+
+    @model_validator(mode="after")
+    def _can_be_drawn(self) -> DrawConfig:
+        low, high = self.ends
+        if self.choice is not None and self.distribution != "uniform":
+            raise wrong("should have no 'distribution' together with 'choice', of which each value is as likely")
+        if self.distribution == "normal" and min(high, default=0.0) < 0.0:
+            raise wrong("should have a mean and a standard deviation of 0 or more")
+        if self.distribution != "normal" and any(a > b for a, b in zip(low, high, strict=True)):
+            raise wrong("should be [low, high] with low <= high")
+        if self.distribution == "log_uniform" and min(low, default=1.0) <= 0.0:
+            raise wrong("should have ends above 0 for a log_uniform distribution")
+        return self
+
+
+def _one_of(words: dict[str, Word]) -> AfterValidator:
+    def check(name: str) -> str:
+        if name not in words:
+            raise wrong(f"should be one of {', '.join(words)}", name, words)
+        return name
+
+    return AfterValidator(check)
+
+
+ObjectWord = Annotated[str, _one_of(OBJECT_WORDS)]
+_LightWord = Annotated[str, _one_of(LIGHT_WORDS)]
+_CameraWord = Annotated[str, _one_of(CAMERA_WORDS)]
+_MaterialWord = Annotated[str, _one_of(MATERIAL_WORDS)]
+
+
+class SceneDraws(Section):
+    """Draws of the whole scene, and of its lights, cameras and materials by their names or patterns such as '*'."""
+
+    gravity: DrawConfig | None = None
+    wind: DrawConfig | None = None
+    lights: dict[str, dict[_LightWord, DrawConfig]] = Field(default_factory=dict)
+    cameras: dict[str, dict[_CameraWord, DrawConfig]] = Field(default_factory=dict)
+    materials: dict[str, dict[_MaterialWord, DrawConfig]] = Field(default_factory=dict)

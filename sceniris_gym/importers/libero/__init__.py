@@ -1,0 +1,1 @@
+"""Problem files of LIBERO, read as scenes of this package."""

@@ -1,0 +1,183 @@
+"""The classes of LIBERO: how they stand and turn, and boxes that stand in for their models.
+
+Turns are those that LIBERO's samplers arrive at, which give some quaternions in another order than MuJoCo reads them. A
+class that is sampled at an angle about its x axis so stands upright with its heading at 180 degrees less that angle.
+The initial states that LIBERO ships show the same headings. Sizes and places were measured on LIBERO's models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+Vec3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Moving:
+    """The joint of a box: its name, 'slide' or 'hinge', axis, range [m or rad] and anchor [m]."""
+
+    name: str
+    type: str
+    axis: Vec3
+    range: tuple[float, float]
+    anchor: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of a stand-in.
+
+    Attributes:
+        pos: Its centre [m].
+        size: Full edges [m].
+        open: The side that is left out of its walls, such as '-y' or '+z'; '' for a solid box.
+        inside, top: The sites inside of it and on top of it; '' for none.
+        joint: Its joint, if it moves.
+    """
+
+    pos: Vec3
+    size: Vec3
+    open: str = ""
+    inside: str = ""
+    top: str = ""
+    joint: Moving | None = None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A class of things.
+
+    Attributes:
+        size: Edges of its bounds [m] as it stands, along its own x axis, to the left of it, and up.
+        yaw: Least and greatest heading [degrees] of an object; fixtures have that of their region.
+        up: The axis of its model that points up.
+        inside: The site inside of a stand-in that is open above.
+        boxes: Its stand-in, if that is not one box of its size.
+        states: The joint positions [m or rad] between which a predicate of the start draws.
+    """
+
+    size: Vec3
+    yaw: tuple[float, float] = (180.0, 180.0)
+    up: str = "z"
+    inside: str = ""
+    boxes: tuple[Box, ...] = ()
+    states: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A work surface.
+
+    Attributes:
+        origin: The point that rectangles are relative to, world frame [m].
+        low, high: Corners of the surface, world frame [m].
+        top: Its height [m].
+        base: The place of LIBERO's arm, world frame [m].
+    """
+
+    origin: Vec3
+    low: tuple[float, float]
+    high: tuple[float, float]
+    top: float
+    base: Vec3
+
+
+WORKSPACES = {
+    "kitchen_table": Workspace((0.0, 0.0, 0.9), (-0.5, -0.6), (0.5, 0.6), 0.9, (-0.66, 0.0, 0.912)),
+    "table": Workspace((0.0, 0.0, 0.9), (-0.5, -0.6), (0.5, 0.6), 0.9, (-0.66, 0.0, 0.912)),
+    "study_table": Workspace((-0.2, 0.0, 0.867), (-0.69, -1.39), (0.69, 1.39), 0.885, (-0.75, 0.0, 0.912)),
+    "living_room_table": Workspace((0.0, 0.0, 0.41), (-0.82, -0.62), (0.34, 0.72), 0.437, (-0.51, 0.0, 0.42)),
+    "floor": Workspace((0.0, 0.0, -0.035), (-1.5, -1.5), (1.5, 1.5), 0.0, (-0.6, 0.0, 0.0)),
+}
+"""The work surfaces by their class; 'floor' is the ground workspace."""
+
+_BACK, _ACROSS, _MUG, _BOOK = (180.0, 180.0), (90.0, 90.0), (-90.0, -90.0), (-135.0, -90.0)
+
+
+def _drawer(level: str, height: float) -> Box:
+    joint = Moving(f"{level}_level", "slide", (0.0, 1.0, 0.0), (-0.16, 0.01))
+    return Box((0.003, -0.01, height), (0.214, 0.19, 0.06), "+z", f"{level}_region", joint=joint)
+
+
+_CABINET = Kind(
+    (0.254, 0.221, 0.218),
+    boxes=(
+        Box((0.003, 0.0, 0.114), (0.254, 0.221, 0.218), "-y", top="top_side"),
+        *(_drawer(level, z) for level, z in (("top", 0.18), ("middle", 0.11), ("bottom", 0.04))),
+    ),
+    states={"Open": (-0.16, -0.14), "Close": (0.0, 0.005)},
+)
+_DOOR = Moving("microjoint", "hinge", (0.0, 0.0, 1.0), (-2.094, 0.0), (-0.172, -0.1, 0.094))
+_KNOB = Moving("button", "hinge", (0.0, 0.0, 1.0), (-0.005, 2.1))
+
+FIXTURES = {
+    "wooden_cabinet": _CABINET,
+    "white_cabinet": _CABINET,
+    "microwave": Kind(
+        (0.345, 0.225, 0.187),
+        boxes=(
+            Box((0.0, 0.01, 0.094), (0.345, 0.2, 0.187), "-y", "heating_region", "top_side"),
+            Box((-0.043, -0.105, 0.094), (0.255, 0.02, 0.18), joint=_DOOR),
+        ),
+        states={"Open": (-2.094, -1.3), "Close": (-0.005, 0.0)},
+    ),
+    "flat_stove": Kind(
+        (0.285, 0.19, 0.045),
+        boxes=(
+            Box((0.15, 0.0, 0.002), (0.19, 0.19, 0.045), top="cook_region"),
+            Box((0.0, 0.0, 0.0), (0.08, 0.09, 0.04), joint=_KNOB),
+        ),
+        states={"Turnon": (0.5, 2.1), "Turnoff": (-0.005, 0.0)},
+    ),
+    "wine_rack": Kind((0.268, 0.253, 0.217), boxes=(Box((0.0, 0.0, 0.109), (0.268, 0.253, 0.217), top="top_region"),)),
+    "desk_caddy": Kind(
+        (0.137, 0.423, 0.167),
+        boxes=(
+            Box((0.006, -0.143, 0.065), (0.134, 0.134, 0.13), "+z", "right_contain_region"),
+            Box((0.006, 0.146, 0.065), (0.134, 0.134, 0.13), "+z", "left_contain_region"),
+            Box((0.034, -0.001, 0.0835), (0.066, 0.134, 0.167), "+z", "back_contain_region"),
+            Box((-0.031, -0.001, 0.0405), (0.066, 0.134, 0.08), "+z", "front_contain_region"),
+        ),
+    ),
+    "wooden_two_layer_shelf": Kind(
+        (0.352, 0.191, 0.21),
+        boxes=(
+            Box((0.005, 0.016, 0.05), (0.352, 0.191, 0.1), "-y", "bottom_region"),
+            Box((0.005, 0.016, 0.155), (0.352, 0.191, 0.11), "-y", "top_region", "top_side"),
+        ),
+    ),
+}
+"""Fixtures that stand on a work surface, by their class."""
+
+OBJECTS = {
+    "alphabet_soup": Kind((0.062, 0.063, 0.077), _BACK, "y"),
+    "tomato_sauce": Kind((0.062, 0.062, 0.077), _BACK, "y"),
+    "bbq_sauce": Kind((0.046, 0.03, 0.107), _ACROSS),
+    "cookies": Kind((0.062, 0.082, 0.018), _ACROSS),
+    "butter": Kind((0.076, 0.04, 0.018), _BACK),
+    "chocolate_pudding": Kind((0.081, 0.046, 0.027), _BACK),
+    "cream_cheese": Kind((0.082, 0.042, 0.018), _BACK),
+    "ketchup": Kind((0.057, 0.037, 0.145), _ACROSS, "y"),
+    "milk": Kind((0.053, 0.053, 0.131), _ACROSS, "y"),
+    "orange_juice": Kind((0.053, 0.052, 0.131), _ACROSS, "y"),
+    "salad_dressing": Kind((0.052, 0.036, 0.146), _ACROSS, "y"),
+    "new_salad_dressing": Kind((0.052, 0.036, 0.146), _ACROSS, "y"),
+    "akita_black_bowl": Kind((0.107, 0.107, 0.05), _ACROSS),
+    "basket": Kind((0.169, 0.158, 0.142), _ACROSS, inside="contain_region"),
+    "chefmate_8_frypan": Kind((0.356, 0.204, 0.058), _ACROSS),
+    "glazed_rim_porcelain_ramekin": Kind((0.09, 0.089, 0.042), _ACROSS),
+    "plate": Kind((0.138, 0.137, 0.019), _ACROSS),
+    "white_bowl": Kind((0.081, 0.081, 0.034), _ACROSS),
+    "moka_pot": Kind((0.082, 0.147, 0.152), _BACK),
+    "wine_bottle": Kind((0.043, 0.044, 0.157), _BACK),
+    "wooden_tray": Kind((0.298, 0.167, 0.082), _BACK, inside="contain_region"),
+    "black_book": Kind((0.029, 0.11, 0.135), _BOOK),
+    "yellow_book": Kind((0.023, 0.098, 0.122), _BOOK),
+    "porcelain_mug": Kind((0.125, 0.096, 0.106), _MUG),
+    "red_coffee_mug": Kind((0.123, 0.093, 0.133), _MUG),
+    "white_yellow_mug": Kind((0.139, 0.106, 0.103), _MUG),
+}
+"""Objects that are free to move, by their class."""
+TURN = {"z": (1.0, 0.0, 0.0, 0.0), "y": (0.5**0.5, 0.5**0.5, 0.0, 0.0)}
+"""Turn (wxyz) that lets an axis of a model point up."""

@@ -1,0 +1,186 @@
+"""The words of LIBERO's things: their supports, regions, orientations and joints."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+from shapely import Point
+
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.geometry.pieces import extract_pieces
+from sceniris_gym.geometry.resting_poses import HomeShape
+from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.supports import level_surfaces
+from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, WORKSPACES, Kind, Workspace
+from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
+from sceniris_gym.importers.libero.things import INNER
+from sceniris_gym.scene.assemble import compile_spec
+from sceniris_gym.scene.support import subtree
+
+_AROUND = 0.1  # clutter keeps within this distance [m] of the rectangles of the file
+_EVERYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
+_GAP = 0.0005  # height above what a thing stands on [m]
+_POINT = 0.00005  # half the edge of the rectangle that a point becomes [m]
+_RADIUS = 0.025  # radius [m] by which most of LIBERO's objects keep from the edge of a site
+
+
+def kinds_of(problem: Problem) -> dict[str, Kind]:
+    """Return the class of everything but the work surface, checked."""
+    found = {}
+    for things, table, word in ((problem.fixtures, FIXTURES, "fixture"), (problem.objects, OBJECTS, "object")):
+        for name, kind in things.items():
+            if kind in table:
+                found[name] = table[kind]
+            elif word == "object" or kind not in WORKSPACES:
+                valid = [*table, *WORKSPACES] if word == "fixture" else table
+                raise UnknownNameError(f"class of {word}", kind, problem.where(problem.lines[name]), valid)
+    return found
+
+
+def _rounded(values: Any) -> list:
+    """Return lengths [m] or angles [degrees] as a scene file shows them."""
+    return (np.round(values, 6) + 0.0).tolist()
+
+
+class Places:
+    """The words of objects: their supports, regions, orientations and joints."""
+
+    def __init__(self, problem: Problem, surface: str, space: Workspace, spec: mujoco.MjSpec, widen: float) -> None:
+        self._problem, self._surface, self._space, self._spec, self._widen = problem, surface, space, spec, widen
+        self._kinds = kinds_of(problem)
+        self._mjm = compile_spec(spec, str(problem.path))
+        self._data = mujoco.MjData(self._mjm)
+        mujoco.mj_kinematics(self._mjm, self._data)
+        self._pieces = extract_pieces(
+            self._mjm, "physics", where=dict.fromkeys(range(self._mjm.nbody), str(problem.path))
+        )
+
+    def words(self, added: list[str]) -> dict[str, Any]:
+        """Return the words of all objects by name; those of `added` stand anywhere around the rectangles."""
+        found: dict[str, dict[str, Any]] = {}
+        for predicate in self._problem.init:
+            if predicate.word in ("On", "In"):
+                found[predicate.names[0]] = self._place(predicate)
+        for predicate in self._problem.init:
+            if predicate.word not in ("On", "In"):
+                name, joints = self._state(predicate)
+                found.get(name, {}).setdefault("joints", {}).update(joints)
+        regions = self._problem.regions.values()
+        boxes = [box for r in regions for box in r.boxes if r.target == self._surface] or [_EVERYWHERE]
+        for name in added:
+            low, high = np.min(boxes, axis=0)[:2] - _AROUND, np.max(boxes, axis=0)[2:] + _AROUND
+            found[name] = self._on_surface(name, np.array([low, high]), self._kinds[name].yaw) | {"ratio_on_support": 1}
+        for name in self._kinds:
+            if name not in found:
+                line = self._problem.where(self._problem.lines[name])
+                raise SceneKeyError(f"{line}: '{name}' should have a place in ':init', such as (On {name} REGION).")
+        return found
+
+    def _place(self, predicate: Predicate) -> dict[str, Any]:
+        """Return the words of the thing that an `On` or `In` of the start places."""
+        name, target = predicate.names
+        where = f"{self._problem.where(predicate.line)}: {predicate}"
+        if name not in self._kinds:
+            raise UnknownNameError("thing", name, where, self._kinds)
+        region = self._problem.regions.get(target)
+        yaw = self._kinds[name].yaw if region is None or name in self._problem.objects else np.degrees(region.yaw)
+        if region is not None and region.target == self._surface:
+            if len(region.boxes) != 1:
+                raise SceneKeyError(
+                    f"{where}: region '{region.name}' should have one rectangle in ':ranges', as it is on the work "
+                    f"surface; has {len(region.boxes)}."
+                )
+            low, high = np.reshape(region.boxes[0], (2, 2))
+            half = np.maximum(0.5 * self._widen * (high - low), _POINT)
+            return self._on_surface(name, 0.5 * (low + high) + np.array([-half, half]), tuple(yaw))
+        if name in self._problem.fixtures:
+            raise SceneKeyError(f"{where}: a fixture should be on a rectangle of the work surface '{self._surface}'.")
+        if region is not None:
+            return self._on_site(name, region, predicate.word, where)
+        if target not in (self._surface, *self._problem.objects):
+            raise UnknownNameError("object or region", target, where, [*self._problem.objects, *self._problem.regions])
+        return self._on_thing(name, target)
+
+    def _on_surface(self, name: str, corners: np.ndarray, yaw: tuple[float, float]) -> dict[str, Any]:
+        """Return the words of a thing whose origin is in a rectangle, shape (2, 2), as far as the surface reaches."""
+        origin = np.array(self._space.origin[:2])
+        inside = np.clip(corners, self._space.low - origin, self._space.high - origin)
+        box = _rounded(inside + self._pivot(name, yaw))
+        return self._words(name, yaw) | {"on": self._surface, "region": {"box": box}}
+
+    def _on_thing(self, name: str, target: str) -> dict[str, Any]:
+        """Return the words of a thing over the middle of another one, above its rim, or anywhere on the surface."""
+        yaw = self._kinds[name].yaw
+        if target == self._surface:
+            return self._words(name, yaw) | {"on": target}
+        yaw, support = self._relative(yaw, target), self._mjm.body(f"{target}/{INNER}").id
+        point = self._pivot(name, yaw)
+        pieces = [p for p in self._pieces if p.body == support]
+        levels = level_surfaces(support, pieces, open_above=True)
+        carrying = [level.height for level in levels if level.region.intersects(Point(point))]
+        top = max(piece.bounds()[1][2] for piece in pieces)
+        gap = {"gap": round(top - carrying[-1] + _GAP, 6)} if carrying else {}
+        support_words = {"on": f"{target}/{INNER}", "region": {"points": _rounded([point])}}
+        return self._words(name, yaw) | support_words | gap
+
+    def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
+        """Return the words of a thing on or in a site, which keeps its radius from the edge of half of it."""
+        site = self._site(region, where)
+        yaw = self._relative(self._kinds[name].yaw, region.target)
+        radius = self._spec.site(f"{name}/horizontal_radius_site")
+        turned = np.abs(matrix(np.asarray(site.quat)) @ site.size)
+        away = radius.pos[0] if radius is not None else _RADIUS
+        half = np.abs(0.5 * turned[:2] - away)
+        middle = site.pos[:2] + self._pivot(name, yaw)
+        support = {"On": "on", "In": "in"}[word]
+        box = _rounded([middle - half, middle + half])
+        return self._words(name, yaw) | {support: site.parent.name, "region": {"box": box}}
+
+    def _words(self, name: str, yaw: tuple[float, float]) -> dict[str, Any]:
+        kind = {"kind": "fixture"} if name in self._problem.fixtures else {}
+        return {**kind, "orientation": {"yaw": _rounded(yaw)}}
+
+    def _relative(self, yaw: tuple[float, float], target: str) -> tuple[float, float]:
+        """Return a heading in the world as one relative to a thing, in the middle of its own headings."""
+        its = self._kinds[target].yaw
+        for predicate in self._problem.init:
+            if predicate.names[0] == target and target in self._problem.fixtures and predicate.word == "On":
+                region = self._problem.regions.get(predicate.names[1])
+                its = (0.0, 0.0) if region is None else tuple(np.degrees(region.yaw))
+        turn = math.remainder(0.5 * sum(yaw) - 0.5 * sum(its), 360.0)
+        half = 0.5 * (yaw[1] - yaw[0])
+        return turn - half, turn + half
+
+    def _pivot(self, name: str, yaw: tuple[float, float]) -> np.ndarray:
+        """Return where the pivot is, from the origin that LIBERO places, in the middle of the headings [m]."""
+        root = self._mjm.body(name).id
+        inside = subtree(self._mjm, root)
+        shape = HomeShape(self._data, root, [p for p in self._pieces if p.body in inside])
+        x, y = shape.variant(np.array([1.0, 0.0, 0.0, 0.0])).pivot[:2]
+        angle = math.radians(0.5 * sum(yaw))
+        return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
+
+    def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
+        """Return the thing and the joints that a predicate such as `Open` moves."""
+        where = f"{self._problem.where(predicate.line)}: {predicate}"
+        region = self._problem.regions.get(predicate.names[0])
+        name = predicate.names[0] if region is None else region.target
+        kind = self._kinds.get(name)
+        if kind is None or predicate.word not in kind.states:
+            can = [n for n, k in self._kinds.items() if predicate.word in k.states]
+            raise UnknownNameError(f"thing for {predicate.word}", predicate.names[0], where, can)
+        body = self._spec.body(name) if region is None else self._site(region, where).parent
+        found = body.find_all("joint") if region is None else list(body.joints)
+        return name, {
+            joint.name.removeprefix(f"{name}/"): {"range": list(kind.states[predicate.word])} for joint in found
+        }
+
+    def _site(self, region: Region, where: str) -> mujoco.MjsSite:
+        site = self._spec.site(f"{region.target}/{region.name}")
+        if site is None:
+            own = [s.name.partition("/")[2] for s in self._spec.sites if s.name.startswith(f"{region.target}/")]
+            raise UnknownNameError(f"site of '{region.target}'", region.name, where, own)
+        return site

@@ -1,0 +1,257 @@
+"""A BDDL problem file as it is written: regions, things and predicates, each with its line."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from sceniris_gym.config.messages import short
+from sceniris_gym.config.paths import user_path
+from sceniris_gym.errors import SceneFileError, SceneKeyError, UnknownNameError
+
+PREDICATES = {"On": 2, "In": 2, "Open": 1, "Close": 1, "Turnon": 1, "Turnoff": 1}
+"""The predicates that are read, with the number of names that each takes."""
+_TOKEN = re.compile(r";[^\n]*|[()]|[^\s();]+")
+_SECTIONS = ("domain", "language", "regions", "fixtures", "objects", "obj_of_interest", "init", "goal", "requirements")
+_ATTRIBUTES = (":target", ":ranges", ":yaw_rotation", ":rgba")
+
+
+class Word(str):
+    """A word of the file that knows its line."""
+
+    line = 0
+
+
+class Group(list):
+    """A parenthesis of the file, of words and other groups, that knows its line."""
+
+    line = 0
+
+
+@dataclass(frozen=True)
+class Predicate:
+    """A predicate on things or regions, such as On(plate_1, kitchen_table_plate_region).
+
+    Attributes:
+        word: A key of `PREDICATES`.
+        names: The things or regions.
+        line: Its line in the file.
+    """
+
+    word: str
+    names: tuple[str, ...]
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"({self.word} {' '.join(self.names)})"
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region of a thing: rectangles on a work surface, or a site of a fixture or an object.
+
+    Attributes:
+        target: The thing.
+        name: Its name without that of the thing.
+        boxes: Rectangles (low x, low y, high x, high y) [m] relative to the origin of the work surface; none for a
+            site.
+        yaw: Least and greatest heading [rad] of a fixture that is placed there.
+        line: Its line in the file.
+    """
+
+    target: str
+    name: str
+    boxes: tuple[tuple[float, ...], ...]
+    yaw: tuple[float, float]
+    line: int
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem file.
+
+    Attributes:
+        path: The file.
+        language: The instruction.
+        regions: Regions by the names that predicates use: 'TARGET_NAME'.
+        fixtures, objects: The class of each thing by its name.
+        of_interest: Things and regions that the task is about.
+        init, goal: Predicates of the start, and those that all hold at the end.
+        lines: The line of each thing.
+    """
+
+    path: Path
+    language: str
+    regions: Mapping[str, Region]
+    fixtures: Mapping[str, str]
+    objects: Mapping[str, str]
+    of_interest: tuple[str, ...]
+    init: tuple[Predicate, ...]
+    goal: tuple[Predicate, ...]
+    lines: Mapping[str, int]
+
+    @property
+    def things(self) -> dict[str, str]:
+        """The class of each fixture and object by its name."""
+        return {**self.fixtures, **self.objects}
+
+    def where(self, line: int) -> str:
+        """Return the place of a line, for messages."""
+        return f"{self.path}:{line}"
+
+
+def read_problem(path: str | Path) -> Problem:
+    """Read a problem file.
+
+    Raises:
+        SceneFileError: The file is missing, cannot be read, or its parentheses do not match.
+        SceneKeyError: A part of it is missing or malformed.
+        UnknownNameError: It has an unknown section, attribute or predicate, or a predicate names nothing in the file.
+    """
+    file = user_path(path, Path(), "read_bddl")
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = "it does not exist" if not file.is_file() else str(error)
+        raise SceneFileError(f"read_bddl: '{file}' cannot be read: {why}. Give a problem file (.bddl).") from None
+    sections = _sections(_parsed(text, file), file)
+    regions = {f"{r.target}_{r.name}": r for r in (_region(group, file) for group in sections["regions"])}
+    fixtures, objects = (list(_typed(sections[key], file)) for key in ("fixtures", "objects"))
+    lines: dict[str, int] = {}
+    for name, _ in (*fixtures, *objects):
+        if name in lines:
+            raise SceneKeyError(f"{file}:{name.line}: '{name}' should be another name: line {lines[name]} has it, too.")
+        lines[str(name)] = name.line
+    problem = Problem(
+        file,
+        " ".join(_words(sections["language"], file)),
+        regions,
+        {str(name): kind for name, kind in fixtures},
+        {str(name): kind for name, kind in objects},
+        tuple(_words(sections["obj_of_interest"], file)),
+        tuple(_predicate(group, file) for group in sections["init"]),
+        tuple(_goal(sections["goal"], file)),
+        lines,
+    )
+    known = [*problem.things, *regions]
+    for predicate in (*problem.init, *problem.goal):
+        for name in predicate.names:
+            if name not in known:
+                raise UnknownNameError("thing or region", name, f"{problem.where(predicate.line)}: {predicate}", known)
+            if name in regions and (target := regions[name].target) not in problem.things:
+                raise UnknownNameError("thing", target, f"{problem.where(regions[name].line)}: :target", problem.things)
+    return problem
+
+
+def _parsed(text: str, file: Path) -> Group:
+    """Return the first group of a text; words keep their lines."""
+    top, stack = Group(), []
+    stack.append(top)
+    for found in _TOKEN.finditer(text):
+        token, line = found[0], text.count("\n", 0, found.start()) + 1
+        if token == "(":
+            stack[-1].append(group := Group())
+            group.line = line
+            stack.append(group)
+        elif token == ")":
+            if len(stack) == 1:
+                raise SceneFileError(f"{file}:{line}: this ')' should be left out: it closes nothing.")
+            stack.pop()
+        elif not token.startswith(";"):
+            stack[-1].append(word := Word(token))
+            word.line = line
+    if len(stack) > 1:
+        raise SceneFileError(f"{file}:{stack[-1].line}: the '(' of this line should be closed by a ')'.")
+    if not top or not isinstance(top[0], Group) or top[0][:1] != ["define"]:
+        raise SceneFileError(f"{file}: should be a problem file that begins with '(define (problem NAME) ...'.")
+    return top[0]
+
+
+def _sections(group: Group, file: Path) -> dict[str, Group]:
+    """Return the sections by name without ':', those that are not in the file empty."""
+    found = {name: Group() for name in _SECTIONS}
+    for part in group[1:]:
+        head = str(part[0]) if isinstance(part, Group) and part else str(part)
+        if head not in ("problem", *(f":{name}" for name in _SECTIONS)):
+            raise UnknownNameError("section", head, f"{file}:{part.line}", [f":{name}" for name in _SECTIONS])
+        found.setdefault(head.removeprefix(":"), Group()).extend(part[1:])
+    for name in ("fixtures", "init", "goal"):
+        if not found[name]:
+            raise SceneKeyError(f"{file}: a problem should have a section '(:{name} ...)', which is missing or empty.")
+    return found
+
+
+def _region(group: Group, file: Path) -> Region:
+    where = f"{file}:{group.line}"
+    try:
+        name, *parts = group
+        given = {str(part[0]): part[1:] for part in parts}
+        (target,) = given.pop(":target")
+        boxes = _rows(given.pop(":ranges", []), 4)
+        low, high = (_rows(given.pop(":yaw_rotation", []), 2) or [(0.0, 0.0)])[-1]
+        given.pop(":rgba", None)
+        if any(box[0] > box[2] or box[1] > box[3] for box in boxes) or not isinstance(name, Word):
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        raise SceneKeyError(
+            f"{where}: {short(group)} should be a region: a name, '(:target THING)', and for one on the work surface "
+            "'(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', with '(:yaw_rotation ((LEAST GREATEST)))' if it is turned."
+        ) from None
+    for word in given:
+        raise UnknownNameError("attribute of a region", word, f"{where}: {name}", _ATTRIBUTES)
+    return Region(str(target), name, tuple(boxes), (min(low, high), max(low, high)), group.line)
+
+
+def _rows(value: list, size: int) -> list[tuple[float, ...]]:
+    """Return the rows of `((a b ...) (a b ...))`, each of `size` finite numbers; raise ValueError for others."""
+    found = [tuple(float(word) for word in row) for row in (value[0] if value else [])]
+    if not all(len(row) == size and all(map(math.isfinite, row)) for row in found):
+        raise ValueError
+    return found
+
+
+def _typed(group: Group, file: Path) -> Iterator[tuple[Word, str]]:
+    """Yield each name of `a b - class c - class` with its class."""
+    names: list[Word] = []
+    words = iter(_words(group, file))
+    for word in words:
+        kind = str(next(words, "")) if word == "-" else None
+        if kind is None:
+            names.append(word)
+        elif kind and names:
+            yield from ((name, kind) for name in names)
+            names = []
+        else:
+            raise SceneKeyError(f"{file}:{word.line}: '-' should stand between names and their class.")
+    for name in names:
+        raise SceneKeyError(f"{file}:{name.line}: '{name}' should be followed by '- CLASS'.")
+
+
+def _words(group: Group, file: Path) -> list[Word]:
+    for part in group:
+        if not isinstance(part, Word):
+            raise SceneKeyError(f"{file}:{part.line}: {short(part)} should be a word without parentheses.")
+    return list(group)
+
+
+def _goal(groups: Group, file: Path) -> Iterator[Predicate]:
+    """Yield the predicates of a goal, of one that has `And` those inside."""
+    for group in groups:
+        if isinstance(group, Group) and group and str(group[0]).lower() == "and":
+            yield from _goal(Group(group[1:]), file)
+        else:
+            yield _predicate(group, file)
+
+
+def _predicate(group: Group | Word, file: Path) -> Predicate:
+    where = f"{file}:{group.line}"
+    head, *names = [str(word) for word in group] if isinstance(group, Group) and group else [str(group)]
+    word = {name.lower(): name for name in PREDICATES}.get(head.lower())
+    if word is None:
+        raise UnknownNameError("predicate", head, where, [*PREDICATES, "And"])
+    if len(names) != PREDICATES[word] or not isinstance(group, Group):
+        raise SceneKeyError(f"{where}: {short(group)} should be ({word}) with {PREDICATES[word]} things or regions.")
+    return Predicate(word, tuple(names), group.line)

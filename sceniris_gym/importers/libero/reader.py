@@ -1,0 +1,163 @@
+"""Problem files of LIBERO, read as scenes of this package: `read_bddl`."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.paths import user_path
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError, ModelWarning, SceneFileError, SceneKeyError
+from sceniris_gym.importers.libero.kinds import OBJECTS, WORKSPACES, Workspace
+from sceniris_gym.importers.libero.places import Places, kinds_of
+from sceniris_gym.importers.libero.problem import Problem, read_problem
+from sceniris_gym.importers.libero.things import load_thing, stand_in
+from sceniris_gym.scene import backdrop
+from sceniris_gym.scene.adopt import place_on
+from sceniris_gym.scene.assemble import attach, make_kind
+
+_CLUTTER = "clutter"
+_ZONE = 0.007  # half height [m] of the zone over a rectangle in which a goal counts a thing as on it
+_LEAST = 1e-6  # half the edge of the zone of a point [m]
+_THICK = 0.05  # thickness of a work surface [m]
+
+
+@dataclass(frozen=True)
+class LiberoTask:
+    """A problem file as a scene and a goal.
+
+    Attributes:
+        scene: The scene; its model is an MjSpec in which each thing is a body of its name. `THING/REGION` are sites.
+        problem: The file as it is written: `language`, `goal`, `of_interest`, and the class of each thing.
+    """
+
+    scene: SceneConfig
+    problem: Problem
+
+
+def read_bddl(
+    path: str | Path,
+    *,
+    assets: str | Path | None = None,
+    widen: float = 1.0,
+    clutter: int = 0,
+    robot: str | Mapping[str, Any] | None = None,
+) -> LiberoTask:
+    """Read a problem file of LIBERO (BDDL).
+
+    Rectangles become regions of the work surface, sites of fixtures and objects regions of the body that has them.
+    `Open`, `Close`, `Turnon` and `Turnoff` become ranges of joints, as LIBERO draws them.
+
+    Args:
+        path: The file.
+        assets: The folder of LIBERO's models, which has `stable_hope_objects` and the like. Without it, and for a
+            class that it lacks, boxes of stated sizes stand in, and a warning names them.
+        widen: Factor by which rectangles grow about their centres, up to the edge of the work surface.
+        clutter: Number of further objects in each layout, drawn from twice as many of classes that the file does not
+            use. They stand within 10 cm of the file's rectangles.
+        robot: An arm for LIBERO's place beside the work surface: an asset, or a mapping as in a scene file.
+
+    Returns:
+        The scene, and the goal.
+
+    Raises:
+        SceneFileError: The file, the folder or a model is missing or cannot be read.
+        SceneKeyError: A part of the file is missing or malformed, or a thing has no place.
+        UnknownNameError: An unknown section, predicate, class, thing or region.
+        ArgumentError: `widen` is not a positive number, or `clutter` not a possible one.
+
+    Warns:
+        ModelWarning: Boxes stand in for models.
+    """
+    problem = read_problem(path)
+    if not (isinstance(widen, int | float) and 0.0 < widen < math.inf):
+        raise ArgumentError(f"read_bddl: widen {widen!r} should be a positive number, such as 2.")
+    more = [name for name in OBJECTS if name not in problem.objects.values()]
+    if isinstance(clutter, bool) or not isinstance(clutter, int) or not 0 <= 2 * clutter <= len(more):
+        raise ArgumentError(f"read_bddl: clutter {clutter!r} should be a whole number from 0 to {len(more) // 2}.")
+    added = {f"{_CLUTTER}_{name}": name for name in more[: 2 * clutter]}
+    problem = replace(problem, objects={**problem.objects, **added})
+    surface, space = _workspace(problem)
+    spec = _model(problem, surface, space, None if assets is None else user_path(assets, Path(), "read_bddl: assets"))
+    objects = Places(problem, surface, space, spec, widen).words(list(added))
+    words: dict[str, Any] = {"objects": objects}
+    if surface == FLOOR:
+        words["floor"] = {"size": np.subtract(space.high, space.low).tolist()}
+    if added:
+        words["groups"] = {_CLUTTER: {"of": list(added), "count": clutter}}
+    place_on(spec, words)
+    if robot is not None:
+        words["robot"] = {"base": space.base, **({"asset": robot} if isinstance(robot, str) else robot)}
+    return LiberoTask(SceneConfig.load({"name": problem.path.stem, "model": spec, **words}), problem)
+
+
+def _workspace(problem: Problem) -> tuple[str, Workspace]:
+    """Return the work surface by its name in the file; a floor is the scene's 'floor'."""
+    found = [name for name, kind in problem.fixtures.items() if kind in WORKSPACES]
+    if len(found) != 1:
+        listing = ", ".join(WORKSPACES)
+        raise SceneKeyError(
+            f"{problem.path}: a problem should have one work surface among its fixtures ({listing}), has {len(found)}."
+        )
+    name, kind = found[0], problem.fixtures[found[0]]
+    if (name == FLOOR) != (kind == FLOOR):
+        where = problem.where(problem.lines[name])
+        raise SceneKeyError(f"{where}: '{name} - {kind}' should be named 'floor' if it is the floor, and only then.")
+    return name, WORKSPACES[kind]
+
+
+def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None) -> mujoco.MjSpec:
+    """Return a specification with the work surface, the zones on it, and everything in the file at the origin."""
+    if assets is not None and not assets.is_dir():
+        raise SceneFileError(
+            f"read_bddl: assets: there is no folder '{assets}'. Give the folder that has 'stable_hope_objects'."
+        )
+    spec = mujoco.MjSpec()
+    spec.modelname = "scene"
+    backdrop.set_options(spec)
+    _add_surface(spec, problem, surface, space)
+    boxes = {}
+    for name, kind in kinds_of(problem).items():
+        word = problem.things[name]
+        where = f"{problem.where(problem.lines[name])}: {name}" if name in problem.lines else f"read_bddl: {name}"
+        child = None if assets is None else load_thing(word, kind, assets, where)
+        if child is None:
+            child, boxes[word] = stand_in(kind), kind
+        root = attach(spec, child, name, spec.worldbody.add_frame(), where)
+        make_kind(spec, root, name, "fixture" if name in problem.fixtures else "free", where)
+    if boxes:
+        sizes = ", ".join(f"{word} ({' x '.join(f'{s:g}' for s in kind.size)} m)" for word, kind in boxes.items())
+        remedy = "Give assets=, the folder of LIBERO's models." if assets is None else f"'{assets}' lacks them."
+        warnings.warn(ModelWarning(f"{problem.path}: boxes stand in for {sizes}. {remedy}"), stacklevel=3)
+    return spec
+
+
+def _add_surface(spec: mujoco.MjSpec, problem: Problem, surface: str, space: Workspace) -> None:
+    """Add the work surface, its frame at the origin of rectangles, and a site for each rectangle."""
+    x, y, z = space.origin
+    body = spec.worldbody
+    if surface != FLOOR:
+        body = body.add_body(name=surface, pos=[x, y, space.top])
+        middle, half = 0.5 * np.add(space.low, space.high), 0.5 * np.subtract(space.high, space.low)
+        body.add_geom(
+            name=f"{surface}/top",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[*(middle - [x, y]), -0.5 * _THICK],
+            size=[*half, 0.5 * _THICK],
+            rgba=[0.8, 0.7, 0.55, 1.0],
+        )
+    for region in problem.regions.values():
+        if region.target == surface and region.boxes:
+            low, high = np.reshape(region.boxes[0], (2, 2))
+            size = [*np.maximum(0.5 * (high - low), _LEAST), _ZONE]
+            pos = [*(0.5 * (low + high)), z if surface == FLOOR else z - space.top]
+            kind = mujoco.mjtGeom.mjGEOM_BOX
+            body.add_site(name=f"{surface}/{region.name}", type=kind, pos=pos, size=size, rgba=np.zeros(4))

@@ -1,0 +1,97 @@
+"""Models of LIBERO's things, upright: its own MJCF files, or boxes in their place."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.importers.libero.kinds import TURN, Box, Kind
+from sceniris_gym.scene.model_files import load_model
+
+INNER = "object"
+"""The body of a model that LIBERO places, below the root."""
+_FILES = (
+    "articulated_objects/{0}.xml",
+    "stable_hope_objects/{0}/{0}.xml",
+    "stable_scanned_objects/{0}/{0}.xml",
+    "turbosquid_objects/{0}/{0}.xml",
+)
+_HIDDEN = 3  # group of geoms that collide and are not drawn, which is 0 in LIBERO's models
+_WALL = 0.004  # thickness of walls [m]
+_DENSITY = 300.0  # kg/m^3
+_SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
+
+
+def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec | None:
+    """Return LIBERO's model of a class, upright on its own axes; None if the folder does not have it.
+
+    Raises:
+        SceneFileError: MuJoCo cannot read it, or a file that it refers to is missing.
+    """
+    file = next((file for path in _FILES if (file := assets / path.format(name)).is_file()), None)
+    if file is None:
+        return None
+    spec = load_model(file, where, _with_unique_names)
+    spec.njmax = spec.nconmax = -1  # sizes of a scene are its own
+    for geom in spec.geoms:
+        geom.group = geom.group or _HIDDEN
+    spec.compiler.inertiagrouprange = [_HIDDEN, _HIDDEN]  # as in robosuite, what collides has the mass
+    inner = spec.body(INNER)
+    inner.pos, inner.quat = np.zeros(3), TURN[kind.up]
+    return spec
+
+
+def stand_in(kind: Kind) -> mujoco.MjSpec:
+    """Return boxes of the stated sizes in place of a model."""
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    inner = spec.worldbody.add_body().add_body(name=INNER)
+    whole = Box((0.0, 0.0, 0.5 * kind.size[2]), kind.size, "+z" if kind.inside else "", kind.inside)
+    for box in kind.boxes or (whole,):
+        body, at = inner, np.array(box.pos)
+        if box.joint is not None:
+            body, at = inner.add_body(name=box.joint.name, pos=box.joint.anchor), at - box.joint.anchor
+            body.add_joint(
+                name=box.joint.name,
+                type=getattr(mujoco.mjtJoint, f"mjJNT_{box.joint.type.upper()}"),
+                axis=box.joint.axis,
+                range=box.joint.range,
+                limited=True,
+                damping=1.0,
+            )
+        _add_walls(body, at, 0.5 * np.array(box.size), box.open)
+        half = 0.5 * np.array(box.size) - _WALL
+        for site, pos, size in ((box.inside, at, half), (box.top, at + [0.0, 0.0, half[2]], [*half[:2], 0.001])):
+            if site:
+                body.add_site(name=site, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pos, size=size, rgba=np.zeros(4))
+    return spec
+
+
+def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: str) -> None:
+    """Add a solid box, or five walls inside of its bounds."""
+    for side in _SIDES if opening else ("",):
+        if side == opening != "":
+            continue
+        pos, size = at.copy(), half.copy()
+        if side:
+            axis, sign = "xyz".index(side[1]), 1.0 if side[0] == "+" else -1.0
+            size[axis] = 0.5 * _WALL
+            pos[axis] += sign * (half[axis] - 0.5 * _WALL)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=pos, size=size, density=_DENSITY, rgba=[0.7, 0.6, 0.5, 1.0])
+
+
+def _with_unique_names(text: str) -> str:
+    """Return MJCF in which no two elements of one kind in `<asset>` have one name: MuJoCo reads no such file."""
+    root = ElementTree.fromstring(text)
+    seen: Counter[tuple[str, str]] = Counter()
+    for element in (element for asset in root.iter("asset") for element in asset):
+        name = element.get("name")
+        if name is not None:
+            seen[element.tag, name] += 1
+            if (number := seen[element.tag, name]) > 1:
+                element.set("name", f"{name}_{number}")
+    return ElementTree.tostring(root, encoding="unicode")

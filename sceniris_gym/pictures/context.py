@@ -1,0 +1,139 @@
+"""mujoco_warp's context for pictures: the cameras, the geoms and the meshes that are drawn, and the order of rays."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.pictures.thin_meshes import thin
+from sceniris_gym.scene.assemble import MARK_GROUP
+from sceniris_gym.sim.versions import render_context
+
+VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
+"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
+
+BACKGROUND = (0.93, 0.95, 0.97, 1.0)
+
+CHANNELS: dict[str, tuple[int, type]] = {"rgb": (3, wp.uint8), "depth": (1, wp.float32), "segmentation": (1, wp.int32)}
+"""Kinds of pictures, each with its number of channels and the type of a value."""
+
+_HIDDEN_GROUP = 5
+_TILE = (8, 4)  # pixels that the 32 threads of a warp take: neighbours mostly meet the same faces
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Looks of pictures, the same for all that are rendered together.
+
+    Attributes:
+        shadows: Draw shadows.
+        thin: Draw meshes with fewer faces, and faces as flat ones, for small pictures.
+    """
+
+    shadows: bool = False
+    thin: bool = False
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A camera's pictures.
+
+    Attributes:
+        size: Width and height [pixels].
+        data: Kinds of pictures, keys of CHANNELS.
+    """
+
+    size: tuple[int, int]
+    data: tuple[str, ...] = ("rgb",)
+
+
+def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -> dict[str, Shot]:
+    """Return pictures to take in the order in which the model has their cameras.
+
+    Raises:
+        UnknownNameError: The model has no such camera; the message begins with `where`.
+    """
+    cameras = [mjm.camera(i).name for i in range(mjm.ncam)]
+    for name in shots:
+        if name not in cameras:
+            raise UnknownNameError("camera", name, where, filter(None, cameras))
+    return {name: shots[name] for name in cameras if name in shots}
+
+
+def picture_context(mjm: mujoco.MjModel, nworld: int, shots: Mapping[str, Shot], looks: Looks, **options: Any) -> Any:
+    """Return mujoco_warp's context for pictures of cameras in the model's order."""
+    flags = {"rgb": "render_rgb", "depth": "render_depth", "segmentation": "render_seg"}
+    wanted = {flag: [kind in shot.data for shot in shots.values()] for kind, flag in flags.items()}
+    sizes = [shot.size for shot in shots.values()]
+    given = {"cam_res": sizes, "enabled_geom_groups": list(VISIBLE_GROUPS)}
+    given |= {"use_shadows": looks.shadows, "enable_vertex_normals": not looks.thin}
+    context = render_context(drawn_once(mjm), nworld, list(shots), **given, **wanted, **options)
+    if looks.thin:
+        _use_thin_meshes(context, mjm)
+    return context
+
+
+def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
+    """Exchange meshes for thinner ones, but for those whose faces have texture coordinates."""
+    ids = context.mesh_bvh_id.numpy()
+    for i in np.flatnonzero(mjm.mesh_texcoordadr < 0):
+        vertices = mjm.mesh_vert[mjm.mesh_vertadr[i] :][: mjm.mesh_vertnum[i]]
+        fewer = thin(vertices.astype(float), mjm.mesh_face[mjm.mesh_faceadr[i] :][: mjm.mesh_facenum[i]])
+        if fewer is not None:
+            points, faces = wp.array(fewer[0], dtype=wp.vec3), wp.array(fewer[1].ravel(), dtype=int)
+            mesh = wp.Mesh(points, faces, bvh_constructor="cubql", bvh_leaf_size=2)
+            ids[i] = mesh.id
+            context.mesh_registry[mesh.id] = mesh
+    context.mesh_bvh_id.assign(ids)
+
+
+def drawn_once(mjm: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a model in which no body is drawn twice: a copy with shapes for collisions in a hidden group.
+
+    A geom that collides is hidden if its body also has geoms for looks alone, in another group that is visible. Geoms
+    of the world are all drawn, as a floor is none of the things on it.
+    """
+    visible = np.isin(mjm.geom_group, VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0.0)
+    collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
+    looks = set(zip(mjm.geom_bodyid[visible & ~collides], mjm.geom_group[visible & ~collides], strict=True))
+    bodies = {body for body, _ in looks}
+    hidden = [
+        geom
+        for geom in np.flatnonzero(visible & collides)
+        if (body := int(mjm.geom_bodyid[geom])) in bodies - {0} and (body, mjm.geom_group[geom]) not in looks
+    ]
+    if not hidden:
+        return mjm
+    mjm = copy.copy(mjm)
+    mjm.geom_group[hidden] = _HIDDEN_GROUP
+    return mjm
+
+
+def tile_rays(context: Any, shots: Mapping[str, Shot]) -> list[np.ndarray]:
+    """Let neighbouring threads take the pixels of a tile, not of a row.
+
+    Args:
+        context: A context with precomputed rays, which are put into another order.
+        shots: The pictures.
+
+    Returns:
+        The pixel of each ray of each camera, numbered from row to row.
+    """
+    arrays = [getattr(context, name) for name in ("ray", "ray_offset") if hasattr(context, name)]  # 3.11 has one
+    rays, first, pixels = [array.numpy() for array in arrays], 0, []
+    for width, height in (shot.size for shot in shots.values()):
+        y, x = np.divmod(np.arange(width * height), width)
+        pixels.append(np.lexsort((x, y, x // _TILE[0], y // _TILE[1])))
+        for values in rays:
+            values[first : first + width * height] = values[first + pixels[-1]]
+        first += width * height
+    for array, values in zip(arrays, rays, strict=True):
+        array.assign(values)
+    return pixels

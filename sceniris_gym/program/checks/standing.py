@@ -1,0 +1,148 @@
+"""Check that what has to stand can: it collides with its support, weighs on it, and its support does not give way."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.limits import MAX_LEVELS
+from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.resting_poses import weights
+from sceniris_gym.program.placed_object import PlacedObject
+from sceniris_gym.program.plan import Plan
+from sceniris_gym.program.resting import check_weight
+from sceniris_gym.program.standing import Stance, levels_of
+from sceniris_gym.program.surfaces import UPRIGHT
+
+# Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds things there.
+_TILT = 1.0
+# Greatest depth [m] to which an object sinks into its support by its own weight, and to which that gives way.
+_GIVES = 5.0e-3
+_CONTACTS = 4
+_SECONDS = 0.5
+# Inertia [kg or kg m^2] that keeps free bodies where they are.
+_HELD = 1.0e9
+# Joints that move a support by less than this share of their own motion up or down do not yield to a load.
+_LEVEL = 1.0e-3
+_ANYWAY = "or write 'stands: false' if it is meant to fall"
+
+
+def check_standing(plan: Plan) -> None:
+    """Check that each object that has to stand can do so on its support.
+
+    Raises:
+        SceneKeyError: Gravity that does not point down, contacts that are switched off or too soft, an object that its
+            support does not carry, too many objects on each other, or a joint that gives way.
+    """
+    config, mjm, found = plan.scene.config, plan.scene.mjm, plan.stances
+    loads = [weights(mjm)[o.bodies].sum() for o in plan.objects]
+    for number in reversed([i for i, stance in enumerate(found) if stance is not None]):
+        o, stance = plan.objects[number], found[number]
+        assert o.config is not None and o.config.support is not None and stance is not None
+        where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
+        _check_gravity(mjm, where)
+        if not stance.meets:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
+                f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
+            )
+        check_weight(mjm, o.bodies, where)
+        _check_foot(stance, float(loads[number]), f"{where}: '{o.name}'")
+        levels = len(levels_of(found, number))
+        if levels > MAX_LEVELS:
+            raise SceneKeyError(
+                f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
+                "another stack."
+            )
+        _check_joints(plan, o, float(loads[number]), where)
+        if stance.carrier is not None:
+            loads[stance.carrier] += loads[number]
+
+
+def _check_gravity(mjm: mujoco.MjModel, where: str) -> None:
+    """Refuse a model in which nothing can stand."""
+    pull, bits = mjm.opt.gravity, mujoco.mjtDisableBit
+    if -pull[2] < np.linalg.norm(pull) * np.cos(np.radians(_TILT)):
+        raise SceneKeyError(
+            f"{where}: gravity is {pull.tolist()}, and should point down the z axis to {_TILT:g} degree for what "
+            f"stands. Correct it, {_ANYWAY}."
+        )
+    if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
+        raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
+
+
+def _check_foot(stance: Stance, load: float, whose: str) -> None:
+    """Refuse an object whose foot does not hold it in any of its poses, or sinks in by its load [kg]."""
+    if stance.margin <= 0.0:
+        raise SceneKeyError(
+            f"{whose} falls over: its centre of mass is {-1e3 * stance.margin:.3g} mm outside of its foot. Correct its "
+            f"<inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
+        )
+    least = stance.spring[0] * load / _CONTACTS * (1.0 - stance.spring[2]) / stance.spring[2] ** 2
+    if least > _GIVES:
+        raise SceneKeyError(
+            f"{whose} sinks into its support by {1e3 * least:.3g} mm, which should be {1e3 * _GIVES:g} mm at most. "
+            f"Give its geoms a harder 'solref' or 'solimp', or a weight nearer to that of its support, {_ANYWAY}."
+        )
+
+
+def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
+    """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all else held."""
+    joints, mjm = _yielding(plan, o), plan.scene.mjm
+    if not joints:
+        return
+    assert o.ground is not None
+    model, data = copy.copy(mjm), mujoco.MjData(mjm)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    for joint in np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+        model.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + 6] = _HELD
+    owner = next((x for x in plan.objects if o.support is not None and x.name == o.support.owner), o)
+    ends = [{r.qposadr: r.intervals[i][i] for r in owner.joint_ranges} for i in (0, -1)]
+    surfaces = [s for own in o.surfaces for s in own]
+    bounds = np.array([s.region.bounds for s in surfaces])
+    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+    for state in ({}, *ends):
+        for x, y in np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(2, -1).T:
+            data.qpos[:] = plan.home.qpos
+            data.qpos[list(state)] = list(state.values())
+            mujoco.mj_kinematics(model, data)
+            if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there
+                break
+            fall = _fall(model, data, o.ground, np.array([x, y, surfaces[0].height]), plan.scene.home_ctrl, load)
+            if fall > _GIVES:
+                names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
+                raise SceneKeyError(
+                    f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by joint {names}. "
+                    f"Hold that by its frictionloss, stiffness, limits or actuator, {_ANYWAY}."
+                )
+
+
+def _yielding(plan: Plan, o: PlacedObject) -> list[int]:
+    """Return the joints that a load on an object's support can move: those that turn or slide it up or down."""
+    mjm, body, found = plan.scene.mjm, o.ground or 0, []
+    while body != 0:
+        for joint in range(mjm.body_jntadr[body], mjm.body_jntadr[body] + mjm.body_jntnum[body]):
+            kind, up = mjm.jnt_type[joint], abs(plan.home.xaxis[joint][2])
+            slides = kind == mujoco.mjtJoint.mjJNT_SLIDE and up > _LEVEL
+            turns = kind == mujoco.mjtJoint.mjJNT_HINGE and up < 1.0 - _LEVEL
+            if slides or turns or kind == mujoco.mjtJoint.mjJNT_BALL:
+                found.append(joint)
+        body = int(mjm.body_parentid[body])
+    return found
+
+
+def _fall(
+    model: mujoco.MjModel, data: mujoco.MjData, body: int, at: np.ndarray, ctrl: np.ndarray, load: float
+) -> float:
+    """Return how far a point of a body, `at` in its frame [m], falls in half a second under a load [kg]."""
+    data.time, data.qvel[:], data.ctrl[:] = 0.0, 0.0, ctrl
+    mujoco.mj_forward(model, data)
+    start = (data.xpos[body] + data.xmat[body].reshape(3, 3) @ at)[2]
+    while data.time < _SECONDS:
+        point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
+        data.qfrc_applied[:] = 0.0
+        mujoco.mj_applyFT(model, data, load * model.opt.gravity, np.zeros(3), point, body, data.qfrc_applied)
+        mujoco.mj_step(model, data)
+    return float(start - (data.xpos[body] + data.xmat[body].reshape(3, 3) @ at)[2])

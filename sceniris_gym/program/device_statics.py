@@ -1,0 +1,45 @@
+"""Feet, contacts and loads as device code reads them; only scenes with objects that may fall have them.
+
+The *levels* of an object are itself, the free object that carries it, and so on down to one that stands on something
+which cannot move.
+"""
+
+import warp as wp
+
+
+@wp.struct
+class Statics:
+    """The feet, contacts and loads of the objects of a scene; never written after `compile_scene`."""
+
+    direction: wp.array[wp.vec2]  # in which patches are measured, counter-clockwise
+
+    # Objects in placement order, and the variants of `Program`.
+    obj_leveladr: wp.array[int]
+    obj_levelnum: wp.array[int]  # 0: it needs no test
+    obj_whole: wp.array[bool]  # all of its foot is on its support
+    obj_four: wp.array[bool]  # MuJoCo keeps four contacts at most
+    obj_spring: wp.array[wp.vec4]  # see `Stance.spring`
+    obj_law: wp.array[wp.vec4]  # see `Law`
+    variant_footadr: wp.array[int]
+    variant_footnum: wp.array[int]
+    variant_curved: wp.array[bool]
+    foot_corneradr: wp.array[int]  # a foot has convex parts
+    foot_cornernum: wp.array[int]
+    corner: wp.array[wp.vec2]  # around the pivot, at heading 0, counter-clockwise
+
+    # Levels, the object itself first: the object of each, and the others that it carries beside the levels above.
+    level_obj: wp.array[int]
+    level_loadadr: wp.array[int]
+    level_loadnum: wp.array[int]
+    load: wp.array[int]
+
+    # Convex parts of the surfaces of `Program`: the ends of their edges, counter-clockwise.
+    surface_partadr: wp.array[int]
+    surface_partnum: wp.array[int]
+    part_sideadr: wp.array[int]
+    part_sidenum: wp.array[int]
+    side: wp.array[wp.vec4]  # from x, y, to x, y, in the frame of the body
+
+    # Bodies.
+    body_weight: wp.array[float]  # mass that gravity acts on [kg]
+    body_center: wp.array[wp.vec3]  # of mass, in the body's frame

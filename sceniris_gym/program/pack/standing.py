@@ -1,0 +1,82 @@
+"""The stances of a plan as the fields of `device_statics.Statics`."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+
+import numpy as np
+import shapely
+
+from sceniris_gym.config.limits import MAX_FOOT
+from sceniris_gym.geometry.feet import around
+from sceniris_gym.geometry.ragged import addressed
+from sceniris_gym.geometry.resting_poses import weights
+from sceniris_gym.geometry.supports import SupportSurface, triangulate
+from sceniris_gym.program.device import fill_struct
+from sceniris_gym.program.device_statics import Statics
+from sceniris_gym.program.pack.regions import surfaces_of_regions
+from sceniris_gym.program.plan import Plan
+from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, carrier_of, levels_of
+
+_DIRECTIONS = 32
+
+
+def pack_statics(plan: Plan, device: str) -> Statics | None:
+    """Return how the objects of a plan stand, on a device; None if none of them can fall."""
+    found, objects, mjm = plan.stances, plan.objects, plan.scene.mjm
+    chains = [levels_of(found, i) for i in range(len(objects))]
+    certain = [stance is None or stance.is_certain for stance in found]
+    chains = [[] if certain[i] else chain for i, chain in enumerate(chains)]
+    if not any(chains):
+        return None
+    carriers = [carrier_of(o, objects) for o in objects]
+    level, of_objects = addressed("obj_level", chains)
+    load, of_levels = addressed("level_load", (part for i, c in enumerate(chains) for part in _loads(c, carriers, i)))
+    known = [NO_STANCE if stance is None else stance for stance in found]
+    feet = [f for o, s in zip(objects, known, strict=True) for f in s.feet or [NO_FOOT] * len(o.variants)]
+    foot, of_variants = addressed("variant_foot", (f.parts for f in feet))
+    corner, of_feet = addressed("foot_corner", foot)
+    parts, of_surfaces = addressed("surface_part", (_convex_parts(s) for s in surfaces_of_regions(objects)))
+    side, of_parts = addressed("part_side", parts)
+    statics = Statics()
+    arrays = {
+        **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
+        "direction": around(_DIRECTIONS),
+        "obj_whole": np.array([s.is_whole for s in known], bool),
+        "obj_four": np.array([s.has_four for s in known], bool),
+        "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
+        "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
+        "variant_curved": np.array([f.is_curved for f in feet], bool),
+        "corner": np.reshape(corner, (-1, 2)),
+        "level_obj": np.array(level, int),
+        "load": np.array(load, int),
+        "side": np.reshape(side, (-1, 4)),
+        "body_weight": weights(mjm),
+        "body_center": mjm.body_ipos,
+    }
+    fill_struct(Statics, statics, arrays, device)
+    return statics
+
+
+def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:
+    """Return the objects placed before number `number` that each of its levels carries beside the levels above it."""
+    loads: dict[int, list[int]] = {i: [] for i in chain}
+    for other in range(number):
+        at: int | None = other
+        while at is not None and at not in loads:
+            at = carriers[at]
+        if at is not None and at != other:
+            loads[at].append(other)
+    return list(loads.values())
+
+
+def _convex_parts(surface: SupportSurface) -> list[np.ndarray]:
+    """Return convex polygons that make up a surface: ends of their edges [m], counter-clockwise, shape (n, 4) each."""
+    hull = surface.outline.convex_hull
+    if hull.area - surface.outline.area > 1e-9:
+        corners = list(triangulate(surface.outline))
+    else:
+        ring = shapely.get_coordinates(hull)[:-1]
+        corners = [ring if len(ring) <= MAX_FOOT else ring[np.unique((ring @ around(MAX_FOOT).T).argmax(axis=0))]]
+    rings = [np.asarray(shapely.geometry.polygon.orient(shapely.Polygon(c)).exterior.coords)[:, :2] for c in corners]
+    return [np.hstack([ring[:-1], ring[1:]]) for ring in rings]

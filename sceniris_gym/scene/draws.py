@@ -1,0 +1,184 @@
+"""Draws of a scene's physics and looks, resolved to single numbers of the model's fields: `FieldDraw`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import NoReturn
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.randomize import (
+    CAMERA_WORDS,
+    LIGHT_WORDS,
+    MATERIAL_WORDS,
+    OBJECT_WORDS,
+    SCENE_WORDS,
+    DrawConfig,
+    Word,
+)
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.scene.field_table import OPTIONS, check_field, rows_inside, rows_named
+from sceniris_gym.scene.support import subtree
+
+
+@dataclass(frozen=True)
+class FieldDraw:
+    """A word of `randomize` in the model.
+
+    Attributes:
+        name: Its name, such as 'can.mass', which its numbers are drawn by.
+        word: The field that is drawn, and those that follow.
+        config: The distribution.
+        rows: Elements of the field.
+        components: Components of each element, shape (ncomponent,).
+        numbers: The drawn number of each component, by element, shape (nrow, ncomponent).
+        choice: Values to choose from, shape (nchoice, ncomponent or 1).
+    """
+
+    name: str
+    word: Word
+    config: DrawConfig
+    rows: np.ndarray
+    components: np.ndarray
+    numbers: np.ndarray
+    choice: np.ndarray
+
+    @property
+    def width(self) -> int:
+        """The number of numbers that are drawn; a choice is one."""
+        return int(self.numbers.max()) + 1
+
+    @property
+    def is_turn(self) -> bool:
+        """True for a turn of a camera, whose three numbers change all of its quaternion."""
+        return self.word.field == "cam_quat"
+
+
+def drawn_fields(draws: tuple[FieldDraw, ...]) -> list[str]:
+    """Return the fields that draws write, each once."""
+    return list(dict.fromkeys(name for d in draws for name in (d.word.field, *(f for f, _, _ in d.word.follow))))
+
+
+def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
+    """Return the simple bodies whose centre of mass is drawn, so that MuJoCo has to keep a full mass matrix."""
+    bodies = [config.objects[name].body or name for name in config.objects if "ipos" in config.objects[name].randomize]
+    bodies += [robot.name for robot in config.all_robots.values() if "ipos" in robot.randomize]
+    inside = [b for name in bodies for b in subtree(mjm, mjm.body(name).id)]
+    return [mjm.body(b).name for b in inside if mjm.body_simple[b]]
+
+
+def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
+    """Return a field of the model, shape (n, width); colours of geoms are those that are seen."""
+    values = np.array(getattr(mjm.opt if field in OPTIONS else mjm, field), float)
+    if field == "geom_rgba":  # grey stands for the colour of the material
+        of_material = (values == (0.5, 0.5, 0.5, 1.0)).all(axis=1) & (mjm.geom_matid >= 0)
+        values[of_material] = mjm.mat_rgba[mjm.geom_matid[of_material]]
+    return values.reshape(1 if field in OPTIONS else len(values), -1)
+
+
+def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> tuple[FieldDraw, ...]:
+    """Return the draws of a scene, in the order of its file.
+
+    Raises:
+        UnknownNameError: A light, camera, material or texture that the model does not have.
+        SceneKeyError: Nothing to draw, values out of range, or as many numbers as no value has.
+        ArgumentError: A field that steps leave out, or that the installed MuJoCo does not have.
+    """
+    return tuple(_resolved(mjm, *each) for each in _written(config, mjm, bodies))
+
+
+def _written(
+    config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]
+) -> Iterator[tuple[str, str, Word, DrawConfig, list[int]]]:
+    """Yield the draws as written: name, place for messages, word, distribution, and rows of the field."""
+    for name, part in {**config.objects, **config.all_robots}.items():
+        for key, draw in part.randomize.items():
+            word, where = OBJECT_WORDS[key], f"{config.where}: {config.key(name)}.randomize.{key}"
+            yield f"{name}.{key}", where, word, draw, rows_inside(mjm, word.field, bodies[name])
+    if config.randomize is None:
+        return
+    where = f"{config.where}: randomize"
+    for key, word in SCENE_WORDS.items():
+        if (draw := getattr(config.randomize, key)) is not None:
+            yield key, f"{where}.{key}", word, draw, [0]
+    for kind, words in (("light", LIGHT_WORDS), ("camera", CAMERA_WORDS), ("material", MATERIAL_WORDS)):
+        for pattern, draws in getattr(config.randomize, f"{kind}s").items():
+            rows = rows_named(mjm, kind, pattern)
+            if not rows:
+                count = {"light": mjm.nlight, "camera": mjm.ncam, "material": mjm.nmat}[kind]
+                names = [getattr(mjm, kind)(i).name for i in range(count)]
+                raise UnknownNameError(kind, pattern, f"{where}.{kind}s", filter(None, names))
+            for key, draw in draws.items():
+                yield f"{kind}s.{pattern}.{key}", f"{where}.{kind}s.{pattern}.{key}", words[key], draw, rows
+
+
+def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: DrawConfig, rows: list[int]) -> FieldDraw:
+    """Return a draw of these rows, without those that it does not change."""
+    check_field(word.field, mjm, where)
+    values = nominal_values(mjm, word.field)
+    if word.field == "actuator_delay":  # MuJoCo keeps so many samples of the past
+        rows = [row for row in rows if mjm.actuator_history[row, 0] > 0]
+        longest = min((mjm.actuator_history[row, 0] for row in rows), default=0) * mjm.opt.timestep
+        word = replace(word, most=float(longest))
+    choice = _choice(mjm, word, config, where)
+    given = choice.shape[1] if config.choice is not None else len(config.ends[0])
+    if given not in {1, word.width, word.shared or 1}:
+        _refuse(f"{where}.{config.form}", f"it should have 1 or {word.width} numbers, got {given}.")
+    count = given if given > 1 else (word.shared or word.width)
+    found = np.array([row for row in rows if _is_changed(word, config, values[row])], int)
+    if not len(found):
+        _refuse(
+            where, "it is 0 in the model. Give it by 'abs'." if rows else "nothing in the model has it. Leave it out."
+        )
+    one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
+    numbers = np.broadcast_to(one, (len(found), count))
+    if config.each:
+        numbers = numbers + len(one) * np.arange(len(found))[:, None]
+    draw = FieldDraw(name, word, config, found, word.first + np.arange(count), numbers, choice)
+    _check_range(draw, values, where)
+    simple = [mjm.body(int(row)).name for row in found if word.field == "body_ipos" and mjm.body_simple[row]]
+    if simple:
+        _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, so that M has room.")
+    return draw
+
+
+def _refuse(where: str, advice: str) -> NoReturn:
+    raise SceneKeyError(f"{where}: cannot be drawn like this: {advice}")
+
+
+def _is_changed(word: Word, config: DrawConfig, values: np.ndarray) -> bool:
+    if word.field == "body_mass":
+        return bool(values[0] > 0.0)
+    relative = config.scale is not None or word.field == "dof_frictionloss"
+    return not relative or bool(np.any(values[word.first : word.first + word.width]))
+
+
+def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> np.ndarray:
+    """Return the values of a choice, textures by their numbers."""
+    textures = {mjm.texture(i).name: i for i in range(mjm.ntex)} if word.field == "mat_texid" else {}
+    rows: list[tuple[float, ...]] = []
+    for value in config.choice or ():
+        if isinstance(value, str) and value not in textures:
+            raise UnknownNameError("texture", value, f"{where}.choice", filter(None, textures))
+        single = textures[value] if isinstance(value, str) else value
+        rows.append(single if isinstance(single, tuple) else (float(single),))
+    if len({len(row) for row in rows}) > 1:
+        _refuse(f"{where}.choice", "all values should have as many numbers.")
+    return np.array(rows, float).reshape(len(rows), len(rows[0]) if rows else 0)
+
+
+def _check_range(draw: FieldDraw, values: np.ndarray, where: str) -> None:
+    """Refuse values beyond the bounds of the word; a single number is for all components."""
+    word, config = draw.word, draw.config
+    ends = draw.choice if config.choice is not None else np.array(config.extremes)
+    now = values[draw.rows][:, draw.components % values.shape[1]]
+    if config.scale is not None:
+        ends = np.stack([now * end for end in ends])
+    elif config.add is not None and not draw.is_turn:
+        ends = np.stack([now + end for end in ends])
+    if ends.min() < word.least or ends.max() > word.most:
+        found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
+        _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")

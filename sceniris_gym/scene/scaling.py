@@ -1,0 +1,37 @@
+"""Scaling of a rigid asset: geometry by a factor, masses by its third power, moments of inertia by its fifth."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.errors import NotSupportedError
+
+
+def scale_asset(spec: mujoco.MjSpec, factor: float, where: str) -> None:
+    """Scale a specification in place, about the origins of its bodies; densities stay.
+
+    Raises:
+        NotSupportedError: It has joints, tendons, height fields or the like, which would need more than a factor.
+    """
+    moving = [joint for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
+    for kind, elements in (
+        ("joints", moving),
+        ("tendons", spec.tendons),
+        ("height fields", spec.hfields),
+        ("skins", spec.skins),
+        ("flexible parts", spec.flexes),
+    ):
+        if elements:
+            raise NotSupportedError(f"{where}: is for rigid assets, and this one has {kind}. Leave the scale out.")
+    for element in (*spec.bodies, *spec.frames, *spec.geoms, *spec.sites, *spec.cameras, *spec.lights):
+        element.pos = factor * element.pos
+    for mesh in spec.meshes:
+        mesh.scale, mesh.refpos = factor * mesh.scale, factor * mesh.refpos
+    for shape in (*spec.geoms, *spec.sites):
+        shape.size, shape.fromto = factor * shape.size, factor * shape.fromto  # nan where there is none
+    for geom in spec.geoms:
+        geom.mass *= factor**3
+    for body in spec.bodies:
+        body.ipos, body.mass = factor * body.ipos, factor**3 * body.mass
+        body.inertia, body.fullinertia = factor**5 * body.inertia, factor**5 * np.asarray(body.fullinertia)

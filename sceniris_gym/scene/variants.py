@@ -1,0 +1,217 @@
+"""The model of a scene as it is simulated: all variants of an object share one body.
+
+That body has as many geoms of each class as the variant that has most of it. A class is what mujoco_warp keeps once for
+all worlds; everything else of the body, its joint and its geoms has a row for each world, which `sim/variants.py` fills
+with the values of the variant that is present.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.variants import owners_of
+from sceniris_gym.errors import NotSupportedError, SceneKeyError
+from sceniris_gym.scene.support import subtree
+
+MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
+CLASS = ("type", "contype", "conaffinity", "condim", "priority", "group")
+"""Fields of a geom that are the same in all worlds."""
+
+# A body below which variants are attached, and which is deleted.
+_ATTIC = "attic_of_variants"
+# A body that names meshes, without touching anything: MuJoCo makes hulls only of meshes that a colliding geom names.
+_HULLS = "hulls_of_variants"
+_HIDDEN = 5  # the group of its geoms
+_CONTACT_BITS = 31
+# Names of bodies and geoms in the elements that may refer to those of a variant.
+_REFERENCES = {
+    "excludes": ("bodyname1", "bodyname2"),
+    "pairs": ("geomname1", "geomname2"),
+    "equalities": ("name1", "name2"),
+    "sensors": ("objname", "refname"),
+    "actuators": ("target",),
+    "cameras": ("targetbody",),
+    "lights": ("targetbody",),
+}
+
+
+def geom_class(mjm: mujoco.MjModel, geom: int) -> tuple[int, ...]:
+    """Return what a geom has the same in all worlds: the values of `CLASS`."""
+    return tuple(int(getattr(mjm, f"geom_{field}")[geom]) for field in CLASS)
+
+
+def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[int, ...]], list[list[int]]]:
+    """Return the classes of the geoms of a shared body, and for each variant's geoms their places among them.
+
+    Args:
+        mjm: The model with all variants.
+        bodies: The bodies of the variants of one object.
+    """
+    own = [[geom_class(mjm, geom) for geom in _geoms(mjm, body)] for body in bodies]
+    most = Counter()
+    for classes in own:
+        most |= Counter(classes)
+    order = list(dict.fromkeys(kind for classes in own for kind in classes))
+    shared = [kind for kind in order for _ in range(most[kind])]
+    first = {kind: shared.index(kind) for kind in order}
+    found = []
+    for classes in own:
+        seen = Counter()
+        found.append([])
+        for kind in classes:
+            found[-1].append(first[kind] + seen[kind])
+            seen[kind] += 1
+    return shared, found
+
+
+class SharedBodies:
+    """The bodies that variants share, in a scene that is assembled a second time.
+
+    Args:
+        full: The scene with all variants, compiled.
+        variants: Object -> names of its variants, which are bodies.
+        where: The beginning of errors.
+
+    Raises:
+        SceneKeyError: No contact bit is left.
+    """
+
+    def __init__(self, full: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str) -> None:
+        self._full, self._variants, self._owners, self._where = full, variants, owners_of(variants), where
+        self._named: set[str] = set()
+
+    def frame_for(self, spec: mujoco.MjSpec, name: str) -> mujoco.MjsFrame | None:
+        """Return the frame to which a variant is attached for its meshes alone; None for any other object.
+
+        The body that it shares is added before the first variant.
+        """
+        owner = self._owners.get(name)
+        if owner is None:
+            return None
+        if spec.body(owner) is None:
+            self._named |= _add_shared_body(spec, self._full, owner, self._variants[owner])
+        if spec.body(_ATTIC) is None:
+            spec.worldbody.add_body(name=_ATTIC)
+        return spec.body(_ATTIC).add_frame()
+
+    def finish(self, spec: mujoco.MjSpec) -> None:
+        """Delete the variants, and see to it that all their meshes keep their hulls."""
+        spec.delete(spec.body(_ATTIC))  # at once, since each deletion takes time in proportion to the whole scene
+        unnamed = sorted(_hulls(self._full, self._variants) - self._named)
+        if unnamed:
+            _name_meshes(spec, unnamed, _free_bit(self._full, self._where))
+        spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
+
+
+def check_variants(
+    spec: mujoco.MjSpec, mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str
+) -> None:
+    """Check that variants are rigid bodies that nothing refers to.
+
+    Args:
+        spec: The scene with all variants.
+        mjm: The same, compiled.
+        variants: Object -> names of its variants, which are bodies.
+        where: The beginning of errors.
+
+    Raises:
+        NotSupportedError: A variant has joints or bodies of its own, or something of the model refers to it.
+    """
+    named = [
+        (kind, str(getattr(element, field, "") or ""))
+        for kind, fields in _REFERENCES.items()
+        for element in getattr(spec, kind)
+        for field in fields
+    ]
+    for name in owners_of(variants):
+        at, body = f"{where}: objects.{name}", mjm.body(name).id
+        cure = "should be one rigid body to share its place with other variants. Make it an object, in a group"
+        if len(subtree(mjm, body)) > 1:
+            raise NotSupportedError(f"{at}: has several bodies, and {cure}.")
+        geoms = _geoms(mjm, body)
+        if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]):
+            raise NotSupportedError(f"{at}: has geoms with plugins or fluid forces, and {cure}.")
+        for kind, other in named:
+            if other == name or other.startswith(f"{name}/"):
+                raise NotSupportedError(f"{at}: '{other}' is named by one of the model's {kind}, and {cure}.")
+
+
+def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
+    first = int(mjm.body_geomadr[body])
+    return list(range(first, first + int(mjm.body_geomnum[body])))
+
+
+def _add_shared_body(spec: mujoco.MjSpec, mjm: mujoco.MjModel, name: str, members: tuple[str, ...]) -> set[str]:
+    """Add the body that the variants of an object share, and return the meshes that its colliding geoms name."""
+    bodies = [mjm.body(member).id for member in members]
+    mocap = bool(mjm.body_mocapid[bodies[0]] >= 0)
+    # an inertia like that of no simple body, for which MuJoCo leaves out elements of the mass matrix
+    shared = spec.worldbody.add_body(
+        name=name,
+        pos=mjm.body_pos[bodies[0]],
+        quat=mjm.body_quat[bodies[0]],
+        mocap=mocap,
+        explicitinertial=True,
+        mass=1.0,
+        ipos=[0.01, 0.02, 0.03],
+        fullinertia=[0.01, 0.011, 0.012, 0.001, 0.002, 0.003],
+        gravcomp=float(mjm.body_gravcomp[bodies].max()),
+    )
+    if not mocap:
+        shared.add_freejoint(name=f"{name}/free")
+    classes, places = places_of_geoms(mjm, bodies)
+    named = set()
+    for i, kind in enumerate(classes):
+        body, own = next((b, p) for b, p in zip(bodies, places, strict=True) if i in p)
+        geom = _geoms(mjm, body)[own.index(i)]
+        mesh = mjm.mesh(int(mjm.geom_dataid[geom])).name if kind[0] == MESH else ""
+        added = shared.add_geom(name=f"{name}/{i}", type=mujoco.mjtGeom(kind[0]), size=mjm.geom_size[geom])
+        for field, value in zip(CLASS[1:], kind[1:], strict=True):
+            setattr(added, field, value)
+        if mesh:
+            added.meshname = mesh
+            named |= {mesh} if kind[1] | kind[2] else set()
+    return named
+
+
+def _hulls(mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]]) -> set[str]:
+    """Return the meshes that colliding geoms of variants name."""
+    return {
+        mjm.mesh(int(mjm.geom_dataid[geom])).name
+        for members in variants.values()
+        for geom in _geoms_of(mjm, members)
+        if mjm.geom_type[geom] == MESH and mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]
+    }
+
+
+def _geoms_of(mjm: mujoco.MjModel, members: tuple[str, ...]) -> Iterator[int]:
+    for member in members:
+        yield from _geoms(mjm, mjm.body(member).id)
+
+
+def _name_meshes(spec: mujoco.MjSpec, meshes: list[str], bit: int) -> None:
+    """Add a static body with a geom for each mesh, which touch nothing and are in no picture."""
+    body = spec.worldbody.add_body(name=_HULLS)
+    for mesh in meshes:
+        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, contype=bit, conaffinity=0, mass=0.0)
+        geom.group, geom.rgba = _HIDDEN, [0.0, 0.0, 0.0, 0.0]
+
+
+def _free_bit(mjm: mujoco.MjModel, where: str) -> int:
+    """Return a contact bit that no geom reacts to.
+
+    Raises:
+        SceneKeyError: There is none.
+    """
+    used = int(np.bitwise_or.reduce(mjm.geom_conaffinity.astype(np.int64)))
+    bit = next((1 << i for i in range(_CONTACT_BITS) if not used >> i & 1), 0)
+    if not bit:
+        raise SceneKeyError(
+            f"{where}: objects with variants need a contact bit of their own, and the geoms of the model have all "
+            f"{_CONTACT_BITS} in their conaffinity. Leave one out."
+        )
+    return bit

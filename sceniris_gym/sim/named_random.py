@@ -1,0 +1,76 @@
+"""Uniform random numbers of worlds outside of layouts: of a step for tasks, or drawn by name for an episode."""
+
+import hashlib
+
+import warp as wp
+
+from sceniris_gym.device.random import NAMED_STREAM, SPLITS, STREAM_BITS, TASK_STREAM, uniforms
+from sceniris_gym.errors import ArgumentError
+
+wp.set_module_options({"enable_backward": False})
+
+
+def task_stream(split: str, stream: int) -> int:
+    """Return the Philox stream of a task's own `stream`, 0 to 2^24 - 1, in a split."""
+    if not 0 <= stream < 1 << STREAM_BITS:
+        raise ArgumentError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
+    return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
+
+
+def named_stream(split: str) -> int:
+    """Return the Philox stream of numbers that are drawn by name in a split."""
+    return NAMED_STREAM + (SPLITS[split] << STREAM_BITS)
+
+
+def name_hash(name: str) -> int:
+    """Return the 31 bits that stand for a name."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little") >> 1
+
+
+@wp.kernel
+def _draw_uniform(
+    # In:
+    seed: wp.array[wp.uint64],
+    episode: wp.array[int],
+    steps: wp.array[int],
+    name: int,
+    stream: wp.uint32,
+    low: float,
+    high: float,
+    # Out:
+    values_out: wp.array2d[float],
+):
+    worldid, quadid = wp.tid()
+    trial = name
+    if steps:
+        trial = steps[worldid]
+    u = uniforms(seed[worldid], episode[worldid], stream, trial, quadid)
+    for i in range(4):
+        column = 4 * quadid + i
+        if column < values_out.shape[1]:
+            values_out[worldid, column] = low + (high - low) * u[i]
+
+
+def draw_uniform(
+    seed: wp.array, episode: wp.array, trial: wp.array | int, stream: int, low: float, high: float, values_out: wp.array
+) -> None:
+    """Fill `values_out` (nworld, n) with uniform numbers in [low, high), a pure function of the other arguments.
+
+    Args:
+        seed: Seed of each world, shape (nworld,), uint64.
+        episode: Episode of each world, shape (nworld,), int32.
+        trial: Control steps since the reset, shape (nworld,), int32; or one number for all worlds, as of a name.
+        stream: Philox stream, see task_stream and named_stream.
+        low: Lower bound, inclusive.
+        high: Upper bound, exclusive.
+        values_out: Array to fill, shape (nworld, n), float32.
+    """
+    dim = values_out.shape[0], (values_out.shape[1] + 3) // 4
+    trials = (trial, 0) if isinstance(trial, wp.array) else (None, trial)
+    inputs = [seed, episode, *trials, wp.uint32(stream), low, high]
+    wp.launch(_draw_uniform, dim=dim, inputs=inputs, outputs=[values_out], device=values_out.device)
+
+
+def draw_named(seed: wp.array, episode: wp.array, split: str, name: str, values_out: wp.array) -> None:
+    """Fill `values_out` with uniform numbers in [0, 1) by name; see `draw_uniform`."""
+    draw_uniform(seed, episode, name_hash(name), named_stream(split), 0.0, 1.0, values_out)

@@ -1,0 +1,287 @@
+"""`VariantWriter`: turns layouts into those of the simulated scene, and bodies into the variants that are present."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.program.plan import slot_names
+from sceniris_gym.scene.draws import nominal_values
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.variants import places_of_geoms
+from sceniris_gym.sim.write import Poses
+
+wp.set_module_options({"enable_backward": False})
+
+LANES = 128
+"""Threads that write a world."""
+
+_BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
+_DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
+_GEOM = (
+    *("dataid", "matid", "solmix", "solref", "solimp", "size", "aabb", "rbound", "pos", "quat", "friction"),
+    *("margin", "gap", "surfacevel", "adhesion", "rgba"),
+)
+# Values of a geom that a variant has no use for; without a mesh and with this margin [m] it meets nothing.
+_UNUSED = {"dataid": -1, "matid": -1, "margin": -1.0e6, "rgba": 0.0}
+
+
+def fields_of_variants() -> tuple[str, ...]:
+    """Return the fields of a mujoco_warp Model in which variants differ, as far as this version has them."""
+    named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
+    known = mjw.Model.__dataclass_fields__
+    return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
+
+
+@wp.kernel
+def _find_variants(
+    # In:
+    column: wp.array[int],
+    shared: wp.array[int],
+    number: wp.array[int],
+    mask: wp.array[wp.bool],
+    rows: wp.array[int],
+    present: wp.array2d[int],
+    # Out:
+    variant_out: wp.array2d[int],
+):
+    worldid, i = wp.tid()
+    if not mask[worldid]:
+        return
+    row = int(worldid)
+    if rows:
+        row = rows[worldid]
+    if present[row, column[i]] != 0:
+        variant_out[worldid, shared[i]] = number[i]
+
+
+@wp.kernel
+def _write_variants(
+    lanes: int,
+    # Words of the model:
+    table: wp.array[int],
+    word_shared: wp.array[int],
+    word_adr: wp.array[int],
+    word_num: wp.array[int],
+    address: wp.array[wp.uint64],
+    stride: wp.array[wp.int64],
+    # Addresses in layouts:
+    qpos_shared: wp.array[int],
+    qpos_adr: wp.array[int],
+    mocap_shared: wp.array[int],
+    mocap_adr: wp.array[int],
+    source: wp.array[int],
+    # Masses:
+    first: wp.array[int],
+    mass: wp.array[wp.float64],
+    # In:
+    mask: wp.array[wp.bool],
+    rows: wp.array[int],
+    variant: wp.array2d[int],
+    qpos_in: wp.array2d[float],
+    mocap_pos_in: wp.array2d[wp.vec3],
+    mocap_quat_in: wp.array2d[wp.quat],
+    # Out:
+    qpos_out: wp.array2d[float],
+    mocap_pos_out: wp.array2d[wp.vec3],
+    mocap_quat_out: wp.array2d[wp.quat],
+    subtreemass_out: wp.array2d[float],
+):
+    worldid, lane = wp.tid()
+    if not mask[worldid]:
+        return
+    row = int(worldid)
+    if rows:
+        row = rows[worldid]
+    for i in range(lane, qpos_adr.shape[0], lanes):
+        adr = qpos_adr[i]
+        if qpos_shared[i] >= 0:
+            adr += source[first[qpos_shared[i]] + variant[worldid, qpos_shared[i]]]
+        qpos_out[worldid, i] = qpos_in[row, adr]
+    for i in range(lane, mocap_adr.shape[0], lanes):
+        mocapid = mocap_adr[i]
+        if mocap_shared[i] >= 0:
+            mocapid = source[first[mocap_shared[i]] + variant[worldid, mocap_shared[i]]]
+        mocap_pos_out[worldid, i] = mocap_pos_in[row, mocapid]
+        mocap_quat_out[worldid, i] = mocap_quat_in[row, mocapid]
+    for i in range(lane, address.shape[0], lanes):
+        at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
+        word = wp.array(ptr=at, shape=(1,), dtype=int)
+        word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
+    if lane == 0:
+        total = mass[mass.shape[0] - 1]  # of all that has no variants
+        for s in range(variant.shape[1]):
+            total += mass[first[s] + variant[worldid, s]]
+        subtreemass_out[worldid, 0] = float(total)
+
+
+class VariantWriter:
+    """Writes the variants that layouts have into the masked worlds: fields of the model, and poses for the StateWriter.
+
+    Args:
+        scene: A scene in which objects have variants.
+        m: Model of the scene as it is simulated, with a row for each world where variants differ: see
+            `model_fields.put_model`.
+        nworld: Number of worlds.
+        mask: The worlds to write into, shape (nworld,), bool; read at every launch.
+        varied: Copies of these fields, to which the same is written, with the colours that are seen:
+            `ModelFields.varied`.
+
+    Attributes:
+        variant: The variant of each object that is present, numbered as in the scene file, objects in the order of
+            `SceneConfig.variants`; shape (nworld, number of objects with variants), int32.
+
+    Raises:
+        SceneMismatchError: The Model has one row for all worlds.
+    """
+
+    def __init__(
+        self, scene: SceneModel, m: mjw.Model, nworld: int, mask: wp.array, varied: Mapping[str, wp.array]
+    ) -> None:
+        for name in fields_of_variants():
+            if getattr(m, name).shape[0] != nworld:
+                raise SceneMismatchError(
+                    f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
+                    "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
+                )
+        self._mask, self._device = mask, m.qpos0.device
+        full, sim, variants = scene.mjm, scene.sim.mjm, scene.config.variants
+        counts = [len(members) for members in variants.values()]
+        bodies = [[scene.bodies[member] for member in members] for members in variants.values()]
+        columns = slot_names(scene.config)
+        with wp.ScopedDevice(self._device):
+            self.variant = wp.zeros((nworld, len(variants)), dtype=int)
+            self._qpos = wp.zeros((nworld, sim.nq), dtype=float)
+            self._mocap_pos = wp.zeros((nworld, max(sim.nmocap, 1)), dtype=wp.vec3)
+            self._mocap_quat = wp.zeros((nworld, max(sim.nmocap, 1)), dtype=wp.quat)
+            self._members = [
+                wp.array([columns.index(member) for members in variants.values() for member in members], dtype=int),
+                wp.array(np.repeat(np.arange(len(counts)), counts), dtype=int),
+                wp.array(np.concatenate([np.arange(count) for count in counts]), dtype=int),
+            ]
+            masses = [float(full.body_mass[body]) for members in bodies for body in members]
+            others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
+            self._inputs = [
+                *self._words(scene, m, bodies, varied),
+                *self._sources(scene, bodies),
+                wp.array(np.cumsum([0, *counts[:-1]]), dtype=int),
+                wp.array([*masses, others], dtype=wp.float64),
+            ]
+        # kernels have their addresses alone
+        self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
+        self._outputs = [self._qpos, self._mocap_pos, self._mocap_quat, m.body_subtreemass]
+
+    def launch(self, poses: Poses, present: wp.array, rows: wp.array | None = None) -> Poses:
+        """Write the variants of rows of layouts into the masked worlds, and return the poses of all worlds.
+
+        Args:
+            poses: Poses of the scene with all variants.
+            present: Which objects are present, shape (nrow, nslot), int32.
+            rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
+        """
+        nworld = self.variant.shape[0]
+        wp.launch(
+            _find_variants,
+            (nworld, self._members[0].shape[0]),
+            inputs=[*self._members, self._mask, rows, present],
+            outputs=[self.variant],
+            device=self._device,
+        )
+        wp.launch(
+            _write_variants,
+            (nworld, LANES),
+            inputs=[LANES, *self._inputs, self._mask, rows, self.variant, *poses],
+            outputs=self._outputs,
+            device=self._device,
+        )
+        return Poses(self._qpos, self._mocap_pos, self._mocap_quat)
+
+    def _words(
+        self, scene: SceneModel, m: mjw.Model, bodies: list[list[int]], varied: Mapping[str, wp.array]
+    ) -> list[wp.array]:
+        """Return the table of all variants in words of 32 bits, and the words of the model that they are written to."""
+        table: list[np.ndarray] = []
+        shared, adr, num, address, stride = ([] for _ in range(5))
+        size = 0
+        for k, (name, members) in enumerate(zip(scene.config.variants, bodies, strict=True)):
+            rows = [(getattr(m, field), i, v) for field, i, v in _rows(scene, name, members, seen=False)]
+            copied = [(varied.get(field), i, v) for field, i, v in _rows(scene, name, members, seen=True)]
+            rows += [(array, i, v) for array, i, v in copied if array is not None]
+            width = sum(values.shape[1] for _, _, values in rows)
+            table.append(np.concatenate([values for _, _, values in rows], axis=1).ravel())
+            for array, element, values in rows:
+                first = array.ptr + element * array.strides[1]
+                address += [first + 4 * word for word in range(values.shape[1])]
+                stride += [array.strides[0]] * values.shape[1]
+            shared += [k] * width
+            adr += range(size, size + width)
+            num += [width] * width
+            size += width * len(members)
+        words = [wp.array(values, dtype=int) for values in (np.concatenate(table), shared, adr, num)]
+        return [*words, wp.array(address, dtype=wp.uint64), wp.array(stride, dtype=wp.int64)]
+
+    def _sources(self, scene: SceneModel, bodies: list[list[int]]) -> list[wp.array]:
+        """Return where each element of qpos and each mocap body comes from in layouts."""
+        full, sim, variants = scene.mjm, scene.sim.mjm, np.concatenate(bodies)
+        number = np.full(sim.nbody, -1)
+        number[[scene.sim.bodies[name] for name in scene.config.variants]] = range(len(bodies))
+        qpos_shared, mocap_shared = number[_owners_of_qpos(sim)], number[_mocap_bodies(sim)]
+        # bodies without variants keep their order
+        others = [np.flatnonzero(~np.isin(of(full), variants)) for of in (_owners_of_qpos, _mocap_bodies)]
+        qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
+        qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
+        firsts = np.flatnonzero((qpos_shared >= 0) & np.append(True, qpos_shared[1:] != qpos_shared[:-1]))
+        for first in firsts:
+            qpos_adr[first : first + 7] = range(7)
+        joints = full.body_jntadr[variants]
+        source = np.where(joints >= 0, full.jnt_qposadr[joints], full.body_mocapid[variants])
+        values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
+        return [wp.array(each, dtype=int, ndim=1) for each in values]
+
+
+def _owners_of_qpos(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return the body that each element of qpos moves, shape (nq,)."""
+    return np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr.tolist(), mjm.nq]))
+
+
+def _mocap_bodies(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return the mocap bodies in the order of their numbers, shape (nmocap,)."""
+    bodies = np.flatnonzero(mjm.body_mocapid >= 0)
+    return bodies[np.argsort(mjm.body_mocapid[bodies])]
+
+
+def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, np.ndarray]]:
+    """Return the values of an object's variants: field, element of the simulated model, words (nvariant, width).
+
+    If they are to be `seen`, colours are those of materials where these show.
+    """
+    full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
+    _, places = places_of_geoms(full, bodies)
+    geom, dof = int(sim.body_geomadr[body]), int(sim.body_dofadr[body])
+    found = []
+    for field in fields_of_variants():
+        kind, theirs, ours = field.partition("_")[0], getattr(full, field), getattr(sim, field)
+        theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
+        words = np.int32 if theirs.dtype.kind == "i" else np.float32
+        theirs, ours = (np.reshape(values, (len(values), -1)).astype(words) for values in (theirs, ours))
+        if kind == "body":
+            elements = [(body, theirs[bodies])]
+        elif kind == "dof":
+            first = full.body_dofadr[bodies]
+            elements = [(dof + i, theirs[first + i]) for i in range(sim.body_dofnum[body])]
+        else:
+            elements = []
+            for i in range(sim.body_geomnum[body]):
+                values = np.repeat(ours[[geom + i]], len(bodies), axis=0)
+                values[:] = _UNUSED.get(field.partition("_")[2], values)
+                for v, own in enumerate(places):
+                    if i in own:
+                        values[v] = theirs[full.body_geomadr[bodies[v]] + own.index(i)]
+                elements.append((geom + i, values))
+        found += [(field, element, values.view(np.int32)) for element, values in elements]
+    return found

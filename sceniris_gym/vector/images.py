@@ -1,0 +1,156 @@
+"""`Images`: the observation group `images`, pictures of all worlds by cameras of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+from gymnasium import spaces
+from torch import Tensor
+
+from sceniris_gym.config.messages import short
+from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
+from sceniris_gym.layout.counts import as_count
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.vector.arguments import as_size
+
+GROUP = "images"
+"""The observation group."""
+
+Pictures = dict[str, dict[str, Tensor]]
+"""Camera -> kind -> tensor of shape (num_envs, height, width, channels)."""
+
+_WORDS = ("size", "data", "shadows", "thin")
+
+
+def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
+    """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
+
+    Raises:
+        ArgumentError: Not of that form, or a camera without a size or a kind of picture.
+        ArgumentTypeError: `shadows` or `thin` is no boolean.
+        CountError: A size that is no integer, or out of range.
+        UnknownNameError: A word or a kind that does not exist.
+    """
+    if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
+        form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
+        raise ArgumentError(f"images should be {form}, or None, got {short(images)}.")
+    return {str(name): _as_shot(words, f"images[{name!r}]") for name, words in images.items()}
+
+
+def _as_shot(words: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
+    for word in words:
+        if word not in _WORDS:
+            raise UnknownNameError("word", str(word), where, _WORDS)
+    if "size" not in words:
+        raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
+    data = words.get("data", ("rgb",))
+    kinds = (data,) if isinstance(data, str) else tuple(data)
+    for kind in kinds:
+        if kind not in CHANNELS:
+            raise UnknownNameError("kind of picture", str(kind), f"{where}['data']", CHANNELS)
+    if not kinds:
+        raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
+    flags = {word: words.get(word, False) for word in ("shadows", "thin")}
+    for word, value in flags.items():
+        check_type(value, bool, f"{where}['{word}']")
+    return Shot(as_size(words["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds))), Looks(**flags)
+
+
+class Images:
+    """The latest pictures of all worlds. The images of a world depend on its episode alone, not on other worlds.
+
+    Args:
+        batch: The worlds.
+        shots: The pictures to take, by the names of cameras.
+        every: Control steps between two pictures of a world, counted from its reset.
+        graph: Capture the launches into a graph and replay it.
+
+    Attributes:
+        names: Names of the values of segmentation: "" for the surroundings, then objects and robots.
+
+    Raises:
+        UnknownNameError: The scene has no such camera.
+    """
+
+    def __init__(
+        self, batch: Batch, shots: Mapping[str, tuple[Shot, Looks]], every: int, *, graph: bool = True
+    ) -> None:
+        scene, worlds = batch.scene, (batch.model, batch.data)
+        where = f"scene '{scene.config.name}': images"
+        self._cameras = []
+        for looks in dict.fromkeys(looks for _, looks in shots.values()):
+            alike = {name: shot for name, (shot, its_looks) in shots.items() if its_looks == looks}
+            self._cameras.append(Cameras(scene, *worlds, alike, looks, where=where, graph=graph))
+        self._masks = [wp.to_torch(cameras.mask) for cameras in self._cameras]
+        self._every, self.names = every, self._cameras[0].names
+        taken = {name: images for cameras in self._cameras for name, images in cameras.images.items()}
+        self._latest: Pictures = {
+            name: {kind: wp.to_torch(image) for kind, image in taken[name].items()} for name in shots
+        }
+
+    @property
+    def space(self) -> spaces.Dict:
+        """The space of one world's images."""
+        bounds = {"rgb": (0, 255, np.uint8), "depth": (0.0, np.inf, np.float32)}
+        bounds["segmentation"] = (0, len(self.names) - 1, np.int32)
+
+        def box(kind: str, image: Tensor) -> spaces.Box:
+            low, high, dtype = bounds[kind]
+            return spaces.Box(low, high, tuple(image.shape[1:]), dtype)
+
+        return spaces.Dict(
+            {
+                camera: spaces.Dict({kind: box(kind, image) for kind, image in of_camera.items()})
+                for camera, of_camera in self._latest.items()
+            }
+        )
+
+    def due(self, elapsed: Tensor) -> Tensor:
+        """Return the worlds to take pictures of so many control steps after their resets, shape (num_envs,), bool."""
+        return elapsed % self._every == 0
+
+    def take(self, mask: Tensor, copy: bool) -> Pictures:
+        """Take pictures of the masked worlds, and return those of all worlds, or copies of them.
+
+        Args:
+            mask: Which worlds, shape (num_envs,), bool; the pictures of the others stay as they are.
+            copy: Return tensors that are never written to again.
+        """
+        for cameras, its_mask in zip(self._cameras, self._masks, strict=True):
+            its_mask.copy_(mask)
+            cameras.launch()
+        return {
+            camera: {kind: image.clone() if copy else image for kind, image in of_camera.items()}
+            for camera, of_camera in self._latest.items()
+        }
+
+
+def picture_names(images: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of the group `images`, or of its space, by names such as 'wrist/rgb'."""
+    return {f"{camera}/{kind}": image for camera, of_camera in images.items() for kind, image in of_camera.items()}
+
+
+def as_channels(pictures: Mapping[str, Tensor]) -> Tensor:
+    """Return the pictures of a camera as one tensor for a convolution, (num_envs, channels, height, width) float32.
+
+    Colours become 0 to 1; distances [m] and numbers of objects stay as they are. Channels follow each other in the
+    order of the pictures.
+    """
+    parts = [image / 255.0 if kind == "rgb" else image.float() for kind, image in pictures.items()]
+    return torch.cat(parts, dim=3).permute(0, 3, 1, 2)
+
+
+def make_images(batch: Batch, images: Any, every: Any, *, graph: bool) -> Images | None:
+    """Return the images of an environment from its arguments `images` and `render_every`; None without images.
+
+    Raises:
+        ArgumentError, CountError, UnknownNameError: See `as_shots` and `Images`.
+    """
+    count = as_count(every, "render_every")
+    return None if images is None else Images(batch, as_shots(images), count, graph=graph)

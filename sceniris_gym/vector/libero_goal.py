@@ -1,0 +1,147 @@
+"""`LiberoGoal`: the goal of a problem file of LIBERO, evaluated in all worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.importers.libero.kinds import FIXTURES
+from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
+from sceniris_gym.importers.libero.things import INNER
+from sceniris_gym.scene.support import subtree
+from sceniris_gym.vector.state import SCALAR, State, find_body
+from sceniris_gym.vector.touch import Touch
+
+_BESIDE = 0.03  # greatest distance of the origins of two things, one on the other [m]
+_ABOVE = 0.1  # greatest height over a site at which a thing is on it [m]
+_BELOW = 0.005  # depth below the top of a site at which it still is [m]
+_UNDER = 0.01  # depth below the bottom of a site at which a thing is still in it [m]
+
+
+class LiberoGoal:
+    """Evaluates the predicates of a goal as LIBERO does, by torch operations without host synchronisation.
+
+    - `On(a, b)`: b's origin is not above a's, both touch, and their origins are less than 3 cm apart seen from above.
+    - `On(a, REGION)`: a's origin is within the site's rectangle and up to 10 cm above it; a touches the thing that has
+      the site, unless that is the work surface.
+    - `In(a, REGION)`: a's origin is inside of the box around the site, which reaches 1 cm lower.
+    - `Open` and `Turnon`: a joint is beyond the near end of the range that the same word draws at the start. `Close`
+      and `Turnoff`: all joints are.
+
+    Origins are those of LIBERO's models. Contacts are those of the last physics step, as in `Touch`.
+
+    Args:
+        s: The worlds of a scene that `read_bddl` made, or of one that `sceniris-gym init` wrote.
+        problem: The problem file, from `read_bddl(...).problem` or `read_problem`.
+
+    Raises:
+        UnknownNameError: The scene lacks a thing or a site of the goal, or a predicate is about a thing that it does
+            not apply to.
+    """
+
+    def __init__(self, s: State, problem: Problem) -> None:
+        self._where = f"scene '{s.scene.config.name}': LiberoGoal"
+        self._problem = problem
+        self._xpos, self._qpos = wp.to_torch(s.data.xpos), wp.to_torch(s.data.qpos)
+        self._site_pos, self._site_mat = wp.to_torch(s.data.site_xpos), wp.to_torch(s.data.site_xmat)
+        self._tests = [self._test(s, predicate) for predicate in problem.goal]
+
+    def __call__(self, s: State) -> Tensor:
+        """Return the worlds in which all predicates hold, shape (num_envs,), bool."""
+        return self.each(s).all(dim=1)
+
+    def each(self, s: State) -> Tensor:
+        """Return which predicates hold, in the order of the file, shape (num_envs, number of predicates), bool."""
+        return torch.stack([test(s) for test in self._tests], dim=1)
+
+    def _test(self, s: State, predicate: Predicate) -> Callable[[State], Tensor]:
+        region = self._problem.regions.get(predicate.names[-1])
+        if predicate.word == "On":
+            return self._on_thing(s, *predicate.names) if region is None else self._on_site(s, predicate, region)
+        if predicate.word == "In":
+            if region is None:
+                where = f"{self._problem.where(predicate.line)}: {predicate}"
+                raise UnknownNameError("region", predicate.names[1], where, self._problem.regions)
+            return self._in_site(s, predicate.names[0], region)
+        return self._joints(s, predicate, region)
+
+    def _on_thing(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
+        own, its = self._origin(s, name), self._origin(s, other)
+        touch = self._touch(s, name, other)
+
+        def test(s: State) -> Tensor:
+            away = self._xpos[:, own] - self._xpos[:, its]
+            return (away[:, 2] >= 0.0) & (away[:, :2].norm(dim=1) < _BESIDE) & touch(s)
+
+        return test
+
+    def _on_site(self, s: State, predicate: Predicate, region: Region) -> Callable[[State], Tensor]:
+        name = predicate.names[0]
+        own, site = self._origin(s, name), self._site(s, region)
+        size = torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
+        touch = None if region.boxes else self._touch(s, name, region.target)
+
+        def test(s: State) -> Tensor:
+            # LIBERO turns by the site's matrix, not by its inverse
+            away = self._xpos[:, own] - self._site_pos[:, site]
+            away = (self._site_mat[:, site] @ away[:, :, None]).squeeze(2)
+            height = away[:, 2] - size[2]
+            above = (height > -_BELOW) & (height < _ABOVE) & (away[:, :2].abs() < size[:2]).all(dim=1)
+            return above if touch is None else above & touch(s)
+
+        return test
+
+    def _in_site(self, s: State, name: str, region: Region) -> Callable[[State], Tensor]:
+        own, site = self._origin(s, name), self._site(s, region)
+        size = torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
+        lower = torch.tensor([0.0, 0.0, _UNDER], device=s.device)
+
+        def test(s: State) -> Tensor:
+            away, half = self._xpos[:, own] - self._site_pos[:, site], (self._site_mat[:, site] @ size).abs()
+            return ((away > -half - lower) & (away < half)).all(dim=1)
+
+        return test
+
+    def _joints(self, s: State, predicate: Predicate, region: Region | None) -> Callable[[State], Tensor]:
+        name = predicate.names[0] if region is None else region.target
+        able = {
+            thing: FIXTURES[kind].states[predicate.word]
+            for thing, kind in self._problem.fixtures.items()
+            if kind in FIXTURES and predicate.word in FIXTURES[kind].states
+        }
+        if name not in able:
+            where = f"{self._problem.where(predicate.line)}: {predicate}"
+            raise UnknownNameError(f"thing for {predicate.word}", name, where, able)
+        low, high = able[name]
+        root = find_body(s, name, self._where)
+        bodies = subtree(s.mjm, root) if region is None else [int(s.mjm.site_bodyid[self._site(s, region)])]
+        joints = [j for j in range(s.mjm.njnt) if s.mjm.jnt_bodyid[j] in bodies and s.mjm.jnt_type[j] in SCALAR]
+        columns = [int(s.mjm.jnt_qposadr[j]) for j in joints]
+        tests: dict[str, Callable[[Tensor], Tensor]] = {
+            "Open": lambda q: (q < high).any(dim=1),
+            "Close": lambda q: (q > low).all(dim=1),
+            "Turnon": lambda q: (q >= low).any(dim=1),
+            "Turnoff": lambda q: (q < high).all(dim=1),
+        }
+        return lambda _: tests[predicate.word](self._qpos[:, columns])
+
+    def _origin(self, s: State, name: str) -> int:
+        return find_body(s, f"{name}/{INNER}", self._where)
+
+    def _site(self, s: State, region: Region) -> int:
+        name = f"{region.target}/{region.name}"
+        site = mujoco.mj_name2id(s.mjm, mujoco.mjtObj.mjOBJ_SITE, name)
+        if site < 0:
+            raise UnknownNameError("site", name, self._where, (s.mjm.site(i).name for i in range(s.mjm.nsite)))
+        return site
+
+    def _touch(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
+        """Return the test of any part of one thing against any part of another one."""
+        parts = [[s.mjm.body(b).name for b in subtree(s.mjm, find_body(s, n, self._where))] for n in (name, other)]
+        touch = Touch(s, *(list(filter(None, names)) for names in parts))
+        return lambda s: touch(s).any(dim=2).any(dim=1)

@@ -1,0 +1,332 @@
+"""Layouts in JAX, and Playground's task with clutter: same bits, nothing overlaps at a start, nothing else is written.
+
+MJX needs MuJoCo 3.17, so this runs in a venv of its own: `make test-jax`. Playground's arm is a stand-in.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, SeedError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.program.compiled import CompiledScene
+from tests.adapters.playground_arm import write_menagerie
+
+jax: Any = pytest.importorskip("jax", reason="needs JAX: make test-jax")
+jnp: Any = jax.numpy
+from sceniris_gym.adapters.jax import FreshAutoReset, LayoutFunction, fresh_training  # noqa: E402
+
+PAGE = Path(__file__).parents[2] / "docs" / "jax.md"
+PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+WORLDS = 6
+LENGTH = 3
+SEEDS = np.array([[0, 7], [5, 7], [0, 9], [2**32 - 1, 1], [0, 8], [1, 0]], np.uint32)
+
+
+@pytest.fixture(scope="module")
+def mid() -> CompiledScene:
+    """A shipped scene on the CPU."""
+    return compile_scene("mid", "cpu")
+
+
+@pytest.fixture(scope="module")
+def layouts(mid: CompiledScene) -> LayoutFunction:
+    """Its layouts as a function."""
+    return LayoutFunction(mid)
+
+
+def made(compiled: CompiledScene, words: np.ndarray, episode: int, split: str = "train") -> np.ndarray:
+    """Return the joints of layouts as a generator makes them, shape (n, nq)."""
+    seeds = words[:, 0].astype(np.uint64) << np.uint64(32) | words[:, 1].astype(np.uint64)
+    generator = LayoutGenerator(compiled, len(seeds), seed=seeds, split=split)
+    for _ in range(episode + 1):
+        generator.generate()
+    return generator.layouts.qpos.numpy().copy()
+
+
+def several(call: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a call of a member as a call of a batch of batches."""
+    twice = jax.vmap(jax.vmap(call, in_axes=(0, None)), in_axes=(1, None))
+
+    def calls(seeds: Any, episode: Any) -> Any:
+        swapped = twice(seeds.reshape(2, 3, 2), episode)
+        return jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1).reshape(6, *a.shape[2:]), swapped)
+
+    return calls
+
+
+WAYS = {
+    "a call": lambda call: call,
+    "jit": lambda call: jax.jit(call),
+    "vmap": lambda call: jax.vmap(call, in_axes=(0, None)),
+    "jit of vmap": lambda call: jax.jit(jax.vmap(call, in_axes=(0, None))),
+    "vmap of jit": lambda call: jax.vmap(jax.jit(call), in_axes=(0, None)),
+    "vmap of vmap": several,
+    "map": lambda call: lambda seeds, episode: jax.lax.map(lambda seed: call(seed, episode), seeds),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_layouts_are_those_of_a_generator(layouts: LayoutFunction, mid: CompiledScene, way: str):
+    """Under every transformation, of seeds with 64 bits."""
+    found = WAYS[way](layouts.qpos)(jnp.array(SEEDS), jnp.int32(1))
+    assert np.array_equal(found.qpos, made(mid, SEEDS, 1))
+    assert found.mocap_pos.shape == (6, mid.mjm.nmocap, 3) and found.mocap_quat.shape == (6, mid.mjm.nmocap, 4)
+    assert not found.fallback.any()
+
+
+def test_a_scan_goes_through_episodes(mid: CompiledScene):
+    """With a mask: the others get the start pose. The other split has other layouts."""
+    layouts, mask = LayoutFunction(mid, split="eval"), np.arange(6) % 2 == 0
+
+    def body(episode: Any, _: None) -> tuple[Any, Any]:
+        return episode + 1, layouts.qpos(jnp.array(SEEDS), episode, jnp.array(mask))
+
+    _, found = jax.jit(lambda: jax.lax.scan(body, jnp.int32(0), None, 3))()
+    for episode in range(3):
+        expected = np.where(mask[:, None], made(mid, SEEDS, episode, "eval"), mid.home_qpos.astype(np.float32))
+        assert np.array_equal(found.qpos[episode], expected)
+
+
+def test_shapes_are_known_without_a_layout(layouts: LayoutFunction, mid: CompiledScene):
+    """As Playground asks for the size of observations; also where nothing is a batch."""
+    found = jax.eval_shape(jax.vmap(layouts.qpos, in_axes=(0, None)), jnp.array(SEEDS), 0)
+    assert found.qpos.shape == (6, mid.mjm.nq)
+    one = layouts.qpos(jax.random.PRNGKey(7), 1)
+    assert one.qpos.shape == (mid.mjm.nq,) and one.fallback.shape == ()
+    assert np.array_equal(one.qpos, made(mid, SEEDS[:1], 1)[0])
+
+
+def test_keys_and_64_bit_integers_are_seeds(layouts: LayoutFunction, mid: CompiledScene):
+    """The key of 7 is the seed 7."""
+    assert np.array_equal(layouts.qpos(jax.random.key(7), 0).qpos, made(mid, SEEDS[:1], 0)[0])
+    with jax.enable_x64(True):
+        found = layouts.qpos(jnp.array([5 * 2**32 + 7], jnp.uint64), 0).qpos
+    assert np.array_equal(found, made(mid, SEEDS[1:2], 0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ((jnp.arange(6), 0), SeedError, r"two uint32 words .* got int32 of shape \(\)"),
+        ((jnp.zeros((6, 2), jnp.int32), 0), SeedError, r"got int32 of shape \(2,\).*PRNGKey"),
+        ((jnp.zeros((6, 3), jnp.uint32), 0), SeedError, r"got uint32 of shape \(3,\)"),
+        ((jnp.array(SEEDS), 0.0), ArgumentTypeError, "episode should be integers"),
+        ((jnp.array(SEEDS), 0, 1), ArgumentTypeError, "where should be booleans"),
+    ],
+)
+def test_other_arguments_are_refused(layouts: LayoutFunction, arguments: Any, error: type, message: str):
+    """Also inside vmaps of vmaps, where the error is that of the inner call."""
+    seeds, *rest = arguments
+
+    def call(seed: Any) -> Any:
+        return layouts.qpos(seed, *rest)
+
+    with pytest.raises(error, match=message):
+        jax.vmap(jax.vmap(call))(seeds.reshape(2, 3, *seeds.shape[1:]))
+
+
+def test_a_scene_on_another_device_is_refused(mid: CompiledScene):
+    """JAX computes on the CPU here."""
+    with pytest.raises(SceneMismatchError, match=r"on cuda:0 and should be where JAX computes, on cpu.*'cpu'\)"):
+        LayoutFunction(replace(mid, device="cuda:0")).qpos(jnp.array(SEEDS), 0)
+
+
+def small(program: str) -> str:
+    """Return the page's program with small batches, on the CPU."""
+    program = program.replace("super().__init__()", f"super().__init__(config_overrides={SMALL})")
+    program = program.replace('"objects": things}', '"objects": things, "bank": 2}, "cpu"')
+    program = program.replace('"num_envs": 2048, "batch_size": 512, "num_minibatches": 32', SIZES)
+    return program.replace("150}", f"{LENGTH}}}").replace("20_000_000", "240").replace("num_evals=5", "num_evals=2")
+
+
+SMALL = {"naconmax": 64 * WORLDS, "naccdmax": 64 * WORLDS}
+SIZES = f'"num_envs": {WORLDS}, "num_eval_envs": {WORLDS}, "batch_size": {WORLDS}, "num_minibatches": 1'
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Return the names of the page's program, which has not trained yet."""
+    pytest.importorskip("mujoco_playground")
+    from etils import epath  # pyright: ignore[reportMissingImports]
+    from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
+
+    mjx_env.MENAGERIE_PATH = epath.Path(write_menagerie(tmp_path_factory.mktemp("menagerie")))
+    names: dict[str, Any] = {}
+    setup, sizes, _ = small(PROGRAMS[0]).partition("sizes = ")
+    assert sizes
+    exec(compile(setup, "jax.md", "exec"), names)
+    return names
+
+
+@pytest.fixture(scope="module")
+def fresh(page: dict[str, Any]) -> FreshAutoReset:
+    """The page's environment, wrapped for training."""
+    return page["wrap"](page["env"], episode_length=LENGTH, action_repeat=1)
+
+
+@pytest.fixture(scope="module")
+def rollout(fresh: FreshAutoReset) -> list[Any]:
+    """States of two episodes and a step, with random actions."""
+    state, step = jax.jit(fresh.reset)(jax.random.split(jax.random.PRNGKey(3), WORLDS)), jax.jit(fresh.step)
+    states = [state]
+    for i in range(2 * LENGTH + 1):
+        if i == 1:  # one world leaves the others behind: it is done a step earlier in all that follows
+            steps = states[-1].info["steps"]
+            states[-1].info["steps"] = steps.at[2].add(1)
+        states.append(step(states[-1], jax.random.uniform(jax.random.PRNGKey(i), (WORLDS, 8), minval=-1.0)))
+    return states
+
+
+def words_of(state: Any) -> np.ndarray:
+    """Return the seeds of a state as words."""
+    return np.asarray(state.info["layout_seed"])
+
+
+def placed(compiled: CompiledScene) -> np.ndarray:
+    """Return the addresses in qpos of the box and the blocks, which come last."""
+    return np.arange(compiled.mjm.nq - 4 * 7, compiled.mjm.nq)
+
+
+def test_every_episode_starts_in_the_next_layout_of_its_seed(page: dict[str, Any], rollout: list[Any]):
+    """Bit for bit what a generator makes; the world that is done earlier is reset alone."""
+    compiled, last = page["compiled"], np.zeros(WORLDS, int)
+    adr, words = placed(compiled), words_of(rollout[0])
+    assert len(np.unique(words, axis=0)) == WORLDS
+    assert np.array_equal(rollout[0].data.qpos[:, adr], made(compiled, words, 0)[:, adr])
+    resets = []
+    for state in rollout[1:]:
+        done = np.asarray(state.done, bool)
+        last += done
+        assert np.array_equal(state.info["layout_episode"], last)
+        assert np.array_equal(state.info["AutoResetWrapper_done_count"], last)
+        assert np.array_equal(words_of(state), words)
+        resets.append(done.tolist())
+        for world in np.flatnonzero(done):
+            expected = made(compiled, words[[world]], last[world])[0]
+            assert np.array_equal(state.data.qpos[world, adr], expected[adr])
+            assert not state.data.qvel[world].any() and state.data.time[world] == 0.0
+    alone = [world == 2 for world in range(WORLDS)]
+    assert resets == [[False] * WORLDS, alone, [not one for one in alone], [False] * WORLDS, alone] + resets[5:]
+
+
+def test_nothing_else_of_a_start_is_written(page: dict[str, Any], rollout: list[Any]):
+    """The target stays the environment's own, on its mocap body and in `info`; the arm stands at home."""
+    home = page["env"].mj_model.key_qpos[0]
+    for state in rollout:
+        assert np.array_equal(state.data.mocap_pos[:, 0], state.info["target_pos"])
+        assert np.array_equal(state.info["target_pos"], rollout[0].info["target_pos"])
+        done = np.asarray(state.done, bool)
+        np.testing.assert_allclose(state.data.qpos[done, :9], np.tile(home[:9], (done.sum(), 1)), atol=1e-6)
+    assert len(np.unique(rollout[0].info["target_pos"], axis=0)) == WORLDS
+
+
+def test_worlds_that_go_on_keep_their_bits(page: dict[str, Any], fresh: FreshAutoReset, rollout: list[Any]):
+    """All that MJX steps is what the environment without the wrapper makes of it."""
+    before, after = rollout[1], rollout[2]
+    action = jax.random.uniform(jax.random.PRNGKey(1), (WORLDS, 8), minval=-1.0)
+    inner = jax.jit(fresh.env.step)(before, action)
+    others = np.arange(WORLDS) != 2
+    for name in ("qpos", "qvel", "ctrl", "qacc_warmstart", "xpos", "site_xpos", "time", "mocap_pos"):
+        assert np.array_equal(getattr(after.data, name)[others], getattr(inner.data, name)[others]), name
+    assert np.array_equal(after.obs[others], inner.obs[others]) and np.array_equal(after.reward, inner.reward)
+    assert np.array_equal(after.info["truncation"], inner.info["truncation"]) and after.info["truncation"][2] == 1.0
+
+
+def test_observations_are_those_of_the_fresh_start(page: dict[str, Any], rollout: list[Any]):
+    """By MuJoCo C: the gripper, and the box seen from there, which follow positions and sizes."""
+    mjm = page["env"].mj_model
+    state, data = rollout[2], mujoco.MjData(mjm)
+    data.qpos[:] = state.data.qpos[2]
+    mujoco.mj_forward(mjm, data)
+    tool, first = data.site("gripper").xpos, mjm.nq + mjm.nv
+    np.testing.assert_allclose(state.obs[2, : mjm.nq], data.qpos, atol=1e-6)
+    np.testing.assert_allclose(state.obs[2, first : first + 3], tool, atol=1e-5)
+    found = state.obs[2, first + 3 + 6 + 6 : first + 3 + 6 + 6 + 3]
+    np.testing.assert_allclose(found, data.body("box").xpos - tool, atol=1e-5)
+
+
+def test_no_start_has_a_contact(page: dict[str, Any], rollout: list[Any]):
+    """By MuJoCo C, without contacts with the floor; independent draws over the same region have many."""
+    mjm = page["env"].mj_model
+    data, random = mujoco.MjData(mjm), np.random.default_rng(0)
+
+    def touches(qpos: Any) -> bool:
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(mjm, data)
+        return any(mjm.geom("floor").id not in contact.geom for contact in data.contact)
+
+    starts = [state.data.qpos[i] for state in rollout for i in range(WORLDS) if state is rollout[0] or state.done[i]]
+    assert len(starts) == 3 * WORLDS
+    assert len(np.unique(np.round(starts, 6), axis=0)) == 3 * WORLDS
+    assert not any(map(touches, starts))
+    drawn = np.array(starts)
+    for k in range(4):
+        drawn[:, 9 + 7 * k : 11 + 7 * k] = random.uniform([0.5, -0.2], [0.9, 0.2], (len(starts), 2))
+    assert sum(map(touches, drawn)) > 2
+
+
+def test_a_full_reset_draws_the_rest_anew(page: dict[str, Any]):
+    """The target of a world that is done, and of no other; what wrappers count goes on."""
+    env = page["fresh_training"](page["compiled"], full_reset=True, update=page["mjx"].kinematics)(
+        page["env"], episode_length=LENGTH, action_repeat=1
+    )
+    before = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(3), WORLDS))
+    assert "AutoResetWrapper_first_data" not in before.info
+    before.info["steps"] = before.info["steps"].at[2].set(LENGTH - 1)
+    targets = np.asarray(before.info["target_pos"])
+    state = jax.jit(env.step)(before, jnp.zeros((WORLDS, 8)))
+    changed = (np.asarray(state.info["target_pos"]) != targets).any(axis=1)
+    assert changed.tolist() == [world == 2 for world in range(WORLDS)]
+    assert np.array_equal(state.data.mocap_pos[:, 0], state.info["target_pos"])
+    assert state.info["steps"].tolist() == [LENGTH if world == 2 else 1 for world in range(WORLDS)]
+    assert state.info["truncation"][2] == 1.0 and state.info["episode_done"][2] == 1.0
+    adr = placed(page["compiled"])
+    assert np.array_equal(state.data.qpos[2, adr], made(page["compiled"], words_of(state)[[2]], 1)[0, adr])
+
+
+def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: FreshAutoReset, mid: CompiledScene):
+    """With a word on what would be right."""
+    with pytest.raises(SceneMismatchError, match=r"FreshAutoReset: model\.nq is 37 .* model: env\.mj_model"):
+        FreshAutoReset(fresh.env, mid)
+    with pytest.raises(ArgumentError, match=r"observe should return observations like .*\(\d+, \d+\).*got \(\d+, 3\)"):
+        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data, info: data.qpos[:3]).reset(
+            jax.random.split(jax.random.PRNGKey(3), WORLDS)
+        )
+
+    class Other(page["PickFromClutter"]):
+        def _get_obs(self, data: Any) -> Any:
+            return data.qpos
+
+    env = fresh_training(page["compiled"])
+    other = object.__new__(Other)
+    other.__dict__.update(vars(page["env"]))
+    with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\), since Other"):
+        env(other, episode_length=LENGTH, action_repeat=1)
+
+
+def test_the_program_of_the_page_trains_ten_iterations(page: dict[str, Any]):
+    """With Brax's PPO as it stands, in short episodes: six worlds of ten unrolls of ten steps."""
+    _, line, training = small(PROGRAMS[0]).partition("sizes = ")
+    program = training.replace("240", str(10 * 10 * WORLDS))
+    calls = []
+    names = page | {"progress": lambda steps, metrics: calls.append(steps)}
+    program = program.replace("num_evals=2", "num_evals=2, progress_fn=progress")
+    exec(compile(line + program, "jax.md", "exec"), names)
+    assert calls == [0, 10 * 10 * WORLDS]
+    about = [text for text in PROGRAMS[0].splitlines() if re.search("sceniris|region|things|compiled|wrap", text)]
+    assert len(about) == 7  # as the page says
+
+
+def test_the_function_of_the_page_runs():
+    """As it stands, on the CPU."""
+    exec(compile(PROGRAMS[1].replace('"mid"', '"mid", "cpu"'), "jax.md", "exec"), {})

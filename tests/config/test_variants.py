@@ -1,0 +1,140 @@
+"""Objects with variants in scene files: what their words mean, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ScenirisError
+from tests.config.scenes import TABLE
+
+TARGET = {"variants": {"can": {"asset": "can"}, "mug": {"asset": "mug", "orientation": "stable"}}, "on": "table"}
+
+
+def with_target(words: dict[str, Any] | None = None, **overrides: Any) -> SceneConfig:
+    """Return a scene with an object that has variants."""
+    named = {key.replace("__", "."): value for key, value in overrides.items()}
+    return SceneConfig.load(TABLE, {"objects.target": words or TARGET, **named})
+
+
+def test_variants_are_objects_of_a_group():
+    """With the words of both levels, of which those of the variant win; one of them is present."""
+    words = {**TARGET, "gap": 0.002, "variants": {**TARGET["variants"], "low": {"asset": "can", "inside": "table"}}}
+    config = with_target(words)
+    assert config.variants == {"target": ("target/can", "target/mug", "target/low")}
+    assert config.groups["target"].count == (1, 1)
+    can, mug, low = (config.objects[name] for name in config.variants["target"])
+    assert (can.asset, can.on, can.gap, can.drawn_orientation.kind) == ("can", "table", 0.002, "yaw")
+    assert (mug.asset, mug.drawn_orientation.kind) == ("mug", "stable")
+    assert (low.on, low.inside) == (None, "table")
+
+
+def test_a_list_of_assets_is_short_for_variants():
+    """Named after the assets, which say the same as variants written at length."""
+    short = with_target({"asset": ["can", "mug"], "on": "table"})
+    long = with_target({"variants": {"can": {"asset": "can"}, "mug": {"asset": "mug"}}, "on": "table"})
+    assert short.canonical() == long.canonical()
+
+
+def test_a_pattern_of_files_is_short_for_a_list(tmp_path: Path):
+    """All MJCF files of a folder beside the scene, in the order of their names; other files do not count."""
+    for name in ("b.xml", "a.xml", "manifest.json"):
+        (tmp_path / "things").mkdir(exist_ok=True)
+        (tmp_path / "things" / name).write_text("<mujoco/>")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("floor: {size: [1, 1]}\nobjects: {target: {asset: things/*, on: floor}}\n")
+    config = SceneConfig.load(scene)
+    assert config.variants == {"target": ("target/a", "target/b")}
+    assert config.objects["target/a"].asset == str(tmp_path / "things" / "a.xml")
+    with pytest.raises(ScenirisError, match=r"objects\.target\.asset: .* should match MJCF files"):
+        SceneConfig.load(scene, {"objects.target.asset": str(tmp_path / "*")})
+
+
+def test_what_others_refer_to_is_placed_first():
+    """All variants come before an object that is near the one that is there."""
+    near = [{"near": "target", "distance": {"max": 0.3}}]
+    config = with_target(objects__apple__relations=near)
+    assert config.needs("apple") == ("table", "target/can", "target/mug")
+
+
+def test_overrides_reach_the_words_as_written():
+    """Of a scene that was loaded already, too, as often as wanted."""
+    config = SceneConfig.load(with_target(), {"objects.target.variants.mug.asset": "bowl"})
+    config = SceneConfig.load(config, {"objects.target.gap": 0.003})
+    assert [config.objects[name].asset for name in config.variants["target"]] == ["can", "bowl"]
+    assert {config.objects[name].gap for name in config.variants["target"]} == {0.003}
+
+
+def test_overrides_reach_a_single_variant():
+    """By its full name, also after another override, and after the variants were written as a list."""
+    config = SceneConfig.load(with_target({"asset": ["can", "mug"], "on": "table"}), {"objects.target/can.gap": 0.003})
+    config = SceneConfig.load(config, {"objects.apple.gap": 0.002})
+    assert [config.objects[name].gap for name in (*config.variants["target"], "apple")] == [0.003, 0.0005, 0.002]
+
+
+def test_weights_and_splits_are_those_of_the_group():
+    """A weight of 1 unless a variant has one; a split of its own takes a variant out of the other."""
+    variants = {"can": {"asset": "can", "weight": 3}, "mug": {"asset": "mug", "split": "train"}, "x": {"asset": "bowl"}}
+    group = with_target({"variants": variants, "on": "table"}).groups["target"]
+    assert group.weights_in("train") == [3.0, 1.0, 1.0]
+    assert group.weights_in("eval") == [3.0, 0.0, 1.0]
+    assert not group.is_uniform
+
+
+def test_a_share_is_held_out_by_name():
+    """Half of them for the split `eval` alone, the same ones in whatever order; the others for `train` alone."""
+    names = ["can", "mug", "bowl", "apple"]
+    found = [
+        with_target({"asset": order, "on": "table", "holdout": 0.5}).groups["target"] for order in (names, names[::-1])
+    ]
+    held = [{name for name, split in group.splits.items() if split == "eval"} for group in found]
+    assert held[0] == held[1]
+    assert len(held[0]) == 2
+    assert set(found[0].splits.values()) == {"train", "eval"}
+
+
+NEAR = {"near": "target/can", "distance": {"max": 0.3}}
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "none": ({"objects.other": {"variants": {}, "on": "table"}}, r"objects\.other\.variants: .*at least one"),
+    "a misspelt word": ({"objects.apple.varients": {}}, r"objects\.apple\.varients: .*mean 'variants'"),
+    "no mapping": ({"objects.target": {"variants": ["can"], "on": "table"}}, "should be a mapping of names"),
+    "a name": ({"objects.target.variants.a b": {"asset": "can"}}, r"objects\.target\.variants\.a b: .*letters"),
+    "a word": ({"objects.target.variants.can.gapp": 1}, r"objects\.target/can\.gapp: unknown key.*'gap'"),
+    "two of a name": ({"objects.other": {"asset": ["can", "can"], "on": "table"}}, "two of the name 'can'"),
+    "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*'variants', not both"),
+    "a support": ({"objects.apple.on": "target"}, r"objects\.apple\.on: 'target' has variants"),
+    "a variant": (
+        {"objects.apple.relations": [NEAR]},
+        r"objects\.apple\.relations\.0\.near: .*Name the object, 'target'",
+    ),
+    "itself": ({"objects.target.relations": [NEAR | {"near": "target"}]}, "a different object"),
+    "a site": (
+        {"objects.apple.relations": [{"beside": {"of": "target", "my": "a", "its": "b"}}]},
+        r"objects\.apple\.relations: 'target' has variants, whose sites",
+    ),
+    "no weights": (
+        {"objects.target.variants.can.weight": 0, "objects.target.variants.mug.weight": 0},
+        "at least 1 members of a weight above 0",
+    ),
+    "a negative weight": ({"objects.target.variants.can.weight": -1}, "at least 0"),
+    "no split": ({"objects.target.variants.can.split": "test"}, "should be 'train' or 'eval'"),
+    "all in one split": ({"objects.target.holdout": 1}, r"objects\.target\.holdout: 1 should be above 0"),
+    "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "not two variants"),
+    "no place": ({"objects.other": {"asset": ["can", "mug"]}}, r"objects\.other: 'other/can' stays where"),
+    "a group": ({"groups.target": {"of": ["can"], "count": 1}}, r"groups\.target: .*another name"),
+    "a name with a slash": ({"objects.target/x": {"asset": "can", "on": "table"}}, r"objects\.target/x.*letters"),
+    "in a group": ({"groups.some": {"of": ["target"], "count": 1}}, r"groups\.some\.of: .*'target'"),
+    "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
+    "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_refused_with_its_place(name: str):
+    """One error each, which says what would be right."""
+    overrides, message = WRONG[name]
+    with pytest.raises(ScenirisError, match=message):
+        SceneConfig.load(with_target(), overrides)

@@ -1,0 +1,65 @@
+"""Layouts of stacks: all of them stand, and those that would fall are rejected as `falls`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import box_mjcf, compile_on_cpu, make, read
+from tests.layout.sizes import sizes
+from tests.oracle.stack_judge import STILL, StackJudge
+
+_LAYOUTS = 64
+
+
+def tower(folder: Path, **words: Any) -> CompiledScene:
+    """Compile the scene of four cubes of 5 cm on each other."""
+    cube = box_mjcf(folder, "cube", 0.05, 0.05, 0.05)
+    objects = {
+        name: {"asset": cube, "on": below, **(words if below != "floor" else {})}
+        for below, name in (("floor", "a"), ("a", "b"), ("b", "c"), ("c", "d"))
+    }
+    return compile_on_cpu({"floor": {"size": [1, 1]}, "attempts": 100, "objects": objects}, bank=8)
+
+
+def moving(compiled: CompiledScene, generator: LayoutGenerator) -> np.ndarray:
+    """Return which layouts have something that moves in MuJoCo C, shape (nworld,)."""
+    rows, judge, nmocap = read(generator.layouts), StackJudge(compiled.mjm), compiled.mjm.nmocap
+    far = [judge.moves(rows.qpos[i], rows.mocap_pos[i][:nmocap], rows.mocap_quat[i][:nmocap]) for i in range(_LAYOUTS)]
+    return np.max(far, axis=1) > STILL
+
+
+def test_a_tower_stands(tmp_path: Path):
+    """In no layout a cube moves by 1 cm, and many candidates are rejected for each that is not."""
+    compiled = tower(tmp_path)
+    generator = LayoutGenerator(compiled, _LAYOUTS)
+    generator.generate()
+    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert not moving(compiled, generator).any()
+    counts = generator.rejection_counts()
+    assert counts["a"]["falls"] == 0
+    assert min(counts[name]["falls"] for name in "bcd") > 0
+
+
+def test_a_tower_that_may_fall_does(tmp_path: Path):
+    """With `stands: false` there is neither a test nor a count, and most towers fall."""
+    compiled = tower(tmp_path, stands=False)
+    assert compiled.statics is None
+    generator = LayoutGenerator(compiled, _LAYOUTS)
+    generator.generate()
+    assert moving(compiled, generator).mean() > 0.5
+    assert "falls" not in generator.rejection_counts()["b"]
+
+
+@pytest.mark.parametrize("size", ["7-3-100-1", "64-512-100-3", "4096-64-0-3"])
+def test_the_size_of_a_search_changes_nothing(tmp_path: Path, size: str):
+    """All layouts keep their bits."""
+    compiled = tower(tmp_path)
+    small = make(compiled, 16, size=sizes("cpu")["1-3-0-1"])
+    assert make(compiled, 16, size=sizes("cpu")[size]).bits() == small.bits()

@@ -1,0 +1,108 @@
+"""Stances of objects: springs by MuJoCo C, what carries them, and what needs no test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.program.plan import build_plan
+from sceniris_gym.program.standing import BOXES, OTHERS, carrier_of, levels_of
+from tests.layout.scenes import box_mjcf
+from tests.program.scenes import scene_of
+
+PAIR = """<mujoco><option jacobian="dense"/><worldbody>
+  <geom name="below" type="{below}" size="1 1 .1" {a}/>
+  <body name="thing" pos="0 0 {z}"><freejoint/><geom name="thing" type="box" size=".05 .05 .05" mass="{m}" {b}/></body>
+</worldbody></mujoco>"""
+MIXED = [
+    ("", "", 0.3),
+    ('solref=".05 1"', "", 0.3),
+    ('solref=".05 .7" priority="1"', "", 2.0),
+    ('solmix="3" solimp=".5 .8 .01"', 'solref=".01 1"', 1.0),
+    ("", 'solref="-900 -50"', 0.5),
+]
+
+
+def at_rest(spring: np.ndarray, load: float) -> float:
+    """Return the depth [m] at which a contact carries a load [kg], by bisection of MuJoCo's equation of rest."""
+    scale, least, most, width = spring
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        depth = 0.5 * (low + high)
+        x = min(depth / width, 1.0)
+        y = 2 * x**2 if x < 0.5 else 1 - 2 * (1 - x) ** 2
+        d = least + y * (most - least)
+        low, high = (depth, high) if depth < scale * load * (1 - d) / d**2 else (low, depth)
+    return low
+
+
+@pytest.mark.parametrize(("a", "b", "mass"), MIXED)
+@pytest.mark.parametrize("below", ["box", "plane"])
+def test_a_spring_gives_way_as_in_mujoco(below: str, a: str, b: str, mass: float):
+    """A box that has come to rest is as deep as the spring of its four contacts says, to 4%."""
+    z = 0.15 if below == "box" else 0.05
+    text = PAIR.format(below=below, a=a, b=b, m=mass, z=z + 0.0005)
+    objects = {"thing": {"on": "below", "region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}}}
+    plan = build_plan(scene_of(objects, model=mujoco.MjSpec.from_string(text)))
+    (stance,) = plan.stances
+    assert stance is not None
+    mjm = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(mjm)
+    mujoco.mj_step(mjm, data, 2500)
+    assert data.ncon == 4
+    assert at_rest(stance.spring, mass / 4) == pytest.approx(-data.contact.dist.mean(), rel=0.04)
+
+
+def test_the_chain_goes_down_to_what_cannot_move(tmp_path: Path):
+    """Of a free object on a free one on a fixture; a thing that is dropped or meant to fall has no stance."""
+    crate = box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05)
+    objects = {
+        "desk": {"asset": box_mjcf(tmp_path, "desk", 0.4, 0.4, 0.1), "kind": "fixture", "on": "floor"},
+        "low": {"asset": crate, "on": "desk"},
+        "high": {"asset": crate, "on": "low"},
+        "dropped": {"asset": crate, "on": "high", "gap": 0.006},
+        "thrown": {"asset": crate, "on": "high", "orientation": "any"},
+        "falling": {"asset": crate, "on": "high", "stands": False},
+        "in_space": {"asset": crate, "region": {"box": [[0, 0, 1], [1, 1, 2]]}},
+    }
+    plan = build_plan(scene_of(objects))
+    stances = dict(zip(objects, plan.stances, strict=True))
+    assert [name for name, stance in stances.items() if stance is not None] == ["low", "high"]
+    assert levels_of(plan.stances, 2) == [2, 1]
+    assert [carrier_of(o, plan.objects) for o in plan.objects] == [None, None, 1, 2, 2, 2, None]
+
+
+def test_what_cannot_hang_over_is_certain(tmp_path: Path):
+    """On the floor, at ratio 1, and where the region keeps far enough from the edge."""
+    crate, desk = box_mjcf(tmp_path, "crate", 0.1, 0.06, 0.1), box_mjcf(tmp_path, "desk", 0.8, 0.8, 0.1)
+    inner, outer = ({"box": [[-x, -x], [x, x]]} for x in (0.34, 0.35))
+    objects = {
+        "desk": {"asset": desk, "kind": "fixture", "on": "floor"},
+        "on_floor": {"asset": crate, "on": "floor"},
+        "whole": {"asset": crate, "on": "desk", "ratio_on_support": 1.0},
+        "inside": {"asset": crate, "on": "desk", "region": inner},
+        "near_edge": {"asset": crate, "on": "desk", "region": outer},
+        "anywhere": {"asset": crate, "on": "desk", "ratio_on_support": 0.9},
+    }
+    stances = dict(zip(objects, build_plan(scene_of(objects)).stances, strict=True))
+    certain = {name for name, stance in stances.items() if stance is not None and stance.is_certain}
+    assert certain == {"on_floor", "whole", "inside"}
+
+
+def test_boxes_have_a_law_of_their_own(tmp_path: Path):
+    """A box on the floor or on a box; anything else has four contacts at most."""
+    objects = {
+        "crate": {"asset": box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.05), "on": "floor"},
+        "book": {"asset": "book", "on": "crate"},
+        "can": {"asset": "can", "on": "crate"},
+    }
+    crate, book, can = build_plan(scene_of(objects)).stances
+    assert crate is not None
+    assert book is not None
+    assert can is not None
+    assert (crate.law, crate.has_four) == (BOXES, False)
+    assert (can.law, can.has_four) == (OTHERS, True)
+    assert can.margin > 0.02

@@ -1,0 +1,159 @@
+"""Draws as numbers of the model's fields: their elements and components, ranges, and errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.scene.draws import FieldDraw
+from sceniris_gym.scene.model import SceneModel, build_model
+from tests.versions import since_4
+
+MODEL = """
+<mujoco>
+  <option timestep="0.01"/>
+  <asset>
+    <texture name="wood" type="2d" builtin="flat" rgb1="0.5 0.3 0.1" width="8" height="8"/>
+    <texture name="steel" type="2d" builtin="flat" rgb1="0.5 0.5 0.6" width="8" height="8"/>
+    <material name="grain" texture="wood" rgba="0.2 0.4 0.6 1"/>
+  </asset>
+  <worldbody>
+    <light name="lamp" pos="0 0 3"/><light name="spot" pos="1 0 3"/>
+    <geom name="floor" type="plane" size="2 2 .1"/>
+    <body name="box" pos="0 0 .1"><freejoint/><geom type="box" size=".05 .05 .05" material="grain"/>
+      <geom type="box" size=".01 .01 .01" pos="0 0 .06" rgba="1 0 0 1" mass="0"/></body>
+    <body name="arm" pos="1 0 0"><geom size=".05"/>
+      <body name="upper" pos="0 0 .1"><joint name="one" axis="0 1 0" damping="2" frictionloss="0.1"/>
+        <geom type="capsule" size=".02 .1" pos="0 0 .1" mass="1"/>
+        <body name="fore" pos="0 0 .2"><joint name="two" axis="0 1 0" damping="4"/>
+          <geom type="capsule" size=".02 .1" pos="0 0 .1" mass="0.5"/></body></body></body>
+  </worldbody>
+  <actuator>
+    <position name="one" joint="one" kp="10" kv="1"/>
+    <position name="two" joint="two" kp="20" kv="2" delay="0.02" nsample="3"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def build(tmp_path: Path):
+    """Return a function that builds the scene with some draws."""
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL if hasattr(mujoco.MjModel, "nhistory") else MODEL.replace(' delay="0.02" nsample="3"', ""))
+
+    def make(box: dict | None = None, arm: dict | None = None, **scene: Any) -> SceneModel:
+        parts = {"objects": {"box": {"on": "floor", "randomize": box or {}}}}
+        robot = {"robot": {"in_model": "arm", "tcp": {"body": "fore"}, "randomize": arm or {}}}
+        return build_model(SceneConfig.load({"model": str(path)} | parts | robot | scene))
+
+    return make
+
+
+def only(scene: SceneModel) -> FieldDraw:
+    """Return the draw of a scene with a single one."""
+    (draw,) = scene.draws
+    return draw
+
+
+@pytest.mark.parametrize(
+    ("part", "words", "name", "elements", "components", "width"),
+    [
+        ("box", {"mass": {"scale": [0.5, 2]}}, "box.mass", ["box"], [0], 1),
+        ("arm", {"mass": {"scale": [0.5, 2]}}, "robot.mass", ["arm", "upper", "fore"], [0], 1),
+        ("arm", {"mass": {"scale": [0.5, 2], "each": True}}, "robot.mass", ["arm", "upper", "fore"], [0], 3),
+        ("arm", {"damping": {"scale": [0.5, 2], "each": True}}, "robot.damping", ["one", "two"], [0], 2),
+        ("arm", {"frictionloss": {"add": [0, 1]}}, "robot.frictionloss", ["one"], [0], 1),
+        ("arm", {"gains": {"scale": [0.5, 2]}}, "robot.gains", ["one", "two"], [0], 1),
+        ("arm", {"ipos": {"add": [[0, 0, 0], [0.01, 0.01, 0]]}}, "robot.ipos", ["arm", "upper", "fore"], [0, 1, 2], 3),
+        ("box", {"friction": {"scale": [0.5, 2]}}, "box.friction", ["", ""], [0], 1),
+        ("box", {"friction": {"scale": [[0.5] * 3, [2] * 3]}}, "box.friction", ["", ""], [0, 1, 2], 3),
+        ("box", {"rgba": {"scale": [0.5, 1]}}, "box.rgba", ["", ""], [0, 1, 2], 1),
+        ("box", {"rgba": {"abs": [[0] * 4, [1] * 4]}}, "box.rgba", ["", ""], [0, 1, 2, 3], 4),
+        ("box", {"rgba": {"choice": [[1, 0, 0], [0, 1, 0]], "each": True}}, "box.rgba", ["", ""], [0, 1, 2], 2),
+    ],
+)
+def test_a_word_has_its_elements_and_components(build, part, words, name, elements, components, width):
+    """One number is drawn for all elements, or one for each; a list of numbers is for the components."""
+    scene = build(**{part: words})
+    draw, kind = only(scene), only(scene).word.field.partition("_")[0]
+    of = {"body": scene.mjm.body, "dof": lambda i: scene.mjm.joint(scene.mjm.dof_jntid[i]), "geom": scene.mjm.geom}
+    names = [of.get(kind, scene.mjm.actuator)(int(i)).name for i in draw.rows]
+    assert (draw.name, names, draw.components.tolist(), draw.width) == (name, elements, components, width)
+
+
+def test_the_whole_scene_lights_and_materials(build):
+    """Lights by a pattern, textures by their names."""
+    lights = {"*": {"castshadow": {"choice": [True, False]}}, "lamp": {"pos": {"add": [[-1, -1, 0], [1, 1, 0]]}}}
+    materials = {"grain": {"texid": {"choice": ["steel", "wood"]}}}
+    words = {"gravity": {"add": [[0, 0, -1], [0, 0, 1]]}, "lights": lights, "materials": materials}
+    draws = {draw.name: draw for draw in build(randomize=words).draws}
+    assert list(draws) == ["gravity", "lights.*.castshadow", "lights.lamp.pos", "materials.grain.texid"]
+    assert draws["lights.*.castshadow"].rows.tolist() == [0, 1]
+    assert draws["lights.lamp.pos"].rows.tolist() == [0]
+    np.testing.assert_array_equal(draws["materials.grain.texid"].choice, [[1.0], [0.0]])
+
+
+@pytest.mark.parametrize(
+    ("scene", "error", "message"),
+    [
+        (
+            {"box": {"mass": {"add": [-5, 1]}}},
+            SceneKeyError,
+            "mass.add: cannot be .* from -4.* should be from 1e-06",
+        ),
+        ({"box": {"rgba": {"scale": [1, 5]}}}, SceneKeyError, "rgba.scale: .* should be from 0 to 1"),
+        ({"box": {"rgba": {"abs": [[0, 0], [1, 1]]}}}, SceneKeyError, "should have 1 or 4 numbers, got 2"),
+        (
+            {"box": {"damping": {"scale": [1, 2]}}},
+            SceneKeyError,
+            "box.randomize.damping: cannot be .*: it is 0 in the model",
+        ),
+        ({"box": {"gains": {"scale": [1, 2]}}}, SceneKeyError, "nothing in the model has it"),
+        ({"box": {"mass": {"choice": ["heavy"]}}}, UnknownNameError, "unknown texture 'heavy'"),
+        ({"randomize": {"lights": {"lam": {"pos": {"add": [0, 1]}}}}}, UnknownNameError, "Did you mean 'lamp'"),
+        (
+            {"randomize": {"materials": {"grain": {"texid": {"choice": ["steal"]}}}}},
+            UnknownNameError,
+            "texid.choice: unknown texture 'steal'. Did you mean 'steel'",
+        ),
+    ],
+)
+def test_draws_that_the_model_cannot_have_are_refused(build, scene: dict, error: type, message: str):
+    """Out of range, without effect, or of names that are not there."""
+    with pytest.raises(error, match=message):
+        build(**scene)
+
+
+@since_4("no delays")
+def test_a_delay_lasts_as_long_as_the_memory_of_the_actuator(build):
+    """As long as the file makes it; actuators without one have no delay to draw."""
+    assert only(build(arm={"delay": {"abs": [0, 0.03]}})).rows.tolist() == [1]
+    with pytest.raises(SceneKeyError, match=r"delay.abs: .* from 0 to 0.05 and should be from 0 to 0.03"):
+        build(arm={"delay": {"abs": [0, 0.05]}})
+
+
+@since_4("no such attribute")
+def test_a_body_with_a_drawn_centre_of_mass_has_a_full_mass_matrix(build):
+    """It would be diagonal otherwise, as the box is symmetric."""
+    assert build().mjm.body("box").simple[0]
+    plain = build(box={"ipos": {"add": [-0.01, 0.01]}})
+    assert not plain.mjm.body_simple[only(plain).rows].any()
+
+
+def test_scenes_with_draws_have_hashes_of_their_own(build, tmp_path: Path):
+    """They depend on lights and materials of the model, which other scenes do not see."""
+    mass = {"mass": {"scale": [0.5, 2]}}
+    before = [build().hash, build(box=mass).hash]
+    assert build(box={"mass": {"scale": [0.5, 3]}}).hash not in before
+    path = tmp_path / "model.xml"
+    path.write_text(path.read_text().replace('pos="1 0 3"', 'pos="2 0 3"'))
+    after = [build().hash, build(box=mass).hash]
+    assert before[0] == after[0]
+    assert before[1] != after[1]

@@ -1,0 +1,69 @@
+"""Scenes as they are simulated: one body for all variants of an object, with room for the geoms of each."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.variants import geom_class
+from tests.config.scenes import TABLE
+
+THINGS = ("can", "mug", "book")
+
+
+def built() -> SceneModel:
+    """A table with apple and bowl on it, and an object with three variants."""
+    words = {"asset": list(THINGS), "on": "table", "gap": 0.001}
+    return build_model(SceneConfig.load(TABLE, {"objects.target": words}))
+
+
+def classes(mjm: mujoco.MjModel, body: int) -> Counter:
+    """Count the geoms of a body by class."""
+    return Counter(geom_class(mjm, geom) for geom in np.flatnonzero(mjm.geom_bodyid == body).tolist())
+
+
+def test_a_shared_body_has_room_for_every_variant():
+    """As many geoms of each class as the variant with most of it, a freejoint, and no body of its own for a variant."""
+    scene = built()
+    sim = scene.sim
+    shared = classes(sim.mjm, sim.bodies["target"])
+    own = [classes(scene.mjm, scene.bodies[f"target/{name}"]) for name in THINGS]
+    assert shared == own[0] | own[1] | own[2]
+    assert sim.mjm.jnt_type[sim.mjm.body_jntadr[sim.bodies["target"]]] == mujoco.mjtJoint.mjJNT_FREE
+    assert [*sim.bodies] == [*TABLE["objects"], "target"]
+    assert sim.hash == scene.hash
+    assert not sim.config.groups
+    assert sim.mjm.body_simple[sim.bodies["target"]] == 0
+
+
+def test_all_meshes_keep_their_hulls():
+    """Those that no geom of the shared body names, too: without a hull, contacts of several points would be lost."""
+    scene = built()
+    for field in ("mesh_graphadr", "mesh_polynum", "mesh_vertadr", "mesh_pos", "mesh_quat"):
+        np.testing.assert_array_equal(getattr(scene.mjm, field), getattr(scene.sim.mjm, field))
+
+
+def test_nothing_is_parked_unless_a_group_needs_it():
+    """The ground far away, which a scene without a floor has, is there for members of groups alone."""
+    air = {"region": {"box": [[0, 0, 1], [1, 1, 2]]}}
+    words = {"objects": {"target": {"asset": list(THINGS), **air}, "apple": {"asset": "apple", **air}}}
+    for groups, parks in (({}, False), ({"some": {"of": ["apple"], "count": [0, 1]}}, True)):
+        scene = build_model(SceneConfig.load({**words, "groups": groups}))
+        full, sim = (mujoco.mj_name2id(m.mjm, mujoco.mjtObj.mjOBJ_GEOM, "parking_ground") for m in (scene, scene.sim))
+        assert full >= 0
+        assert (sim >= 0) == parks
+
+
+def test_other_objects_are_where_they_were():
+    """Bodies find those that they are simulated as, and start in the same pose; a scene without variants is itself."""
+    scene = built()
+    found = {scene.mjm.body(b).name: scene.sim.mjm.body(int(scene.sim_bodies[b])).name for b in range(scene.mjm.nbody)}
+    assert {found.pop(f"target/{name}") for name in THINGS} == {"target"}
+    assert all(name == other for name, other in found.items())
+    plain = build_model(SceneConfig.load(TABLE))
+    assert plain.sim is plain
+    assert (plain.sim_bodies == np.arange(plain.mjm.nbody)).all()

@@ -1,0 +1,109 @@
+"""Inverse weights of worlds whose masses differ: against `mj_setConst` of MuJoCo C, in double precision."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.sim.inertia import InverseWeights
+
+NWORLD = 12
+
+MACHINE = """
+<mujoco>
+  <compiler angle="radian"/>
+  <default><geom contype="0" conaffinity="0" density="800"/><joint armature="0.01" limited="false"/></default>
+  <worldbody>
+    <body name="base" pos="0.1 0 0.2" euler="0.3 0.2 0">
+      <joint name="turn" axis="0 0 1"/><geom size="0.05 0.1" type="capsule" euler="0.3 0 0"/>
+      <body name="arm" pos="0.3 0 0.1" euler="0 0.4 0">
+        <joint name="out" type="slide" axis="1 0 0"/><geom type="box" size="0.1 0.03 0.02" pos="0.05 0 0"/>
+        <body name="wrist" pos="0.2 0.02 0"><joint name="ball" type="ball"/>
+          <geom type="ellipsoid" size="0.03 0.05 0.02" pos="0.02 0.05 0"/>
+          <body name="fixed" pos="0 0 0.1"><geom size="0.02"/></body></body>
+        <body name="left" pos="0 0.1 0"><joint name="left" axis="0 1 0"/><geom size="0.03" pos="0 0 0.1"/></body>
+        <body name="right" pos="0 -0.1 0"><joint name="right" axis="0 1 0"/><geom size="0.03" pos="0 0 0.1"/>
+          <site name="end" pos="0 0 0.1"/></body>
+      </body></body>
+    <body name="odd" pos="1 0 0"><freejoint/><geom type="box" size="0.1 0.05 0.02" pos="0.03 0 0" euler="0 0 0.4"/>
+      <body name="flap" pos="0.1 0 0"><joint name="flap" axis="0 1 0"/><geom size="0.02" pos="0.05 0 0"/></body></body>
+    <body name="ball" pos="0 1 0"><freejoint/><geom size="0.05"/></body>
+    <body name="heavy" pos="1 1 0"><joint type="free" armature="0.02"/><geom type="box" size="0.05 0.1 0.2"/></body>
+    <body name="sled" pos="1 2 0"><joint type="slide" axis="1 0 0"/><joint name="up" type="slide" axis="0 0 1"/>
+      <geom size="0.05"/></body>
+    <body name="lift" pos="1 3 0"><joint type="slide" axis="0 0 1"/><geom size="0.05" pos="0.1 0 0"/></body>
+    <body name="wheel" pos="1 4 0"><joint axis="0 0 1"/><geom size="0.05"/></body>
+    <body name="far" pos="0 2 0"><joint name="far" axis="1 0 0"/><geom size="0.1" pos="0 0.3 0"/></body>
+    <body name="mocap" mocap="true" pos="0 0 2"><geom size="0.05"/></body>
+    <site name="post" pos="0 0 0.5"/>
+  </worldbody>
+  <tendon>
+    <fixed name="pair"><joint joint="left" coef="2"/><joint joint="right" coef="-0.5"/></fixed>
+    <spatial name="rope"><site site="end"/><site site="post"/></spatial>
+    <fixed name="belt"><joint joint="far" coef="1"/><joint joint="turn" coef="1.5"/></fixed>
+  </tendon>
+  <actuator>
+    <motor joint="turn" gear="3"/><motor joint="ball" gear="1 2 0.5"/><position tendon="pair" kp="10" gear="0.5"/>
+    <motor site="end" gear="0 0 1 0 1 0"/><motor tendon="belt"/><motor joint="up"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def drawn(mjm: mujoco.MjModel, seed: int) -> mujoco.MjModel:
+    """Return a copy with masses, inertias, centres of mass, armatures and gears of its own."""
+    rng, mjm = np.random.default_rng(seed), copy.copy(mjm)
+    mjm.body_mass *= rng.uniform(0.2, 5.0, mjm.nbody)
+    mjm.body_inertia *= rng.uniform(0.5, 2.0, mjm.nbody)[:, None]
+    odd = (mjm.body_simple == 0) & (mjm.body_weldid > 0)
+    mjm.body_ipos[odd] += rng.uniform(-0.02, 0.02, (odd.sum(), 3))
+    mjm.body_iquat[odd] = rng.normal(size=(odd.sum(), 4))
+    mjm.body_iquat[odd] /= np.linalg.norm(mjm.body_iquat[odd], axis=1)[:, None]
+    mjm.dof_armature *= rng.uniform(0.2, 3.0, mjm.nv)
+    mjm.actuator_gear *= rng.uniform(0.5, 2.0, mjm.actuator_gear.shape)
+    for name in ("tendon_armature", "actuator_armature"):
+        if hasattr(mjm, name):
+            getattr(mjm, name)[:] *= rng.uniform(0.5, 2.0, len(getattr(mjm, name)))
+    return mjm
+
+
+def with_rows(mjm: mujoco.MjModel, models: list[mujoco.MjModel]) -> mjw.Model:
+    """Return a Model with the sources of a model in each world, and the outputs of `mjm`."""
+    with wp.ScopedDevice("cpu"):
+        m = mjw.put_model(mjm)
+        for name in InverseWeights.SOURCES + InverseWeights.OUTPUTS:
+            array = getattr(m, name, None)
+            if array is not None and array.size:
+                rows = models if name in InverseWeights.SOURCES else [mjm] * len(models)
+                setattr(m, name, wp.array(np.stack([getattr(each, name) for each in rows]), dtype=array.dtype))
+    return m
+
+
+@pytest.mark.parametrize("scene", ["machine", "armatures"])
+def test_weights_are_those_of_mujoco(scene: str):
+    """Of bodies, joints of all types, tendons over two trees and actuators; the other worlds keep theirs."""
+    mjm = mujoco.MjModel.from_xml_string(MACHINE)
+    if scene == "armatures":
+        for name in ("tendon_armature", "actuator_armature"):
+            if hasattr(mjm, name):
+                getattr(mjm, name)[:] = 0.03
+        mujoco.mj_setConst(mjm, mujoco.MjData(mjm))
+    models = [drawn(mjm, seed) for seed in range(NWORLD)]
+    m = with_rows(mjm, models)
+    before = {name: getattr(m, name).numpy() for name in InverseWeights.OUTPUTS}
+    mask = np.arange(NWORLD) % 3 != 1
+    with wp.ScopedDevice("cpu"):
+        InverseWeights(mjm, m, mjw.make_data(mjm, NWORLD)).launch(wp.array(mask, dtype=wp.bool))
+    for world, expected in enumerate(models):
+        mujoco.mj_setConst(expected, mujoco.MjData(expected))
+        for name in InverseWeights.OUTPUTS:
+            found = getattr(m, name).numpy()[world]
+            if mask[world]:
+                np.testing.assert_allclose(found, getattr(expected, name), rtol=1e-5, atol=1e-9, err_msg=name)
+            else:
+                np.testing.assert_array_equal(found, before[name][world])

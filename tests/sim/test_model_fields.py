@@ -1,0 +1,155 @@
+"""Model fields with a row for each world, in a loop of one's own."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.sim.derived import FOLLOWERS
+from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+NWORLD = 5
+ALL = ("body_mass", "body_inertia", "dof_damping", "actuator_gear", "cam_pos", "light_pos")
+
+
+@pytest.fixture
+def make(small_scene, rows) -> Callable[..., ResetRandomizer]:
+    """Return a function that makes a randomizer over a Model in which some fields have a row for each world."""
+
+    def make_randomizer(*fields: str, nworld: int = NWORLD, graph: bool = True, **kwargs) -> ResetRandomizer:
+        with wp.ScopedDevice("cpu"):
+            data = mjw.make_data(small_scene.mjm, nworld, nconmax=32, njmax=128)
+        model, stored = put_model(small_scene, nworld, *fields), StoredLayouts(small_scene, rows, nworld, seed=2)
+        return ResetRandomizer(small_scene, model, data, layout_source=stored, graph=graph, **kwargs)
+
+    return make_randomizer
+
+
+def scaled(randomizer: ResetRandomizer, name: str, mask: np.ndarray) -> None:
+    """Scale a field in the masked worlds by numbers drawn by its name."""
+    array, factor = randomizer.model_field(name).numpy(), 0.5 + randomizer.random(name).numpy()
+    nominal = randomizer.fields.nominal(name).numpy()
+    values = nominal * factor.reshape(-1, *[1] * (array.ndim - 1))
+    array[mask] = values[mask]  # NumPy's view of the memory of a CPU
+
+
+@pytest.mark.oldest
+@pytest.mark.parametrize("graph", [True, False])
+def test_steps_read_what_is_written_and_all_else_follows(make, small_scene, graph: bool):
+    """Each world steps as MuJoCo C does with a model of its own, also after worlds were written to by a mask."""
+    randomizer = make(*ALL, graph=graph)
+    for name in ALL:
+        randomizer.model_field(name)
+    for mask in (np.ones(NWORLD, bool), np.array([True, False, True, False, False])):
+        randomizer.reset(mask)
+        for name in ALL:
+            scaled(randomizer, name, mask)
+        randomizer.refresh()
+    m, d = randomizer.model, randomizer.data
+    for world in range(NWORLD):
+        mjm = copy.copy(small_scene.mjm)
+        for name in ALL:
+            getattr(mjm, name)[:] = getattr(m, name).numpy()[world]
+        data = mujoco.MjData(mjm)
+        mujoco.mj_setConst(mjm, data)
+        for kind in FOLLOWERS:
+            for name in kind.OUTPUTS:
+                found, wanted = getattr(m, name).numpy()[world], getattr(mjm, name)
+                np.testing.assert_allclose(found, wanted.reshape(found.shape), rtol=1e-5, atol=2e-6, err_msg=name)
+        mujoco.mj_resetData(mjm, data)
+        data.qpos[:], data.ctrl[:], data.act[:] = (array.numpy()[world] for array in (d.qpos, d.ctrl, d.act))
+        data.mocap_pos[:], data.mocap_quat[:] = d.mocap_pos.numpy()[world], d.mocap_quat.numpy()[world]
+        mujoco.mj_forward(mjm, data)
+        assert np.abs(data.actuator_force[:2]).max() < 1e-4  # held by the gears of this world
+        with wp.ScopedDevice("cpu"):
+            mjw.forward(m, d)
+        free = np.r_[0, 7:11]  # without the block, whose contact is a matter of rounding
+        np.testing.assert_allclose(d.qacc.numpy()[world, free], data.qacc[free], rtol=1e-3, atol=2e-3)
+
+
+def test_other_worlds_keep_every_bit_of_the_model(make):
+    """Of the fields and of what follows from them."""
+    randomizer = make(*ALL)
+    for name in ALL:
+        randomizer.model_field(name)
+    mask, names = np.array([False, True, False, True, False]), {*ALL, *(n for kind in FOLLOWERS for n in kind.OUTPUTS)}
+    for now in (np.ones(NWORLD, bool), mask):
+        before = {name: getattr(randomizer.model, name).numpy().copy() for name in names}
+        randomizer.reset(now)
+        for name in ALL:
+            scaled(randomizer, name, now)
+        randomizer.refresh()
+    for name in names:
+        after = getattr(randomizer.model, name).numpy()
+        np.testing.assert_array_equal(after[~mask], before[name][~mask], err_msg=name)
+        if before[name].size and name not in ("light_dir0", "cam_mat0"):
+            assert (after[mask] != before[name][mask]).any(), name
+
+
+def test_values_are_those_of_seed_and_episode(make):
+    """For another number of worlds, order and masks, with a graph and without: equal bits, derived fields too."""
+    one, other = make(*ALL), make(*ALL, nworld=2, graph=False)
+    names = {*ALL, *(n for kind in FOLLOWERS for n in kind.OUTPUTS)}
+    for randomizer, steps in ((one, [[0, 1, 2, 3, 4], [1, 4], [0]]), (other, [[0, 1], [0], [1]])):
+        for name in ALL:
+            randomizer.model_field(name)
+        for worlds in steps:
+            mask = np.isin(np.arange(randomizer.data.nworld), worlds)
+            randomizer.reset(mask)
+            for name in ALL:
+                scaled(randomizer, name, mask)
+            randomizer.refresh()
+    np.testing.assert_array_equal(one.layouts.episode.numpy()[:2], other.layouts.episode.numpy())
+    for name in names:
+        np.testing.assert_array_equal(getattr(one.model, name).numpy()[:2], getattr(other.model, name).numpy(), name)
+
+
+def test_a_model_with_one_row_is_refused_with_the_line_that_mends_it(make, make_randomizer):
+    """Also where a field that follows has one row."""
+    with pytest.raises(SceneMismatchError, match=r'put_model\(compiled, 4, "body_mass"\)'):
+        make_randomizer(4).model_field("body_mass")
+    randomizer = make("body_mass")
+    randomizer.model.body_subtreemass = wp.clone(randomizer.model.body_subtreemass[:1])
+    with pytest.raises(SceneMismatchError, match=r'put_model\(compiled, 5, "body_mass"\)'):
+        randomizer.model_field("body_mass")
+
+
+def test_late_requests_and_replaced_arrays_are_errors(make, small_scene):
+    """As captured steps and resets would not see them."""
+    randomizer = make("body_mass", "geom_friction")
+    randomizer.model_field("body_mass", "block")
+    randomizer.reset()
+    assert randomizer.model_field("body_mass").shape == (NWORLD, small_scene.mjm.nbody)
+    with pytest.raises(ArgumentError, match="asked for too late"):
+        randomizer.model_field("geom_friction")
+    randomizer.model.body_mass = wp.clone(randomizer.model.body_mass)
+    for call in (randomizer.reset, randomizer.refresh):
+        with pytest.raises(FixedError, match="Write into its array"):
+            call()
+
+
+def test_fields_of_the_options_have_rows_too(make):
+    """Gravity of each world."""
+    randomizer = make("gravity", needs=("dynamics",))
+    gravity = randomizer.model_field("gravity")
+    assert gravity.shape == (NWORLD,)
+    randomizer.reset()
+    gravity.numpy()[1] = 0.0
+    randomizer.refresh()
+    weight = randomizer.data.qfrc_bias.numpy()[:, 3]
+    np.testing.assert_allclose(weight, [0.981, 0.0, 0.981, 0.981, 0.981], atol=1e-5)
+
+
+def test_unknown_fields_are_told_before_a_model_is_made(small_scene):
+    """By their nearest names."""
+    with pytest.raises(UnknownNameError, match="Did you mean 'geom_friction'"):
+        put_model(small_scene, 3, "geom_frictions")

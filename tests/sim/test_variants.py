@@ -1,0 +1,229 @@
+"""Variants in the simulation: a world is, to the last bit, what a model of its own variants would be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.tables import make_table
+from sceniris_gym.pictures.camera import FrameCamera
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.model import build_model
+from sceniris_gym.sim.batch import Batch, default_budget
+from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.variants import fields_of_variants
+from tests.layout.scenes import write_mjcf
+
+THINGS = ("can", "mug", "book", "brick")
+STANDS = ("tin", "bowl")
+NWORLD = 24
+
+
+def words(target: dict[str, Any], stand: dict[str, Any]) -> dict[str, Any]:
+    """A scene of a table with a thing and a fixture on it, each of which may have variants."""
+    table = {"asset": "table", "kind": "static"}
+    stand = {**stand, "kind": "fixture", "on": "table", "region": {"fraction": [[0, 0], [0.4, 1]]}}
+    objects = {"table": table, "apple": {"asset": "apple", "on": "table"}, "stand": stand}
+    return {"bank": 4, "objects": {**objects, "target": {**target, "on": "table", "gap": 0.003}}}
+
+
+@pytest.fixture(scope="module")
+def compiled() -> CompiledScene:
+    """A free object with four variants, of convex parts and boxes, and a fixture with two."""
+    return compile_scene(words({"asset": list(THINGS)}, {"asset": list(STANDS)}), "cpu")
+
+
+def simulated(compiled: CompiledScene, nworld: int = NWORLD) -> tuple[Batch, ResetRandomizer]:
+    """Worlds on fresh layouts."""
+    batch = Batch(compiled.scene, nworld, "cpu")
+    randomizer = ResetRandomizer(compiled, batch.model, batch.data, prefetch=False)
+    randomizer.reset()
+    return batch, randomizer
+
+
+def state(batch: Batch) -> dict[str, np.ndarray]:
+    """Return what a step reads and makes, by name, one row a world."""
+    return {name: getattr(batch.data, name).numpy().copy() for name in (*PROMISED, "qacc")}
+
+
+def stepped(batch: Batch, steps: int) -> list[np.ndarray]:
+    """Return positions, velocities and accelerations after each of some steps."""
+    found = []
+    for _ in range(steps):
+        batch.step()
+        found.append(np.hstack([getattr(batch.data, name).numpy() for name in ("qpos", "qvel", "qacc")]))
+    return found
+
+
+def test_a_world_moves_as_a_model_of_its_own_variants(compiled: CompiledScene):
+    """Positions, velocities and accelerations in 30 steps, with the fall onto the table: no bit differs."""
+    batch, randomizer = simulated(compiled)
+    start = [getattr(batch.data, name).numpy().copy() for name in ("qpos", "mocap_pos", "mocap_quat")]
+    drawn = randomizer.variant.numpy()
+    ours = stepped(batch, 30)
+    assert batch.data.nacon.numpy()[0] > NWORLD
+    assert set(drawn[:, 1]) == set(range(len(THINGS)))
+    for pair in sorted(set(map(tuple, drawn))):
+        own = SceneConfig.load(words({"asset": THINGS[pair[1]]}, {"asset": STANDS[pair[0]]}))
+        alone = Batch(build_model(own), NWORLD, "cpu")
+        for name, values in zip(("qpos", "mocap_pos", "mocap_quat"), start, strict=True):
+            getattr(alone.data, name).assign(values)
+        rows = (drawn == pair).all(axis=1)
+        for one, other in zip(ours, stepped(alone, 30), strict=True):
+            assert one[rows].tobytes() == other[rows].tobytes()
+
+
+def test_masked_resets_change_nothing_else(compiled: CompiledScene):
+    """State and model of the other worlds keep their bits; the masked ones get their next variants."""
+    batch, randomizer = simulated(compiled)
+    stepped(batch, 3)
+    mask = np.arange(NWORLD) % 3 == 0
+    before = state(batch) | {name: getattr(batch.model, name).numpy().copy() for name in fields_of_variants()}
+    drawn = randomizer.variant.numpy().copy()
+    randomizer.reset(mask)
+    after = state(batch) | {name: getattr(batch.model, name).numpy() for name in fields_of_variants()}
+    for name, values in before.items():
+        assert values[~mask].tobytes() == after[name][~mask].tobytes(), name
+    assert (drawn[~mask] == randomizer.variant.numpy()[~mask]).all()
+    assert (drawn[mask] != randomizer.variant.numpy()[mask]).any()
+    assert (before["geom_dataid"][mask] != after["geom_dataid"][mask]).any()
+
+
+def test_rows_of_the_model_are_those_that_mujoco_compiles_of_a_variant_alone(compiled: CompiledScene):
+    """Masses, inverse weights and the geoms of each class in their order; of all else nothing has a mass of its own."""
+    batch, randomizer = simulated(compiled)
+    drawn, m, sim = randomizer.variant.numpy(), batch.model, compiled.sim_mjm
+    body = compiled.scene.sim.bodies["target"]
+    own = {name: build_model(SceneConfig.load(words({"asset": name}, {"asset": "tin"}))) for name in THINGS}
+    geoms = np.flatnonzero(sim.geom_bodyid == body)
+    for world in range(NWORLD):
+        scene = own[THINGS[drawn[world, 1]]]
+        alone, theirs = scene.mjm, np.flatnonzero(scene.mjm.geom_bodyid == scene.bodies["target"])
+        for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_invweight0", "body_subtreemass"):
+            mine = getattr(m, name).numpy()[world, body]
+            np.testing.assert_array_equal(mine, getattr(alone, name)[scene.bodies["target"]].astype(np.float32))
+        used = m.geom_margin.numpy()[world, geoms] > -1.0
+        assert used.sum() == len(theirs)
+        for name in ("geom_size", "geom_pos", "geom_quat", "geom_rbound", "geom_friction", "geom_rgba"):
+            mine, wanted = getattr(m, name).numpy()[world, geoms[used]], getattr(alone, name)[theirs].astype(np.float32)
+            np.testing.assert_array_equal(np.unique(mine, axis=0), np.unique(wanted, axis=0))
+    total = m.body_subtreemass.numpy()[:, 0]
+    np.testing.assert_allclose(total, m.body_mass.numpy().sum(axis=1), rtol=1e-6)
+
+
+def test_stored_layouts_bring_their_variants(compiled: CompiledScene):
+    """Rows of a table, in another order, are simulated with the things that they were made with."""
+    table = make_table(compiled, 12, 5)
+    batch, randomizer = simulated(compiled, 4)
+    rows = np.array([7, -1, 3, 11])
+    before = state(batch)
+    randomizer.write(table, rows)
+    columns = [compiled.slots.index(name) for name in compiled.config.variants["target"]]
+    assert (randomizer.variant.numpy()[[0, 2, 3], 1] == table.present[rows[[0, 2, 3]]][:, columns].argmax(1)).all()
+    data = mujoco.MjData(compiled.mjm)
+    for world in (0, 2, 3):
+        table.put(data, rows[world])
+        mujoco.mj_kinematics(compiled.mjm, data)
+        for slot in np.flatnonzero(table.present[rows[world]]):
+            name = compiled.slots[slot]
+            body = compiled.scene.bodies[name]
+            simulated_as = batch.data.xpos.numpy()[world, compiled.scene.sim_bodies[body]]
+            np.testing.assert_allclose(simulated_as, data.xpos[body], atol=1e-6)
+    assert all(before[name][1].tobytes() == values[1].tobytes() for name, values in state(batch).items())
+
+
+def test_one_world_has_one_variant_at_a_time(compiled: CompiledScene):
+    """A single world, whose model has one row anyway, rests on the table with whatever it gets."""
+    batch, randomizer = simulated(compiled, 1)
+    seen = set()
+    for _ in range(6):
+        randomizer.reset()
+        stepped(batch, 60)
+        seen.add(int(randomizer.variant.numpy()[0, 1]))
+        assert np.abs(batch.data.qvel.numpy()).max() < 0.05
+    assert len(seen) > 1
+
+
+def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene):
+    """With the function that makes a better one."""
+    with wp.ScopedDevice("cpu"):
+        data = mjw.make_data(compiled.sim_mjm, nworld=2)
+        with pytest.raises(SceneMismatchError, match="put_model"):
+            ResetRandomizer(compiled, mjw.put_model(compiled.sim_mjm), data)
+        with pytest.raises(SceneMismatchError, match=r"model\.nq"):
+            ResetRandomizer(compiled, mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=2))
+    assert ResetRandomizer(compiled, put_model(compiled, 2), data).variants is not None
+
+
+def test_what_cannot_share_a_body_is_refused(tmp_path):
+    """Several bodies, sensors of its own, and a model whose geoms use every contact bit."""
+    own = words({"variants": {"a": {"asset": "can"}, "b": {"asset": "cabinet"}}}, {"asset": "tin"})
+    with pytest.raises(NotSupportedError, match="target/b: has several bodies"):
+        build_model(SceneConfig.load(own))
+    sensor = '<sensor><framepos objtype="body" objname="thing"/></sensor>'
+    geom = '<geom type="box" size=".02 .02 .02" conaffinity="-1"/>'
+    own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "thing", geom, sensor)
+    with pytest.raises(NotSupportedError, match="named by one of the model's sensors"):
+        build_model(SceneConfig.load(own))
+    own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "plain", geom)
+    own["objects"]["target"]["variants"]["c"] = {"asset": "mug"}
+    with pytest.raises(SceneKeyError, match="need a contact bit"):
+        build_model(SceneConfig.load(own))
+
+
+def test_pictures_show_the_variants(compiled: CompiledScene):
+    """Every pixel is that of a model with all variants, of which the absent ones are out of sight."""
+    batch, randomizer = simulated(compiled, 4)
+    size = (64, 48)
+    ours = FrameCamera(compiled.sim_mjm, batch.model, 4, *size).take(batch.data)
+    with wp.ScopedDevice("cpu"):
+        full, d = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 4, nconmax=1, njmax=1)
+        for name in ("qpos", "mocap_pos", "mocap_quat"):
+            getattr(d, name).assign(getattr(randomizer.layouts, name).numpy())
+    theirs = FrameCamera(compiled.mjm, full, 4, *size).take(d)
+    assert len({picture.tobytes() for picture in ours}) == 4
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def test_there_is_room_for_the_contacts_of_every_variant(compiled: CompiledScene):
+    """The default budget is at least that of each thing alone: a bowl stands on many geoms."""
+    room = np.array(default_budget(compiled.sim_mjm, compiled.scene))
+    for thing in THINGS:
+        for stand in STANDS:
+            own = build_model(SceneConfig.load(words({"asset": thing}, {"asset": stand})))
+            assert (room >= default_budget(own.mjm)).all()
+
+
+def test_draws_of_physics_are_relative_to_the_variant():
+    """Masses, frictions and colours are those of the variant that a world has, times what was drawn for it."""
+    drawn = {"mass": {"scale": [0.5, 2.0]}, "friction": {"scale": [0.5, 1.0]}, "rgba": {"scale": [0.5, 0.9]}}
+    compiled = compile_scene(words({"asset": list(THINGS), "randomize": drawn}, {"asset": list(STANDS)}), "cpu")
+    batch = Batch(compiled.scene, NWORLD, "cpu")
+    randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=False)
+    for mask in (None, np.arange(NWORLD) % 2 == 0):
+        randomizer.reset(mask)
+    m, full, body = batch.model, compiled.mjm, compiled.scene.sim.bodies["target"]
+    scale = batch.fields.parameter("target.mass", "here").numpy()[:, 0]
+    assert np.unique(scale).size == NWORLD
+    own = [compiled.scene.bodies[f"target/{name}"] for name in THINGS]
+    bodies = np.array(own)[randomizer.variant.numpy()[:, 1]]
+    np.testing.assert_allclose(m.body_mass.numpy()[:, body], full.body_mass[bodies] * scale, rtol=1e-5)
+    np.testing.assert_allclose(m.body_inertia.numpy()[:, body], full.body_inertia[bodies] * scale[:, None], rtol=1e-5)
+    weight = full.body_invweight0[bodies] / scale[:, None]
+    np.testing.assert_allclose(m.body_invweight0.numpy()[:, body], weight, rtol=1e-3)
+    sim = compiled.sim_mjm
+    slots = np.flatnonzero(sim.geom_bodyid == body)
+    for world in range(NWORLD):
+        used = slots[m.geom_margin.numpy()[world, slots] > -1.0]
+        theirs = np.flatnonzero(full.geom_bodyid == bodies[world])
+        ratio = m.geom_friction.numpy()[world, used, 0].max() / full.geom_friction[theirs, 0].max()
+        assert 0.49 < ratio < 1.01

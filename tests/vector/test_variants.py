@@ -1,0 +1,141 @@
+"""Variants as a task sees them: which one is there, how large it is, and where it is grasped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.vector.bounds import Bounds
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.task import Observation, Task
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.layout.crane import crane_map, crane_mjcf, crane_scene
+from tests.layout.scenes import box_mjcf, compile_on_cpu
+
+NWORLD = 12
+HEIGHTS = {"low": 0.03, "tall": 0.06}
+
+
+class Look(Task):
+    """Sees the variant and the height of its top, and does nothing."""
+
+    action_size = 1
+
+    def bind(self, s: State) -> None:
+        """Find the box around the thing."""
+        self.bounds = Bounds(s, ("thing",))
+
+    def apply(self, s: State, action: torch.Tensor) -> None:
+        """Do nothing."""
+
+    def observe(self, s: State) -> Observation:
+        """Return the variant as numbers of its own."""
+        return {"policy": {"variant": s.variant("thing", one_hot=True), "extent": s.extent("thing")}}
+
+    def reward(self, s: State, action: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Return nothing."""
+        return {"none": torch.zeros(s.num_envs)}
+
+    def success(self, s: State) -> torch.Tensor:
+        """Never succeed."""
+        return torch.zeros(s.num_envs, dtype=torch.bool)
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """A crane that is to reach one of two boxes, and a cube."""
+    folder: Path = tmp_path_factory.mktemp("crane")
+    asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    boxes = {name: {"asset": box_mjcf(folder, name, 0.04, 0.04, height)} for name, height in HEIGHTS.items()}
+    scene = crane_scene(asset, cube, reachable="clear")
+    thing = {word: value for word, value in scene["objects"].pop("thing").items() if word != "asset"}
+    scene["objects"] |= {"thing": {"variants": boxes, **thing}, "other": {"asset": cube, "on": "floor"}}
+    return compile_on_cpu(scene, bank=4)
+
+
+@pytest.fixture(scope="module")
+def envs(compiled: CompiledScene) -> SceneVectorEnv:
+    """Worlds after a reset."""
+    made = SceneVectorEnv(Look, NWORLD, scene=compiled, device="cpu")
+    made.reset(seed=3)
+    return made
+
+
+def test_a_task_sees_the_variant_that_is_there(envs: SceneVectorEnv, compiled: CompiledScene):
+    """By its number and in columns, as `info` and the layouts have it."""
+    s = envs.state
+    index = s.variant("thing")
+    columns = [compiled.slots.index(f"thing/{name}") for name in HEIGHTS]
+    assert (index.numpy() == envs.randomizer.layouts.present.numpy()[:, columns].argmax(1)).all()
+    assert set(index.tolist()) == {0, 1}
+    assert torch.equal(s.variant("thing", one_hot=True), torch.eye(2)[index])
+    observation, info = envs.reset(seed=3)
+    assert torch.equal(info["layout_variants"]["thing"], index)
+    assert observation["policy"].shape == (NWORLD, 5)
+    assert s.present(("thing", "other")).all()
+
+
+def test_boxes_are_those_of_the_variant(envs: SceneVectorEnv):
+    """Its extents, and the height of its lowest corner, which lies on the floor."""
+    s = envs.state
+    height = torch.tensor(list(HEIGHTS.values()))[s.variant("thing")]
+    assert torch.allclose(s.extent("thing"), torch.stack([torch.full_like(height, 0.04)] * 2 + [height], dim=1))
+    assert torch.allclose(s.extent("other"), torch.full((NWORLD, 3), 0.04))
+    lowest = envs.task.bounds.lowest(s.poses(("thing",)))  # type: ignore[attr-defined]
+    base = s.pose("robot")[:, 2:3] if "robot" in s.scene.bodies else torch.zeros(1)
+    assert (lowest - lowest.mean() + base.mean() - base).abs().max() < 0.002
+
+
+def test_the_grasp_is_that_of_the_variant(envs: SceneVectorEnv, compiled: CompiledScene):
+    """It moves with the body that is simulated, and joints are those that were solved for it."""
+    s, layouts = envs.state, envs.randomizer.layouts
+    assert compiled.reaching is not None
+    grasp, joints = s.grasp("thing"), s.grasp_qpos("thing")
+    assert grasp.isfinite().all()
+    index, names = s.variant("thing").tolist(), list(HEIGHTS)
+    for world in range(NWORLD):
+        column = compiled.reaching.names.index(f"thing/{names[index[world]]}")
+        assert layouts.grasp.numpy()[world, column] >= 0
+        np.testing.assert_array_equal(
+            joints[world].numpy(), layouts.grasp_qpos.numpy()[world, column, : joints.shape[1]]
+        )
+    middle = s.pose("thing")[:, 2] + torch.tensor(list(HEIGHTS.values()))[s.variant("thing")] / 2
+    assert (grasp[:, 2] - middle).abs().max() < 0.03
+
+
+def test_an_unknown_object_is_named_with_those_that_there_are(envs: SceneVectorEnv):
+    """An object without variants, and a variant instead of its object."""
+    with pytest.raises(UnknownNameError, match=r"object with variants 'other'.*thing"):
+        envs.state.variant("other")
+    with pytest.raises(UnknownNameError, match=r"reachable object 'other'.*thing"):
+        envs.state.grasp("other")
+
+
+def test_the_same_seed_brings_the_same_variants(envs: SceneVectorEnv):
+    """Whatever came between; the next episode has others."""
+    first = envs.reset(seed=11)[1]["layout_variants"]["thing"]
+    second = envs.reset()[1]["layout_variants"]["thing"]
+    again = envs.reset(seed=11)[1]["layout_variants"]["thing"]
+    assert torch.equal(first, again)
+    assert not torch.equal(first, second)
+
+
+def test_a_snapshot_brings_its_variants_back(envs: SceneVectorEnv):
+    """In other worlds, too: the same variants, fields of the model, and steps to the same bits."""
+    envs.reset(seed=21)
+    kept = envs.snapshot(np.arange(NWORLD) < 5)
+    action = torch.zeros(NWORLD, 1)
+    first, sizes = envs.step(action)[0]["policy"][:5], envs.batch.model.geom_size.numpy()[:5].copy()
+    poses = envs.state.pose("thing")[:5].clone()
+    envs.reset(seed=22)
+    envs.reset(options={"state": kept, "reset_mask": np.arange(NWORLD) >= NWORLD - 5})
+    again = envs.step(action)[0]["policy"][-5:]
+    assert torch.equal(first, again)
+    assert torch.equal(envs.state.pose("thing")[-5:], poses)
+    np.testing.assert_array_equal(envs.batch.model.geom_size.numpy()[-5:], sizes)
