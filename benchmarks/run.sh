@@ -5,7 +5,8 @@
 # lines of JSON in FOLDER/NAME.jsonl. Those that are there already are not made again, so a run that was stopped goes on;
 # delete FOLDER for a new one. `python -m benchmarks.results FOLDER` then writes the page. Rates come first, one after
 # another and alone; the audits follow side by side, one core each, then all that is slow. COMMIT names the sources where
-# there is no git. Trainings are made by evidence.sh, and need hours.
+# there is no git, and BEFORE the root of an earlier tree, whose rates and resets are measured beside these. Trainings
+# are made by evidence.sh, and need hours.
 set -uo pipefail
 device=$1 folder=$2 layouts=${3:-20000}
 mkdir -p "$folder"
@@ -30,6 +31,8 @@ measure sb3_bytes python3 -m benchmarks.sb3_bytes --env-id sceniris_gym/DrawerPi
 for task in $tasks; do
   measure "steps_$task" python3 -m benchmarks.reset_cost --task "$task" --rounds 3 --out "$folder/steps_$task.json"
 done
+[ "$device" = cpu ] || measure resets python3 -m benchmarks.resets_table "$folder/resets" --device "$device" \
+  ${BEFORE:+--before "$BEFORE"}
 [ "$device" = cpu ] || measure reset python3 -m benchmarks.reset_step mid --arm --device "$device"
 measure paper python3 -m benchmarks.paper $paper --device "$device" --json
 for scene in $(list SCENES); do

@@ -32,10 +32,10 @@ _INK = (40, 44, 50)
 
 def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray:
     """Return pictures of worlds of a scene, with seeds from `seed` on, (worlds, height, width, 3) uint8."""
-    model, data = put_model(compiled, worlds), mjw.make_data(compiled.mjm, worlds, nconmax=1, njmax=1)
+    model, data = put_model(compiled, worlds), mjw.make_data(compiled.sim_mjm, worlds, nconmax=1, njmax=1)
     ResetRandomizer(compiled, model, data, seed=seed).reset()
     width, height = (_DRAWN * edge for edge in SIZE)
-    cameras = Cameras(compiled.scene, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))
+    cameras = Cameras(compiled.scene.sim, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))
     cameras.launch()
     return cameras.images["overview"]["rgb"].numpy()
 

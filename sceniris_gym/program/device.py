@@ -185,11 +185,8 @@ class Program:
 
     # Groups: slots of their members, the least and greatest number that is present, and where members differ in them
     # the weights of the splits 'train' and 'eval'.
-    group_slotadr: wp.array[int]
-    group_slotnum: wp.array[int]
+    group: wp.array[wp.vec4i]  # first and number of entries of group_slot, least and greatest number of members
     group_slot: wp.array[int]
-    group_low: wp.array[int]
-    group_high: wp.array[int]
     group_uniform: wp.array[bool]
     group_weight: wp.array[wp.vec2]  # of each entry of group_slot
 

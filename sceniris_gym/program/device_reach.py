@@ -78,8 +78,8 @@ class Reach:
     arm_hand: wp.array[int]  # the hand alone with all but markers and the target
     arm_target: wp.array[int]  # the hand with the target
     # How many broad-phase pairs in `arm_hand` of each reach target are with bodies of no placed object, or of one
-    # before each object; they are in that order.
-    hand_before: wp.array2d[int]
+    # before each object, and how many there are; they are in that order.
+    hand_before: wp.array[int]
 
     # The bank of valid layouts, with rows as in `Program`, by reach targets.
     bank_grasp: wp.array2d[int]

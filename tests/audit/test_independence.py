@@ -24,8 +24,10 @@ READING = {
     "cameras",  # which no layout depends on
     "expansion",  # how much a file says by its aliases
     "paths",  # how users give them
+    "randomize",  # of masses and the like, which move nothing
     "tier",  # the names of tiers
     "variants",  # which objects others mean by one name
+    "randomize",  # which physics and looks are drawn
 }
 
 

@@ -18,7 +18,6 @@ from tests.stress.standing import MOST_MOVED, Outcome, main, report, try_scene
 SEEDS = range(100)
 TOWER = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>{bodies}</worldbody></mujoco>"""
 CUBE = """<body name="{name}" pos="{pos}"><freejoint/><geom name="{name}" type="box" size=".025 .025 .025"/></body>"""
-HARD = {"plate on a block": pytest.mark.xfail(reason="2% of 2,000 layouts move")}
 
 
 @cache
@@ -92,7 +91,7 @@ def test_nothing_falls_in_random_scenes():
     assert sum(len(o.moved or {}) for o in outcomes) <= MOST_MOVED * sum(o.layouts for o in outcomes)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=HARD.get(name, ())) for name in table()])
+@pytest.mark.parametrize("name", table())
 def test_what_falls_in_one_way_is_refused_or_rejected(name: str):
     """No layout of a row of the table moves."""
     assert not try_scene(name, table()[name], layouts=16, replayed=0).moved

@@ -70,6 +70,14 @@ def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, col
 
 
 @wp.func
+def _pairs_of(program: Program, reach: Reach, column: int, obj: int):
+    """Return address and number of the broad-phase pairs of the hand with an object."""
+    i = column * (program.nobject + 1) + obj
+    before = reach.hand_before[i]
+    return reach.arm_broadadr[reach.arm_hand[column]] + before, reach.hand_before[i + 1] - before
+
+
+@wp.func
 def _is_near(
     program: Program,
     reach: Reach,
@@ -78,15 +86,15 @@ def _is_near(
     reach_search: ReachSearch,
     c: int,
     early: int,
-    first: int,
-    last: int,
+    adr: int,
+    num: int,
 ) -> bool:
     """Return True if spheres around the boxes of the hand and of a candidate meet at a grasp."""
     row = search.row[c]
     grasped = reach.grasp_body[reach.early_grasp[early]]
     at = layouts.body_pos[row, grasped]
     turn = layouts.body_quat[row, grasped]
-    for i in range(first, last):
+    for i in range(adr, adr + num):
         entry = program.broad_pair[i]
         if program.pair_bodies[entry[0]][3] >= 0:  # a plane has no box
             return True
@@ -129,10 +137,8 @@ def _queue_hands(
             free = _is_accepted(reach, layouts, search, c, column, grasp)
         elif free:
             if _needs_free_grasp(reach, layouts, row, obj, column):
-                adr = reach.arm_broadadr[reach.arm_hand[column]]
-                first = adr + reach.hand_before[column, obj]
-                last = adr + reach.hand_before[column, obj + 1]
-                if _is_near(program, reach, layouts, search, reach_search, c, early, first, last):
+                adr, num_pairs = _pairs_of(program, reach, column, obj)
+                if _is_near(program, reach, layouts, search, reach_search, c, early, adr, num_pairs):
                     search.hand[wp.atomic_add(search.hands, 0, 1)] = i
         search.free[c, early] = free
 
@@ -169,8 +175,7 @@ def _test_hands(
             pos[body] = at + rot_vec_quat(reach_search.hand_pos[early, body], turn)
             quat[body] = wp.normalize(mul_quat(turn, reach_search.hand_quat[early, body]))
         block_sync()
-        adr = reach.arm_broadadr[reach.arm_hand[column]] + reach.hand_before[column, obj]
-        num = reach.hand_before[column, obj + 1] - reach.hand_before[column, obj]
+        adr, num = _pairs_of(program, reach, column, obj)
         found = collides(program, adr, num, -1, nodes, leaves, lane, pos, quat, search.body_pos[c], search.body_quat[c])
         hit = found == Cause.COLLISION
         if found == UNPROVEN:

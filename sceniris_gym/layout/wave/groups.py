@@ -22,8 +22,8 @@ def _draw_weighted(
 ):
     """Draw so many members of a group one after the other, each by the weights of those that are left."""
     column = int(split % wp.uint32(2))  # those of the splits 'eval' and 'eval_bank' are odd
-    adr = program.group_slotadr[g]
-    num = program.group_slotnum[g]
+    adr = program.group[g][0]
+    num = program.group[g][1]
     total = float(0.0)
     for i in range(num):
         present[program.group_slot[adr + i]] = 0
@@ -52,11 +52,11 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
     """
     stream = numbered_stream(split, GROUP_STREAM)
     for g in range(program.ngroup):
-        adr = program.group_slotadr[g]
-        num = program.group_slotnum[g]
-        low = program.group_low[g]
-        left = low + int(uniforms(seed, episode, stream, g, 0)[0] * float(program.group_high[g] - low + 1))
-        left = wp.min(left, program.group_high[g])
+        adr = program.group[g][0]
+        num = program.group[g][1]
+        low = program.group[g][2]
+        high = program.group[g][3]
+        left = wp.min(low + int(uniforms(seed, episode, stream, g, 0)[0] * float(high - low + 1)), high)
         if not program.group_uniform[g]:
             _draw_weighted(program, seed, episode, split, g, left, present)
             continue

@@ -17,7 +17,15 @@ from sceniris_gym.program.device_reach import Reach
 wp.set_module_options({"enable_backward": False})
 
 _NEVER = wp.constant(1 << 30)
-_LEFT = wp.constant(0.1)
+# Worlds that a round is expected to leave, at most. With a reach stage a round costs more, and some worlds are harder.
+_LEFT = wp.constant(0.5)
+_LEFT_BY_STAGE = wp.constant(0.01)
+
+
+@wp.func
+def _restarts_wanted(worlds: float, left: float, rate: float) -> int:
+    """Return the number of restarts after which so many worlds are expected to be left."""
+    return int(wp.ceil(wp.log(worlds / left) / -wp.log(rate)))
 
 
 @wp.func
@@ -107,16 +115,24 @@ def row_of_restart(search: Search, worldid: int, number: int) -> int:
 @wp.kernel
 def _plan_round(
     program: Program,
+    staged: bool,
+    busy: int,
     # Search in: worlds_left, restarts_at_once
     # Search out: worlds_left, tickets, restarts_at_once
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
     extra = search.row_world.shape[0] - search.pending.shape[0]
-    # after so many restarts hardly a world is expected to be pending; twice as many as were too few
-    wanted = int(wp.ceil(wp.log(float(worlds) / _LEFT) / -wp.log(program.restart_rate)))
-    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])
-    search.restarts_at_once[0] = wp.clamp(wp.min(extra // worlds + 1, wanted), 1, program.restarts + 1)
+    room = extra // worlds + 1
+    left = wp.where(staged, _LEFT_BY_STAGE, _LEFT)
+    wanted = _restarts_wanted(float(worlds), left, program.restart_rate)
+    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # twice as many as were too few
+    failing = float(worlds) * program.restart_rate
+    # another round follows anyway, or all rows take longer in the stage than it does
+    if failing > left and (wanted > room or (staged and 2 * worlds >= busy)):
+        if failing * float(_restarts_wanted(failing, left, program.restart_rate)) <= float(extra):
+            room = 1  # the next one has room for all that fail in this one
+    search.restarts_at_once[0] = wp.clamp(wp.min(room, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
     search.tickets[0] = 0
 
@@ -148,7 +164,7 @@ def _open_rows(
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
-    work.launch(_plan_round, 1, [work.program], work.search)
+    work.launch(_plan_round, 1, [work.program, staged, work.size.busy], work.search)
     work.launch(_open_rows, work.nworld, [work.program, work.reach, staged], work.layouts, work.search)
 
 

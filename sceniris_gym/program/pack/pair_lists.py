@@ -50,7 +50,7 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
         **{f"arm_{name}": values[number:] for name, values in (of_lists | of_starts).items()},
         "arm_self": np.array([names.index(name) for name in arm.robots], int),
         **{name: len(names) + i * len(column) + column for i, name in enumerate(_ARM_LISTS)},
-        "hand_before": np.reshape(before, (-1, number + 1)).astype(int),
+        "hand_before": np.ravel(before).astype(int),
         "broad_pair": np.reshape(starts, (-1, 3)).astype(int),
         **columns("pair", pairs, a=1, b=1, margin=1),
         "pair_touch": np.array([rules.touch(p.a, p.b) if p.geoms is None else p.margin for p in pairs], float),

@@ -44,13 +44,12 @@ def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str,
 
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return the fields `group_*`: the members of each group as slots, and how many of them are present."""
-    members, fields = addressed("group_slot", ([slots.index(name) for name in g.of] for g in groups))
+    """Return the fields `group` and `group_*`: the members of each group as slots, and how many of them are present."""
+    members, found = addressed("slot", ([slots.index(name) for name in g.of] for g in groups))
+    counts = np.reshape([g.count for g in groups], (-1, 2)).T
     return {
-        **fields,
+        "group": np.column_stack([found["slotadr"], found["slotnum"], *counts]).astype(int),
         "group_slot": np.array(members, int),
-        "group_low": np.array([g.count[0] for g in groups], int),
-        "group_high": np.array([g.count[1] for g in groups], int),
         "group_uniform": np.array([g.is_uniform for g in groups], bool),
         "group_weight": np.reshape([w for g in groups for w in zip(*map(g.weights_in, SPLITS), strict=True)], (-1, 2)),
     }

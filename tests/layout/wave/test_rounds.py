@@ -33,19 +33,46 @@ def tray(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     return compile_on_cpu(words, bank=8)
 
 
+def _wanted(worlds: float, left: float, rate: float) -> int:
+    """Return the number of restarts that leave so many worlds, by the share of restarts that fail."""
+    return math.ceil(math.log(worlds / left) / -math.log(rate))
+
+
+@pytest.mark.parametrize(("staged", "left"), [(False, 0.5), (True, 0.01)])
 @pytest.mark.parametrize("rows", [0, 1, 7, 100, 5000])
-def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int):
+def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int, staged: bool, left: float):
     """For any number of worlds that are left: the last row of the last world exists, and no more are of use."""
     search = create_search(tray, 100, replace(default_size("cpu"), rows=rows))
     for worlds in (1, 2, 3, 10, 33, 100):
         search.worlds_left.fill_(worlds)
-        wp.launch(rounds._plan_round, dim=1, inputs=[tray.program], outputs=[search], device="cpu")
-        at_once = int(search.restarts_at_once.numpy()[0])
-        most = min(math.ceil(math.log(2 * worlds) / -math.log(tray.program.restart_rate)), RESTARTS + 1)
+        search.restarts_at_once.zero_()
+        inputs = [tray.program, staged, 1000]
+        wp.launch(rounds._plan_round, dim=1, inputs=inputs, outputs=[search], device="cpu")
+        at_once, rate = int(search.restarts_at_once.numpy()[0]), tray.program.restart_rate
+        most = min(_wanted(worlds, left, rate), RESTARTS + 1)
         assert 1 <= at_once <= most
         assert worlds * (at_once - 1) <= rows
-        assert worlds * at_once > rows or at_once == most
+        failing = worlds * rate
+        enough = failing > left and failing * _wanted(failing, left, rate) <= rows
+        if enough and _wanted(worlds, left, rate) > rows // worlds + 1:
+            assert at_once == 1  # the next round has room for all that fail
+        else:
+            assert worlds * at_once > rows or at_once == most
         assert search.worlds_left.numpy()[0] == search.tickets.numpy()[0] == 0
+
+
+def test_later_rounds_try_twice_as_much(tray: CompiledScene):
+    """Too few restarts for a world are doubled; a scene with a stage tries once where that keeps all lanes busy."""
+    search = create_search(tray, 100, replace(default_size("cpu"), rows=5000))
+    tried = []
+    for staged, worlds, busy, before in ((False, 1, 1000, 0), (False, 1, 1000, 2), (True, 100, 200, 0)):
+        search.worlds_left.fill_(worlds)
+        search.restarts_at_once.fill_(before)
+        wp.launch(rounds._plan_round, dim=1, inputs=[tray.program, staged, busy], outputs=[search], device="cpu")
+        tried.append(int(search.restarts_at_once.numpy()[0]))
+    assert tried[1] == min(4, RESTARTS + 1)
+    assert tried[1] > tried[0]
+    assert tried[2] == 1
 
 
 @pytest.mark.parametrize("lanes", [1, 3])

@@ -162,8 +162,7 @@ def test_groups_are_their_members_slots_and_counts(folder: Path):
     groups = {"first": {"of": ["c", "a"], "count": [0, 2]}, "second": {"of": ["b"], "count": 1}}
     packed = pack(scene_of(objects, groups=groups))
     members = [
-        [list(objects)[slot] for slot in packed["group_slot"][adr : adr + num]]
-        for adr, num in zip(packed["group_slotadr"], packed["group_slotnum"], strict=True)
+        [list(objects)[slot] for slot in packed["group_slot"][adr : adr + num]] for adr, num in packed["group"][:, :2]
     ]
     assert members == [["c", "a"], ["b"]]
-    assert (packed["group_low"].tolist(), packed["group_high"].tolist()) == ([0, 1], [2, 1])
+    assert packed["group"][:, 2:].tolist() == [[0, 2], [1, 1]]
