@@ -228,7 +228,7 @@ def test_other_models_are_refused():
     model, solver = room()
     compiled = compile_scene({"model": solver.mj_model, **SCENE}, "cpu")
     apart, apart_solver = room(spacing=(2.0, 0.0, 0.0))
-    with pytest.raises(SceneMismatchError, match=r"NewtonRandomizer: model\.geom_pos of .*without spacing"):
+    with pytest.raises(SceneMismatchError, match=r"NewtonRandomizer: model\.body_pos of .*without spacing"):
         NewtonRandomizer(compiled, apart, apart_solver, apart.state())
     sizes = model.shape_scale.numpy()
     sizes[len(sizes) // WORLDS * 2 + 1] *= 1.5  # a thing in the world 2
