@@ -113,6 +113,33 @@ def _cut_foot(statics: Statics, part: int, ground: Pose, points: wp.array[wp.vec
 
 
 @wp.func
+def lies_on_a_part(statics: Statics, variant: int, heading: float, surface: int, ground: Pose) -> bool:
+    """Return True if all of a foot is on one convex part of a surface; see `find_patch` for the arguments."""
+    x = unit_circle(heading)
+    y = wp.vec2(-x[1], x[0])
+    for i in range(statics.surface_partnum[surface]):
+        number = statics.surface_partadr[surface] + i
+        inside = bool(True)
+        s = int(0)
+        while inside and s < statics.part_sidenum[number]:
+            ends = statics.side[statics.part_sideadr[number] + s]
+            a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
+            b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
+            along = wp.vec2(b[0] - a[0], b[1] - a[1])
+            for f in range(statics.variant_footnum[variant]):
+                foot = statics.variant_footadr[variant] + f
+                for k in range(statics.foot_cornernum[foot]):
+                    corner = statics.corner[statics.foot_corneradr[foot] + k]
+                    at = corner[0] * x + corner[1] * y - wp.vec2(a[0], a[1])
+                    if cross2(along, at) < 0.0:
+                        inside = False
+            s += 1
+        if inside:
+            return True
+    return False
+
+
+@wp.func
 def find_patch(
     statics: Statics,
     obj: int,

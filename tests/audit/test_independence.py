@@ -27,7 +27,6 @@ READING = {
     "randomize",  # of masses and the like, which move nothing
     "tier",  # the names of tiers
     "variants",  # which objects others mean by one name
-    "randomize",  # which physics and looks are drawn
 }
 
 

@@ -149,6 +149,8 @@ def _about_models() -> Iterator[str]:
         "separate commands",
         "bench: ",
         "generate: ",
+        "init: --assets",
+        "init: the model of",
         "view: ",
         "should be a PNG",
         "--tier clear",

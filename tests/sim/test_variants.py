@@ -14,7 +14,8 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
-from sceniris_gym.pictures.camera import FrameCamera
+from sceniris_gym.pictures.camera import Cameras
+from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch, default_budget
@@ -184,15 +185,20 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
 def test_pictures_show_the_variants(compiled: CompiledScene):
     """Every pixel is that of a model with all variants, of which the absent ones are out of sight."""
     batch, randomizer = simulated(compiled, 4)
-    size = (64, 48)
-    ours = FrameCamera(compiled.sim_mjm, batch.model, 4, *size).take(batch.data)
+    shots = {"overview": Shot((64, 48))}
+    ours = Cameras(compiled.scene.sim, batch.model, batch.data, shots, Looks())
     with wp.ScopedDevice("cpu"):
         full, d = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 4, nconmax=1, njmax=1)
         for name in ("qpos", "mocap_pos", "mocap_quat"):
             getattr(d, name).assign(getattr(randomizer.layouts, name).numpy())
-    theirs = FrameCamera(compiled.mjm, full, 4, *size).take(d)
-    assert len({picture.tobytes() for picture in ours}) == 4
-    np.testing.assert_array_equal(ours, theirs)
+        mjw.kinematics(full, d)
+    theirs = Cameras(compiled.scene, full, d, shots, Looks())
+    pictures = []
+    for cameras in (ours, theirs):
+        cameras.launch()
+        pictures.append(cameras.images["overview"]["rgb"].numpy())
+    assert len({picture.tobytes() for picture in pictures[0]}) == 4
+    np.testing.assert_array_equal(*pictures)
 
 
 def test_there_is_room_for_the_contacts_of_every_variant(compiled: CompiledScene):

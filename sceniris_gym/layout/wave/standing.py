@@ -6,7 +6,15 @@ from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
-from sceniris_gym.placement.standing import MOST_DIRECTIONS, Level, find_patch, loads_stand, measure, weigh
+from sceniris_gym.placement.standing import (
+    MOST_DIRECTIONS,
+    Level,
+    find_patch,
+    lies_on_a_part,
+    loads_stand,
+    measure,
+    weigh,
+)
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_statics import Statics
 
@@ -61,6 +69,20 @@ def _level_of(
 
 
 @wp.func
+def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
+    """Return True if a candidate is carried by what cannot fall, and stands there with all of its foot."""
+    obj = search.obj[c]
+    variant = search.turn[c].variant
+    if statics.obj_levelnum[obj] > 1 or not statics.variant_holds[variant]:
+        return False
+    place = search.place[c]
+    body = program.obj_ground[obj]
+    pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
+    ground = pose_of(layouts.body_pos[row, body] - pivot, layouts.body_quat[row, body])
+    return lies_on_a_part(statics, variant, place[3], search.surface[c], ground)
+
+
+@wp.func
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate stands, and all levels below it with it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
@@ -102,8 +124,9 @@ def _test_standing(
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
         if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
-            if not _stands(program, statics, layouts, search, c, search.row[c]):
-                search.cause[c] = Cause.FALLS
+            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
+                if not _stands(program, statics, layouts, search, c, search.row[c]):
+                    search.cause[c] = Cause.FALLS
 
 
 def launch_test_standing(work: Workspace) -> None:

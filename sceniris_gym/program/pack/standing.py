@@ -47,6 +47,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
         "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
         "variant_curved": np.array([f.is_curved for f in feet], bool),
+        "variant_holds": np.array([f.margin > 0.0 for f in feet], bool),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),

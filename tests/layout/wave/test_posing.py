@@ -43,7 +43,8 @@ def test_the_lowest_point_of_what_unfolds_downwards_stands_on_the_surface(tmp_pa
     leg = '<body name="{0}" pos="{1} 0 .1"><joint name="{0}" axis="0 1 0" range="-60 60"/><geom type="box"'
     leg += ' size=".005 .005 .08" pos="0 0 -.06"/></body>'
     body = '<geom type="box" size=".1 .02 .005" pos="0 0 .1"/>' + leg.format("l", -0.08) + leg.format("r", 0.08)
-    stool = {"asset": write_mjcf(tmp_path, "stool", body), "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
+    stool = {"asset": write_mjcf(tmp_path, "stool", body), "on": "floor", "stands": False}
+    stool |= {"joints": {"*": {"fraction": [0, 1]}}}
     compiled, rows = _one({"floor": FLOOR, "attempts": 50, "objects": {"stool": stool}}, 100)
     solids = Solids(compiled.mjm, "physics")
     lowest = [solids.lowest(data, solids.geoms("stool")) for data in posed(compiled, rows)]
@@ -57,8 +58,13 @@ def test_what_stands_on_what_stands_rises_with_it(tmp_path: Path):
       <joint name="lift" type="slide" axis="0 0 1" range="0 .4"/><geom type="box" size=".2 .2 .01"/></body>"""
     lift = {"asset": write_mjcf(tmp_path, "lift", body), "kind": "fixture", "on": "floor"}
     objects = {
-        "crate": {"asset": box_mjcf(tmp_path, "crate", 0.02, 0.02, 0.02), "on": "tray", "gap": 0.003},
-        "tray": {"asset": box_mjcf(tmp_path, "tray", 0.2, 0.1, 0.02), "on": "lift/platform", "gap": 0.002},
+        "crate": {"asset": box_mjcf(tmp_path, "crate", 0.02, 0.02, 0.02), "on": "tray", "gap": 0.003, "stands": False},
+        "tray": {
+            "asset": box_mjcf(tmp_path, "tray", 0.2, 0.1, 0.02),
+            "on": "lift/platform",
+            "gap": 0.002,
+            "stands": False,
+        },
         "lift": {**lift, "joints": {"lift": {"fraction": [0, 1]}}, "gap": 0.001},
     }
     compiled, rows = _one({"floor": FLOOR, "objects": objects}, 200)
@@ -121,6 +127,7 @@ def test_orientations_keep_the_tilt_that_the_asset_has(tmp_path: Path):
     (tmp_path / "tilted.xml").write_text("""<mujoco><worldbody><body name="tilted" euler="35 0 20">
       <geom type="box" size=".05 .02 .03"/></body></worldbody></mujoco>""")
     words = {"asset": str(tmp_path / "tilted.xml"), "on": "floor", "clearance": 0.0}
+    words = {**words, "stands": False}
     objects = {"a": {**words, "orientation": "fixed"}, "b": words}
     compiled, rows = _one({"floor": {"size": [2, 2]}, "objects": objects})
     solids = Solids(compiled.mjm, "physics")
