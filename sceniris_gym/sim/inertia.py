@@ -227,6 +227,8 @@ class InverseWeights:
         self._model, self._nworld = m, d.nworld
         with wp.ScopedDevice(m.qpos0.device):
             self._inertia = inertia_tables(mjm, d.nworld)
+            if not hasattr(m, "actuator_armature"):  # MuJoCo has it in all versions, MuJoCo-Warp does not
+                self._inertia.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
 
     def launch(self, mask: wp.array) -> None:
         """Bring the inverse weights of the masked worlds up to date; shape (nworld,), bool."""
