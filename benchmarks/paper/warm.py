@@ -27,6 +27,7 @@ _KINDS = {
     "prefilter": "prefilter",
     "collision": "collision",
     "containment": "containment",
+    "standing": "standing",
     "accept": "accept",
     "rounds": "rows and rounds",
 }

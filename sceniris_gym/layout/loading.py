@@ -35,6 +35,7 @@ def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], l
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
     by_lane += [standing] if work.statics is not None else []
     by_lane += [waves, poses, ik] if staged else []
+    by_lane += [free_grasps] if work.search.free.shape[1] > 0 else []
     by_block = [accept, *([points] if work.related else []), *([hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
     lanes += [

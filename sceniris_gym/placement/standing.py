@@ -113,6 +113,18 @@ def _cut_foot(statics: Statics, part: int, ground: Pose, points: wp.array[wp.vec
 
 
 @wp.func
+def _is_left(statics: Statics, variant: int, x: wp.vec2, y: wp.vec2, a: wp.vec2, b: wp.vec2) -> bool:
+    """Return True if all of a foot with these axes is left of the line from a to b."""
+    for f in range(statics.variant_footnum[variant]):
+        foot = statics.variant_footadr[variant] + f
+        for k in range(statics.foot_cornernum[foot]):
+            corner = statics.corner[statics.foot_corneradr[foot] + k]
+            if cross2(b - a, corner[0] * x + corner[1] * y - a) < 0.0:
+                return False
+    return True
+
+
+@wp.func
 def lies_on_a_part(statics: Statics, variant: int, heading: float, surface: int, ground: Pose) -> bool:
     """Return True if all of a foot is on one convex part of a surface; see `find_patch` for the arguments."""
     x = unit_circle(heading)
@@ -125,14 +137,7 @@ def lies_on_a_part(statics: Statics, variant: int, heading: float, surface: int,
             ends = statics.side[statics.part_sideadr[number] + s]
             a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
             b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
-            along = wp.vec2(b[0] - a[0], b[1] - a[1])
-            for f in range(statics.variant_footnum[variant]):
-                foot = statics.variant_footadr[variant] + f
-                for k in range(statics.foot_cornernum[foot]):
-                    corner = statics.corner[statics.foot_corneradr[foot] + k]
-                    at = corner[0] * x + corner[1] * y - wp.vec2(a[0], a[1])
-                    if cross2(along, at) < 0.0:
-                        inside = False
+            inside = _is_left(statics, variant, x, y, wp.vec2(a[0], a[1]), wp.vec2(b[0], b[1]))
             s += 1
         if inside:
             return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+import mujoco_warp as mjw
 import numpy as np
 
 from sceniris_gym.errors import ArgumentError
@@ -49,6 +50,7 @@ class Rendering:
         if self._camera is None:
             shots = {self.camera: Shot(self.size)}
             self._camera = Cameras(batch.scene, batch.model, batch.data, shots, _LOOKS, nworld=self.worlds)
+        mjw.kinematics(batch.model, batch.data)  # a user may have written positions since the last step
         self._camera.launch()
         return tuple(self._camera.images[self.camera]["rgb"].numpy())
 

@@ -60,7 +60,7 @@ def test_faces_are_those_of_what_collides_or_is_seen(tmp_path: Path):
     plate += ' face="0 2 1  0 3 2  0 1 4  1 2 5  1 5 4  2 3 5  3 4 5  3 0 4"/></asset>'
     body = '<geom type="mesh" mesh="plate" group="2" contype="0" conaffinity="0"/><geom type="box" size=".01 .01 .01"/>'
     objects = {
-        "sled": {"asset": write_mjcf(tmp_path, "sled", body, plate), "on": "floor"},
+        "sled": {"asset": write_mjcf(tmp_path, "sled", body, plate), "on": "floor", "stands": False},
         "ball": {"asset": write_mjcf(tmp_path, "ball", '<geom type="sphere" size=".02"/>'), "on": "floor"},
         "crate": {"asset": box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.1), "on": "floor"},
     }

@@ -137,7 +137,7 @@ def test_every_kind_of_geom_is_written(tmp_path: Path):
     """With the sizes that MuJoCo gives it; names with blanks become identifiers."""
     (tmp_path / "shapes.xml").write_text(SHAPES)
     words = {"model": str(tmp_path / "shapes.xml"), "floor": {"size": [1.0, 1.0]}}
-    compiled = compile_scene(words | {"objects": {"thing": {"body": "a thing", "on": "floor"}}}, "cpu")
+    compiled = compile_scene(words | {"objects": {"thing": {"body": "a thing", "on": "floor", "stands": False}}}, "cpu")
     stage, rows = opened(compiled, tmp_path / "out")
     data = put(compiled, rows[1])
     for name, kind in (("ball", "Sphere"), ("egg", "Sphere"), ("pill", "Capsule"), ("a_box", "Cube")):

@@ -51,7 +51,7 @@ def test_every_list_of_the_program_is_in_the_array_that_it_addresses(geometry: s
         "obj_draw": "draw_qposadr", "draw_choice": "choice", "obj_variant": "variant_cdf", "obj_body": "body_list",
         "obj_piece": "piece_list", "obj_shadow": "shadow_list", "obj_overhead": "overhead_list", "obj_rel": "rel_type",
         "obj_pair": "pair_a", "obj_broad": "broad_pair", "variant_tri": "tri_cdf", "rel_anchor": "rel_anchor",
-        "group_slot": "group_slot", "surface_edge": "edge_a", "piece_vert": "vert", "collider_point": "point",
+        "surface_edge": "edge_a", "piece_vert": "vert", "collider_point": "point",
         "body_jnt": "jnt_axis",
     }  # fmt: skip
     for name, values in lists.items():
@@ -59,6 +59,7 @@ def test_every_list_of_the_program_is_in_the_array_that_it_addresses(geometry: s
         assert (num >= 0).all(), name
         assert ((adr + num)[num > 0] <= len(a[values])).all(), name
         assert (adr[num > 0] >= 0).all(), name
+    assert (a["group"][:, :2].sum(axis=1) <= len(a["group_slot"])).all()
     roofs = pieces if geometry == "physics" else len(a["collider_body"])
     inside = {
         "body_list": bodies, "obj_body": bodies, "obj_ground": bodies, "piece_body": bodies, "collider_body": bodies,

@@ -35,8 +35,8 @@ def serve(scene: Mapping[str, Any], nworld: int, device: str | None) -> tuple[mu
     mocap = [a.numpy()[:, : mjm.nmocap].astype(float) for a in (layouts.mocap_pos, layouts.mocap_quat)]
     home_act = mjm.key("home").act
     rest = rest_map(mjm, compiled.scene.home_ctrl, home_act, "cpu")
-    rowadr, qposadr, coef = rest.rowadr.numpy(), rest.qposadr.numpy(), rest.coef.numpy()
-    values = np.tile(rest.bias.numpy().astype(float), (nworld, 1))
+    rowadr, qposadr, coef = rest.rowadr.numpy(), rest.qposadr.numpy(), rest.coef.numpy()[0]
+    values = np.tile(rest.bias.numpy()[0].astype(float), (nworld, 1))
     for e in range(mjm.nu + mjm.na):
         terms = slice(rowadr[e], rowadr[e + 1])
         values[:, e] += qpos[:, qposadr[terms]] @ coef[terms]

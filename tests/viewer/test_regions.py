@@ -65,7 +65,7 @@ def test_pivots_are_in_the_area_of_every_relation(tmp_path: Path):
     shapes = Shapes(tmp_path, airy=True)
     objects = {"a": near_middle(shapes.odd), "b": near_middle(shapes.bar, 0.8, 0.8)}
     words = [*(relation for relation, _ in ONE_ANCHOR.values()), {"between": ["a", "b"]}]
-    things = {f"q{i}": related(shapes.odd, relation) for i, relation in enumerate(words)}
+    things = {f"q{i}": {**related(shapes.odd, relation), "stands": False} for i, relation in enumerate(words)}
     compiled = compile_scene(SceneConfig.load({"floor": {"size": [2.0, 2.0]}, "objects": {**objects, **things}}), "cpu")
     deck = LayoutDeck(compiled, 1)
     for seed in range(5):

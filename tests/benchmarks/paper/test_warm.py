@@ -35,7 +35,7 @@ def test_every_kernel_is_of_some_kind(device: str):
     """Shares sum up to one, the largest first; a scene without relations has no regions to draw."""
     plain = shares(compiled_scene(PHYSICS, device), 64)
     related = shares(compiled_scene(HARD, device), 64)
-    assert set(plain) == {"draw", "prefilter", "collision", "accept", "rows and rounds"}
+    assert set(plain) == {"draw", "prefilter", "collision", "standing", "accept", "rows and rounds"}
     assert set(related) == {*plain, "containment", "regions"}
     for found in (plain, related):
         assert sum(found.values()) == pytest.approx(1.0)
