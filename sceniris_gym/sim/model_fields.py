@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls
-from sceniris_gym.sim.field_drawer import FieldDrawer
+from sceniris_gym.sim.field_drawer import FieldDrawer, MadeAhead
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -42,6 +48,8 @@ class ModelFields:
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
         self._followers: dict[type[Follower], Follower] = {}
+        self._ahead: MadeAhead | None = None
+        self._written = wp.zeros(1, dtype=int, device=m.qpos0.device)
         self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
@@ -69,6 +77,8 @@ class ModelFields:
             )
         array = self.wide(name, where)
         self.asked.add(name)
+        if any(name in kind.SOURCES for kind in FOLLOWERS):
+            self._written.fill_(1)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
@@ -103,13 +113,62 @@ class ModelFields:
             raise UnknownNameError("parameter", name, where, numbers)
         return numbers[name]
 
+    def make_ahead(self, source: LayoutSource, split: str) -> bool:
+        """Have what follows from the draws of the scene made ahead with the layouts of a source.
+
+        Variants are drawn in place, and so is what follows from a field that somebody asked for.
+
+        Args:
+            source: The source.
+            split: "train" or "eval".
+
+        Returns:
+            True if it will be.
+        """
+        sources = {name for kind in FOLLOWERS for name in kind.SOURCES}
+        draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
+        if self._drawer is None or not draws or self.varied or self._ahead is not None:
+            return False
+
+        def make(mask: wp.array, layouts: Layouts) -> None:
+            twin.launch_draw(mask, layouts.seed, layouts.episode, split)
+
+        in_place = source.make_beside(make)
+        if in_place is None:
+            return False
+        m, d = copy.copy(self._model), copy.copy(self._data)
+        m.opt = copy.copy(m.opt)
+        for name, values in self._nominal.items():
+            setattr(owner(m, name), name, wp.clone(values))
+        for name in ("ctrl", "act", "history"):
+            setattr(d, name, None)
+        twin = ModelFields(dataclasses.replace(self._scene, draws=draws), m, d, grow=True)
+        names = [name for kind in twin._followers for name in kind.OUTPUTS if getattr(m, name).size]
+        copied = [(getattr(self._model, name), getattr(m, name)) for name in names]
+        if HoldingControls in twin._followers:
+            copied += [(getattr(self.rest, name), getattr(twin.rest, name)) for name in ("coef", "bias")]
+        with wp.ScopedDevice(m.qpos0.device):
+            stale = wp.zeros(self._nworld, dtype=wp.bool)
+            self._ahead = MadeAhead(copied, in_place, self._written, stale, wp.zeros(1, dtype=int))
+        self._drawer = self._make_drawer()
+        return True
+
     def launch_draw(
         self, mask: wp.array, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
     ) -> None:
-        """Draw what the scene randomizes in the masked worlds; see `FieldDrawer.launch`."""
-        if self._drawer is not None:
-            self._drawer.launch(mask, seed, episode, split, rows)
+        """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
+        if self._drawer is None:
+            return
+        self._drawer.launch(mask, seed, episode, split, rows)
+        if self._ahead is None or rows is not None:
             self.launch_follow(mask)
+        else:
+            repeat_launches(self._ahead.left, self._launch_left, 1)
+
+    def _launch_left(self) -> None:
+        assert self._ahead is not None
+        self.launch_follow(self._ahead.stale)
+        self._ahead.left.zero_()
 
     def _make_drawer(self) -> FieldDrawer:
         """Return the drawer of the scene, and give all its fields a row for each world."""
@@ -122,7 +181,7 @@ class ModelFields:
                 if draw.word.field == "geom_rgba":
                     nominal[:, draw.rows] = seen[draw.rows]
             self._nominal["geom_rgba"].assign(nominal)
-        return FieldDrawer(draws, arrays, self._nominal, self._nworld)
+        return FieldDrawer(draws, arrays, self._nominal, self._nworld, self._ahead)
 
     @property
     def rows(self) -> dict[str, wp.array]:

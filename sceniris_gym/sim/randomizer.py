@@ -174,6 +174,8 @@ class ResetRandomizer(Fixed, StaysHere):
             self.variant = self.variants.variant
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._split = getattr(layout_source, "split", split)
+        if self._whole:
+            self.fields.make_ahead(layout_source, self._split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
