@@ -1,4 +1,4 @@
-"""What follows from drawn fields, made ahead with the next layouts."""
+"""Fields that follow from drawn ones, made ahead with the next layouts."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_a_reseeded_world_is_drawn_in_place(scene: CompiledScene):
 
 
 def test_nothing_is_copied_where_a_task_writes(scene: CompiledScene):
-    """What follows from a mass of one's own is found in the reset, also if the field is asked for later."""
+    """Inverse weights of a mass of one's own are found in the reset, also if the field is asked for later."""
     randomizer = make(scene, prefetch=True)
     randomizer.reset()
     mass = randomizer.model_field("body_mass", "lemon")
