@@ -6,7 +6,7 @@ The scene is `tabletop_lift` with draws of twenty fields: of its things, arm, gr
 Prints lines of JSON for the scene without draws, with a row of the same fields for each world, and with draws of which
 all that follows is made ahead and in place. These have microseconds of a step of four substeps, of the same step with
 an empty reset and with one of 2% of the worlds, and what that adds to an empty one, each as median, least and
-greatest of alternating rounds, and then what of it is more than without draws, and ratios of rates to those without.
+greatest of alternating rounds, and then what of it is more than in the first way, and ratios of rates to its rates.
 Steps begin in the same state every time; the first round is not counted. Then bytes of a world by field.
 """
 
@@ -65,6 +65,7 @@ DRAWS = {
     "robot": {"randomize": _ARM},
     "randomize": _SCENE,
 }
+_WAYS = ("without", "rows", "ahead", "in_place")
 _STEPS = 100
 _EVERY = 50
 """One world in so many is reset in a step, each of them in turn."""
@@ -77,13 +78,15 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=_STEPS)
     parser.add_argument("--device", default=None)
+    parser.add_argument("--ways", nargs="+", default=_WAYS, choices=_WAYS)
     words = parser.parse_args()
     wp.config.quiet = True
     n, worlds, starts = words.num_envs, {}, {}
     plain, drawn = (
         compile_scene(SceneConfig.load({"base": "tabletop_lift", **draws}), words.device) for draws in ({}, DRAWS)
     )
-    for name, compiled in {"without": plain, "rows": plain, "ahead": drawn, "in_place": drawn}.items():
+    for name in words.ways:
+        compiled = plain if name in ("without", "rows") else drawn
         batch = Batch(compiled.scene, n, compiled.device, substeps=4)
         for field in drawn_fields(drawn.scene.draws) if name == "rows" else ():
             batch.fields.wide(field)
@@ -104,7 +107,7 @@ def main() -> None:
             for which, given in masks.items():
                 mean = measured(batch, randomizer, given, starts[name], words.steps)
                 times.setdefault((name, which), []).append(mean)
-    of_plain = {which: float(np.median(times["without", which][1:])) for which in masks}
+    of_plain = {which: float(np.median(times[words.ways[0], which][1:])) for which in masks}
     for name in worlds:
         each = {which: np.array(times[name, which][1:]) for which in masks}
         each["reset_adds"] = each["reset"] - each["empty"]
@@ -113,7 +116,7 @@ def main() -> None:
         line |= {"reset_more_us": round(float(more), 1)}
         line |= {f"{which}s_per_s_ratio": round(of_plain[which] / float(np.median(each[which])), 3) for which in masks}
         print(json.dumps(line), flush=True)
-    sizes = {field: array.strides[0] for field, array in worlds["ahead"][0].fields.rows.items()}
+    sizes = {field: array.strides[0] for field, array in worlds[words.ways[-1]][0].fields.rows.items()}
     print(json.dumps({"draws": len(drawn.scene.draws), "fields": len(drawn_fields(drawn.scene.draws))}))
     print(json.dumps({"bytes_a_world": sizes, "sum": sum(sizes.values())}))
 

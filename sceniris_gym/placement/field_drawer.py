@@ -10,9 +10,8 @@ import warp as wp
 
 from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.quaternions import mul_quat
-from sceniris_gym.device.random import uniforms
+from sceniris_gym.device.random import name_hash, named_stream, uniforms
 from sceniris_gym.scene.draws import FieldDraw
-from sceniris_gym.sim.named_random import name_hash, named_stream
 
 wp.set_module_options({"enable_backward": False})
 
@@ -191,8 +190,9 @@ def _draw_fields(
             stale_out[worldid] = mask[worldid] and (in_place[worldid] or written[0] != 0)
             if stale_out[worldid]:
                 left_out[0] = 1
-    if not mask[worldid]:
-        return
+    if mask:
+        if not mask[worldid]:
+            return
     row = int(worldid)
     if rows:
         row = rows[worldid]
@@ -251,12 +251,12 @@ class FieldDrawer:
         self.numbers = {draw.name: numbers[:, first[k] : first[k + 1]] for k, draw in enumerate(draws)}
 
     def launch(
-        self, mask: wp.array, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
+        self, mask: wp.array | None, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
     ) -> None:
         """Draw the fields of the masked worlds; those of an unknown episode, below 0, keep theirs.
 
         Args:
-            mask: Which worlds, shape (nworld,), bool.
+            mask: Which worlds, shape (nworld,), bool; all if None.
             seed: Seeds, shape (nrow,), uint64.
             episode: Episodes, shape (nrow,), int32.
             split: "train" or "eval".
@@ -264,7 +264,7 @@ class FieldDrawer:
         """
         inputs = [LANES, mask, rows, seed, episode, wp.uint32(named_stream(split)), self._items, self._choices]
         dim, inputs, outputs = (self._nworld, LANES), [*inputs, self._fields, *self._ahead[:2]], self._ahead[2:]
-        wp.launch(_draw_fields, dim, inputs=inputs, outputs=outputs, device=mask.device)
+        wp.launch(_draw_fields, dim, inputs=inputs, outputs=outputs, device=seed.device)
 
 
 def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) -> tuple[list[Item], list[float]]:
