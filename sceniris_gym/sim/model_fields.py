@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from typing import Any
 
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.randomize import OBJECT_WORDS
 from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.layouts import Layouts
@@ -18,9 +20,31 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls
+from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls, components
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
+
+wp.set_module_options({"enable_backward": False})
+
+_NAMED = "named_by_put_model"
+"""Attribute of a Model with the fields that `put_model` was asked for."""
+_WORDS = {word.field: word for word in OBJECT_WORDS.values()}
+
+
+@wp.kernel
+def _scale(
+    first: int,
+    # In:
+    mask: wp.array[wp.bool],
+    factor: wp.array[float],
+    nominal: wp.array3d[float],
+    # Out:
+    field_out: wp.array3d[float],
+):
+    worldid, i, k = wp.tid()
+    if mask[worldid]:
+        value = nominal[worldid % nominal.shape[0], i, first + k]
+        field_out[worldid, i, first + k] = factor[worldid] * value
 
 
 class ModelFields:
@@ -54,6 +78,8 @@ class ModelFields:
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
         self._drawer = self._make_drawer() if scene.draws else None
+        for name in getattr(m, _NAMED, ()):
+            self.ask(name, where="put_model")
 
     def ask(self, name: str, of: str | None = None, *, where: str = "model_field") -> wp.array:
         """Return a field with a row for each world, or the part of it that belongs to a name; all views of one array.
@@ -76,6 +102,8 @@ class ModelFields:
                 "in Task.bind, or before the first reset."
             )
         array = self.wide(name, where)
+        for other, _, _ in _followers(name):
+            self.wide(other, where, name)
         self.asked.add(name)
         if any(name in kind.SOURCES for kind in FOLLOWERS):
             self._written.fill_(1)
@@ -88,12 +116,43 @@ class ModelFields:
             made = wp.clone(array[:1]) if array.size else array
             self._nominal[name] = self.varied.get(name, made)
             self._widen(name, source or name, where)
+            self._known[name] = getattr(owner(self._model, name), name)
             for kind in FOLLOWERS:
                 if name in kind.SOURCES and kind not in self._followers:
                     for output in kind.OUTPUTS:
                         self.wide(output, where, name)
                     self._followers[kind] = kind(self._scene.mjm, self._model, self._data, self.rest)
         return getattr(owner(self._model, name), name)
+
+    def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
+        """Set part of a field to its nominal values times a factor of each world, in the masked worlds.
+
+        As with the word `scale` of a scene file, friction is that of sliding, colours keep their transparency, inertias
+        follow masses, and gains of the bias follow those of actuators.
+
+        Args:
+            name: A field that was asked for.
+            of: An element, object or robot: see `field_rows`.
+            factor: Factors, a Warp array or torch tensor on the device, shape (nworld,), float32.
+            mask: Which worlds, shape (nworld,), bool.
+            where: The caller, for errors.
+
+        Raises:
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors of another shape.
+        """
+        if self.ask(name, of, where=where).dtype in (wp.int32, wp.bool):
+            raise ArgumentError(f"{where}: '{name}' has no numbers to scale. Write into model_field('{name}').")
+        factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
+        if factors.shape != (self._nworld,):
+            raise ArgumentError(f"{where}: factor should have shape ({self._nworld},), got {factors.shape}.")
+        rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
+        rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
+        word = _WORDS.get(name)
+        own = (name, 0, None) if word is None else (name, word.first, word.shared or word.width)
+        for field, first, count in (own, *_followers(name)):
+            nominal, array = (components(each)[:, rows] for each in (self._nominal[field], self.wide(field)))
+            dim = (self._nworld, array.shape[1], count or array.shape[2])
+            wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
 
     def nominal(self, name: str) -> wp.array:
         """Return the values of the model as it was made, of a field that was asked for, shape (1, ...).
@@ -200,10 +259,9 @@ class ModelFields:
         if self._closed:
             return
         self._closed = True
-        names = FIELDS if self._grow else self._nominal
-        self._known = {
-            name: array for name in names if (array := getattr(owner(self._model, name), name, None)) is not None
-        }
+        for name in FIELDS if self._grow else ():
+            if (array := getattr(owner(self._model, name), name, None)) is not None:
+                self._known.setdefault(name, array)
 
     def check(self) -> None:
         """Check that no array of the Model was replaced.
@@ -238,17 +296,24 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
+    named = [*fields, *(other for name in fields for other, _, _ in _followers(name))]
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.sim_mjm)
         for name in fields_of_variants() if compiled.config.variants else ():
             widen(m, name, nworld)
-        for name in (*drawn_fields(compiled.scene.sim.draws), *fields):
+        for name in (*drawn_fields(compiled.scene.sim.draws), *named):
             check_field(name, compiled.sim_mjm, "put_model")
             widen(m, name, nworld)
             for kind in FOLLOWERS:
                 for output in kind.OUTPUTS if name in kind.SOURCES else ():
                     widen(m, output, nworld)
+    setattr(m, _NAMED, fields)
     return m
+
+
+def _followers(name: str) -> tuple[tuple[str, int, int], ...]:
+    """Return the fields that keep their ratio to one that is scaled; see `Word.follow`."""
+    return _WORDS[name].follow if name in _WORDS else ()
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
