@@ -154,13 +154,6 @@ class ModelFields:
             dim = (self._nworld, array.shape[1], count or array.shape[2])
             wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
 
-    def nominal(self, name: str) -> wp.array:
-        """Return the values of the model as it was made, of a field that was asked for, shape (1, ...).
-
-        Where variants of objects differ, they have a row for each world.
-        """
-        return self._nominal[name]
-
     def parameter(self, name: str, where: str) -> wp.array:
         """Return the numbers that a draw of the scene's `randomize` has taken, shape (nworld, n).
 

@@ -37,7 +37,7 @@ def make(small_scene, rows) -> Callable[..., ResetRandomizer]:
 def scaled(randomizer: ResetRandomizer, name: str, mask: np.ndarray) -> None:
     """Scale a field in the masked worlds by numbers drawn by its name."""
     array, factor = randomizer.model_field(name).numpy(), 0.5 + randomizer.random(name).numpy()
-    nominal = randomizer.fields.nominal(name).numpy()
+    nominal = np.reshape(getattr(randomizer.compiled.mjm, name), (1, *array.shape[1:]))
     values = nominal * factor.reshape(-1, *[1] * (array.ndim - 1))
     array[mask] = values[mask]  # NumPy's view of the memory of a CPU
 
