@@ -405,8 +405,11 @@ def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: 
     env = fresh_training(page["compiled"])
     other = object.__new__(Other)
     other.__dict__.update(vars(page["env"]))
-    with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\), since Other"):
+    wrong = r"observe should be a function of \(data, info\)\..* _get_obs\(data, info\), which Other lacks"
+    with pytest.raises(ArgumentError, match=wrong):
         env(other, episode_length=LENGTH, action_repeat=1)
+    with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\)"):
+        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data: data.qpos)
 
 
 def test_the_program_of_the_page_trains_ten_iterations(page: dict[str, Any]):
