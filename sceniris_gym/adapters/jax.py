@@ -159,12 +159,9 @@ class FreshAutoReset:
         state, worlds = self.env.reset(key), rng.shape[:1]
         episode = jnp.zeros(worlds, jnp.int32)
         data, obs, fallback = self._start(state.data, state.info, _words(seed), episode, jnp.ones(worlds, bool))
-        same = jax.tree.map(lambda a, b: a.shape == b.shape and a.dtype == b.dtype, obs, state.obs)
-        if not jax.tree.all(same):
-            raise ArgumentError(
-                "FreshAutoReset: observe should return observations like those of the environment's reset, "
-                f"{jax.tree.map(jnp.shape, state.obs)}, got {jax.tree.map(jnp.shape, obs)}."
-            )
+        found, wanted = (jax.tree.map(lambda array: f"{array.dtype}{array.shape}", each) for each in (obs, state.obs))
+        if found != wanted:
+            raise ArgumentError(f"FreshAutoReset: observe should return what the reset does, {wanted}, got {found}.")
         info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
         state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})
         state.info.update(layout_seed=_words(seed), layout_episode=episode, layout_fallback=fallback)

@@ -80,10 +80,9 @@ def _write_joints(
         return
     if joint_type[joint] != _FREE and mocapid[i] < 0:
         for k in range(q_start[joint + 1] - first):
-            reference = float(0.0)
+            joint_q[first + k] = qpos[worldid, adr + k]
             if dof_ref:
-                reference = dof_ref[qd_start[joint] + k]
-            joint_q[first + k] = qpos[worldid, adr + k] - reference
+                joint_q[first + k] -= dof_ref[qd_start[joint] + k]
         return
 
     pose = wp.transform_identity()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any
 
 import mujoco
@@ -49,10 +50,10 @@ class Places:
 
     def __init__(self, problem: Problem, surface: str, space: Workspace, spec: mujoco.MjSpec, widen: float) -> None:
         self._problem, self._surface, self._space, self._spec, self._widen = problem, surface, space, spec, widen
-        self._yaw = {name: kind.yaw for name, kind in kinds_of(problem).items()}
+        self._yaw = {name: np.array(kind.yaw) for name, kind in kinds_of(problem).items()}
         for word, (name, *names) in ((predicate.word, predicate.names) for predicate in problem.init):
             if word == "On" and name in problem.fixtures and (region := problem.regions.get(names[0])):
-                self._yaw[name] = tuple(np.degrees(region.yaw))
+                self._yaw[name] = np.degrees(region.yaw)
         self._mjm = compile_spec(spec, str(problem.path))
         self._data = mujoco.MjData(self._mjm)
         mujoco.mj_kinematics(self._mjm, self._data)
@@ -62,23 +63,24 @@ class Places:
 
     def words(self, added: list[str]) -> dict[str, Any]:
         """Return the words of all objects by name; those of `added` stand anywhere around the rectangles."""
-        found: dict[str, dict[str, Any]] = {}
+        placing = [predicate for predicate in self._problem.init if predicate.word in ("On", "In")]
+        count = Counter(predicate.names[0] for predicate in placing)
+        for name in self._yaw:
+            if count[name] != 1 and name not in added:
+                raise SceneKeyError(
+                    f"{self._problem.places[name]}: '{name}' should have one place in ':init', such as (On {name} "
+                    f"REGION); has {count[name]}."
+                )
+        found = {predicate.names[0]: self._place(predicate) for predicate in placing}
         for predicate in self._problem.init:
-            if predicate.word in ("On", "In"):
-                found[predicate.names[0]] = self._place(predicate)
-        for predicate in self._problem.init:
-            if predicate.word not in ("On", "In"):
+            if predicate not in placing:
                 name, joints = self._state(predicate)
-                found.get(name, {}).setdefault("joints", {}).update(joints)
+                found[name].setdefault("joints", {}).update(joints)
         regions = self._problem.regions.values()
         boxes = [box for r in regions for box in r.boxes if r.target == self._surface] or [_EVERYWHERE]
         for name in added:
             low, high = np.min(boxes, axis=0)[:2] - _AROUND, np.max(boxes, axis=0)[2:] + _AROUND
             found[name] = self._on_surface(name, np.array([low, high])) | {"ratio_on_support": 1}
-        for name in self._yaw:
-            if name not in found:
-                where = self._problem.places[name]
-                raise SceneKeyError(f"{where}: '{name}' should have a place in ':init', such as (On {name} REGION).")
         return found
 
     def _place(self, predicate: Predicate) -> dict[str, Any]:
@@ -134,26 +136,24 @@ class Places:
         corners = site.pos[:2] + np.array([-half, half])
         return {word.lower(): site.parent.name, **self._within(name, self._relative(name, region.target), corners)}
 
-    def _within(self, name: str, yaw: tuple[float, float], corners: np.ndarray | None = None) -> dict[str, Any]:
+    def _within(self, name: str, yaw: np.ndarray, corners: np.ndarray | None = None) -> dict[str, Any]:
         """Return the words of a thing with these headings, whose origin is in a rectangle, shape (2, 2)."""
         kind = {"kind": "fixture"} if name in self._problem.fixtures else {}
         region = {} if corners is None else {"region": {"box": _rounded(corners + self._pivot(name, yaw))}}
         return {**kind, "orientation": {"yaw": _rounded(yaw)}, **region}
 
-    def _relative(self, name: str, target: str) -> tuple[float, float]:
+    def _relative(self, name: str, target: str) -> np.ndarray:
         """Return the headings of a thing relative to another one in the middle of its own headings."""
-        low, high = self._yaw[name]
-        turn = math.remainder(0.5 * (low + high) - 0.5 * sum(self._yaw[target]), 360.0)
-        half = 0.5 * (high - low)
-        return turn - half, turn + half
+        yaw = self._yaw[name]
+        return yaw - yaw.mean() + math.remainder(yaw.mean() - self._yaw[target].mean(), 360.0)
 
-    def _pivot(self, name: str, yaw: tuple[float, float]) -> np.ndarray:
+    def _pivot(self, name: str, yaw: np.ndarray) -> np.ndarray:
         """Return where the pivot is, from the origin that LIBERO places, in the middle of the headings [m]."""
         root = self._mjm.body(name).id
         inside = subtree(self._mjm, root)
         shape = HomeShape(self._data, root, [p for p in self._pieces if p.body in inside])
         x, y = shape.variant(np.array([1.0, 0.0, 0.0, 0.0])).pivot[:2]
-        angle = math.radians(0.5 * sum(yaw))
+        angle = math.radians(yaw.mean())
         return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
 
     def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
@@ -163,6 +163,8 @@ class Places:
         found = self._spec.body(name).find_all("joint")
         if region is not None:
             found = self._site(region, predicate.where).parent.joints
+        if not found:
+            raise SceneKeyError(f"{predicate.where}: '{predicate.names[0]}' should be a part that moves, or '{name}'.")
         return name, {joint.name.removeprefix(f"{name}/"): {"range": list(positions)} for joint in found}
 
     def _site(self, region: Region, where: str) -> mujoco.MjsSite:

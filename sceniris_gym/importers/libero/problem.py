@@ -30,6 +30,9 @@ class Group(list):
 
     where = ""
 
+    def __repr__(self) -> str:
+        return f"({' '.join(str(part) for part in self)})"
+
 
 @dataclass(frozen=True)
 class Predicate:
@@ -147,19 +150,20 @@ def _parsed(text: str, file: Path) -> Group:
     """Return the first group of a text; words and groups keep their places."""
     top = Group()
     stack = [top]
-    for found in _TOKEN.finditer(text):
-        token, where = found[0], f"{file}:{text.count(chr(10), 0, found.start()) + 1}"
-        if token == "(":
-            stack.append(Group())
-            stack[-1].where = where
-            stack[-2].append(stack[-1])
-        elif token == ")":
-            if len(stack) == 1:
-                raise SceneFileError(f"{where}: this ')' should be left out: it closes nothing.")
-            stack.pop()
-        elif not token.startswith(";"):
-            stack[-1].append(word := Word(token))
-            word.where = where
+    for number, line in enumerate(text.split("\n"), 1):
+        for token in _TOKEN.findall(line):
+            where = f"{file}:{number}"
+            if token == "(":
+                stack.append(Group())
+                stack[-1].where = where
+                stack[-2].append(stack[-1])
+            elif token == ")":
+                if len(stack) == 1:
+                    raise SceneFileError(f"{where}: this ')' should be left out: it closes nothing.")
+                stack.pop()
+            elif not token.startswith(";"):
+                stack[-1].append(word := Word(token))
+                word.where = where
     if len(stack) > 1:
         raise SceneFileError(f"{stack[-1].where}: the '(' of this line should be closed by a ')'.")
     if not top or not isinstance(top[0], Group) or top[0][:1] != ["define"]:
@@ -243,7 +247,7 @@ def _goal(groups: Group) -> Iterator[Predicate]:
 
 
 def _predicate(group: Group | Word) -> Predicate:
-    head, *names = [str(word) for word in group] if isinstance(group, Group) and group else [str(group)]
+    head, *names = map(str, group if isinstance(group, Group) and group else [group])
     word = {name.lower(): name for name in PREDICATES}.get(head.lower())
     if word is None:
         raise UnknownNameError("predicate", head, group.where, [*PREDICATES, "And"])

@@ -95,7 +95,7 @@ def read_bddl(
         words["groups"] = {_CLUTTER: {"of": list(added), "count": clutter}}
     place_on(spec, words)
     if robot is not None:
-        words["robot"] = {"base": space.base, **({"asset": robot} if isinstance(robot, str) else robot)}
+        words["robot"] = {"base": space.base, **(robot if isinstance(robot, Mapping) else {"asset": robot})}
     return LiberoTask(SceneConfig.load({"name": problem.path.stem, "model": spec, **words}), problem)
 
 

@@ -84,10 +84,9 @@ def _with_unique_names(text: str) -> str:
     """Return MJCF in which no two elements of one kind in `<asset>` have one name: MuJoCo reads no such file."""
     root = ElementTree.fromstring(text)
     seen: Counter[tuple[str, str]] = Counter()
-    for element in (element for asset in root.iter("asset") for element in asset):
-        name = element.get("name")
-        if name is not None:
-            seen[element.tag, name] += 1
-            if (number := seen[element.tag, name]) > 1:
-                element.set("name", f"{name}_{number}")
+    for element in (element for asset in root.iter("asset") for element in asset if element.get("name")):
+        key = element.tag, element.attrib["name"]
+        seen[key] += 1
+        if seen[key] > 1:
+            element.set("name", f"{key[1]}_{seen[key]}")
     return ElementTree.tostring(root, encoding="unicode")
