@@ -72,9 +72,8 @@ def _write_joints(
         joint_qd[k] = 0.0
     if joint_type[joint] == _BALL:
         x = qpos[worldid]
-        drawn = wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr])
         turn = wp.transform_get_rotation(x_c[joint])
-        rotation = wp.quat_inverse(turn) * drawn * turn
+        rotation = wp.quat_inverse(turn) * wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr]) * turn
         for k in range(4):
             joint_q[first + k] = rotation[k]
         return
@@ -141,7 +140,10 @@ class NewtonRandomizer(StaysHere):
         split: str = "train",
         layout_source: LayoutSource | None = None,
     ) -> None:
-        check_type(compiled, CompiledScene, "NewtonRandomizer: compiled")
+        arguments = [(compiled, CompiledScene, "compiled"), (model, newton.Model, "model")]
+        arguments += [(state, newton.State, "states") for state in states or (None,)]
+        for argument, kind, name in arguments:
+            check_type(argument, kind, f"NewtonRandomizer: {name}")
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
         if data is None or solver.use_mujoco_cpu or data.nworld != nworld:
             raise ArgumentError(

@@ -85,9 +85,8 @@ class RequestedLayouts(StaysHere):
                 shape (nworld, nmocap), vec3; their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap); and
                 the rows whose layout came from the bank, shape (nworld,), bool.
         """
-        generator, view = self._generator, self._generator.layouts.view
-        nworld, device = generator.nworld, mask.device
-        wp.launch(_request, nworld, inputs=[seed, episode], outputs=[view], device=device)
+        generator, view, device = self._generator, self._generator.layouts.view, mask.device
+        wp.launch(_request, generator.nworld, inputs=[seed, episode], outputs=[view], device=device)
         generator.generate(mask)
-        dim = (nworld, max(outputs[0].shape[1], outputs[1].shape[1], 1))
+        dim = (generator.nworld, max(outputs[0].shape[1], outputs[1].shape[1], 1))
         wp.launch(_hand_over, dim, inputs=[*self._home, mask, view], outputs=list(outputs), device=device)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, MaskError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -245,7 +245,7 @@ def test_a_captured_reset_gives_the_same_states(parts: tuple[Any, Any, CompiledS
 
 
 def test_other_models_are_refused():
-    """Worlds that differ, worlds apart, a solver on MuJoCo C, a start that the scene does not know, a wrong mask."""
+    """Worlds that differ or are apart, a solver on MuJoCo C, an unknown start, and arguments and masks of other types."""
     model, solver = room()
     compiled = compile_scene({"model": solver.mj_model, **SCENE}, DEVICE)
     apart, apart_solver = room(spacing=(2.0, 0.0, 0.0))
@@ -269,6 +269,9 @@ def test_other_models_are_refused():
     with pytest.raises(ArgumentError, match="use_mujoco_cpu=False"):
         NewtonRandomizer(compiled, model, on_cpu, model.state())
     model, solver = room()
+    for args, name in (((model, solver), "states"), ((solver, model, model.state()), "model")):
+        with pytest.raises(ArgumentTypeError, match=rf"NewtonRandomizer: {name} should be a"):
+            NewtonRandomizer(compiled, *args)
     with pytest.raises(MaskError, match=r"shape \(5,\)"):
         NewtonRandomizer(compiled, model, solver, model.state()).reset(np.ones(3, bool))
 
