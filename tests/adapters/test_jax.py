@@ -413,7 +413,7 @@ def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: 
     with pytest.raises(ArgumentError, match=wrong):
         env(other, episode_length=LENGTH, action_repeat=1)
     with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\)"):
-        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data: data.qpos)
+        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data: data)  # pyright: ignore[reportArgumentType]
 
 
 def test_the_program_of_the_page_trains_ten_iterations(page: dict[str, Any]):

@@ -245,7 +245,7 @@ def test_a_captured_reset_gives_the_same_states(parts: tuple[Any, Any, CompiledS
 
 
 def test_other_models_are_refused():
-    """Worlds that differ or are apart, a solver on MuJoCo C, an unknown start, and arguments and masks of other types."""
+    """Worlds that differ or are apart, a solver on MuJoCo C, an unknown start, and arguments of other types."""
     model, solver = room()
     compiled = compile_scene({"model": solver.mj_model, **SCENE}, DEVICE)
     apart, apart_solver = room(spacing=(2.0, 0.0, 0.0))
