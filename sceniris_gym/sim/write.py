@@ -60,7 +60,7 @@ def addresses_of(
 
 @wp.func
 def row_of(worldid: int, rows: wp.array[int]) -> int:
-    """Return the row of layouts that a world gets: the one that `rows` names, or that of its own number without them."""
+    """Return the row of layouts that a world gets: that of its own number, unless there are `rows`."""
     row = worldid
     if rows:
         row = rows[worldid]
