@@ -3,11 +3,12 @@
     python -m benchmarks.variants --num-envs 4096 --device cuda:0
 
 There is a scene of fixed things for each variant, which has it and the next two, so that all of them together have
-every thing as often as the worlds with variants do. The scenes take turns; the first round is not counted. A line of
-JSON for each scene has physics steps/s of all worlds, what a reset of 2% of them in a control step of four physics
-steps adds to it (layouts made ahead), the number of geoms and of their pairs, and the room for contacts and rows. The
-last line compares: `steps` of the scene with variants over those of the mean of the others, and the microseconds that
-its resets add beyond theirs, each as median, least and greatest of the rounds.
+every thing as often as the worlds with variants do. Each of them is measured in a process of its own, in turns with the
+scene with variants; the first round is not counted. Its line of JSON has for both scenes physics steps/s of all worlds,
+the microseconds that a reset of 2% of them adds to a control step of four physics steps (layouts made ahead), the
+number of geoms and of their pairs, and the room for contacts and rows. `ratio` is that of steps with variants over
+steps without, and `reset_adds_us` by how much more their reset adds, each as median, least and greatest of the rounds.
+The last line has median, least and greatest of the pairs' medians.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 import tyro
 import warp as wp
 
+from benchmarks.resets_table import HERE, measured
 from benchmarks.timing import spread
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
@@ -39,7 +41,7 @@ class Options:
     Attributes:
         num_envs: number of worlds
         things: assets of the variants
-        fixed: number of scenes of fixed things
+        pair: measure this scene of fixed things alone, beside that with variants; by default all of them
         rounds: turns that are counted
         steps: control steps of a turn, a multiple of 50
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
@@ -47,7 +49,7 @@ class Options:
 
     num_envs: int = 4096
     things: tuple[str, ...] = THINGS
-    fixed: int = len(THINGS)
+    pair: int | None = None
     rounds: int = 5
     steps: int = 100
     device: str | None = None
@@ -71,7 +73,7 @@ class Worlds:
         self._masks = [wp.array(numbers == turn, dtype=wp.bool, device=device) for turn in range(_EVERY)]
         self._nobody = wp.zeros(options.num_envs, dtype=wp.bool, device=device)
         m, d = self.batch.model, self.batch.data
-        self.about = {"things": things, "geoms": m.ngeom, "pairs": len(m.nxn_geom_pair_filtered)}
+        self.about = {"geoms": m.ngeom, "pairs": len(m.nxn_geom_pair_filtered)}
         self.about |= {"nconmax": d.naconmax // d.nworld, "njmax": d.njmax}
         self.randomizer.reset()
         for _ in range(20):
@@ -96,21 +98,35 @@ class Worlds:
         return (time.perf_counter() - start) / steps
 
 
-def main(options: Options) -> None:
-    """Let all scenes take turns, and print a line for each, and one that compares."""
+def measure(options: Options, pair: int) -> dict[str, Any]:
+    """Let the scene with variants and one of fixed things take turns."""
     wp.config.quiet = True
     things = options.things
-    mixed: list[list[Any]] = [[things[(k + i) % len(things)] for i in range(3)] for k in range(options.fixed)]
-    ours = Worlds([list(things)] * 3, options)
-    worlds = [ours, *(Worlds(chosen, options) for chosen in mixed)]
-    found = np.array([[one.turn(options.steps) for one in worlds] for _ in range(options.rounds + 1)])[1:]
-    for i, one in enumerate(worlds):
-        told = {"steps_per_s": spread(found[:, i, 0], 0), "reset_adds_us": spread(found[:, i, 1], 1)}
-        print(json.dumps(one.about | told), flush=True)
-    steps = found[:, 0, 0] * (1.0 / found[:, 1:, 0]).mean(axis=1)
-    resets = found[:, 0, 1] - found[:, 1:, 1].mean(axis=1)
-    about = {"num_envs": options.num_envs, "device": str(ours.batch.device), "rounds": options.rounds}
-    print(json.dumps({"steps": spread(steps), "reset_adds_us": spread(resets, 1), **about}), flush=True)
+    mixed = [things[(pair + i) % len(things)] for i in range(3)]
+    worlds = {"variants": Worlds([list(things)] * 3, options), "fixed": Worlds(list(mixed), options)}
+    turns = [[one.turn(options.steps) for one in worlds.values()] for _ in range(options.rounds + 1)]
+    steps, resets = np.moveaxis(np.array(turns[1:]), 2, 0)
+    line: dict[str, Any] = {"pair": pair, "things": mixed, "ratio": spread(steps[:, 0] / steps[:, 1])}
+    line["reset_adds_us"] = spread(resets[:, 0] - resets[:, 1], 1)
+    for i, (name, one) in enumerate(worlds.items()):
+        told = {"steps_per_s": spread(steps[:, i], 0), "reset_adds_us": spread(resets[:, i], 1)}
+        line[name] = {**one.about, **told}
+    return line
+
+
+def main(options: Options) -> None:
+    """Measure one pair or all of them, and print a line for each, and one for all."""
+    if options.pair is not None:
+        print(json.dumps(measure(options, options.pair)), flush=True)
+        return
+    words = ["--num-envs", str(options.num_envs), "--rounds", str(options.rounds), "--steps", str(options.steps)]
+    words += ["--things", *options.things, *(["--device", options.device] if options.device else [])]
+    lines = []
+    for pair in range(len(options.things)):
+        lines += measured(HERE, "variants", *words, "--pair", str(pair))
+        print(json.dumps(lines[-1]), flush=True)
+    medians = {name: spread([line[name]["median"] for line in lines]) for name in ("ratio", "reset_adds_us")}
+    print(json.dumps({**medians, "num_envs": options.num_envs, "rounds": options.rounds}), flush=True)
 
 
 if __name__ == "__main__":
