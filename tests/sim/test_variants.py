@@ -143,6 +143,24 @@ def test_stored_layouts_bring_their_variants(compiled: CompiledScene):
     assert all(before[name][1].tobytes() == values[1].tobytes() for name, values in state(batch).items())
 
 
+def test_layouts_have_the_pose_of_the_variant_that_is_there(compiled: CompiledScene):
+    """By the name of the object, free or fixture: where its body is simulated."""
+    batch, randomizer = simulated(compiled)
+    for name in ("target", "stand"):
+        pose, body = randomizer.layouts.pose(name).numpy(), compiled.scene.sim.bodies[name]
+        np.testing.assert_allclose(pose[:, :3], batch.data.xpos.numpy()[:, body], atol=1e-6)
+        np.testing.assert_allclose(
+            np.abs((pose[:, 3:] * batch.data.xquat.numpy()[:, body]).sum(axis=1)), 1.0, atol=1e-6
+        )
+
+
+def test_rejections_are_told_by_variant(compiled: CompiledScene):
+    """Each of them has counts of its own."""
+    _, randomizer = simulated(compiled)
+    counts = randomizer.rejection_counts()
+    assert set(counts) >= {f"target/{name}" for name in THINGS} | {f"stand/{name}" for name in STANDS}
+
+
 def test_one_world_has_one_variant_at_a_time(compiled: CompiledScene):
     """A single world, whose model has one row anyway, rests on the table with whatever it gets."""
     batch, randomizer = simulated(compiled, 1)
