@@ -17,12 +17,11 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.given import State
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
-from sceniris_gym.layout.redraw import Redraw
+from sceniris_gym.layout.redraw import Redraw, State
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.collision import launch_test_collisions

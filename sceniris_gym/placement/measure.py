@@ -56,56 +56,22 @@ def measure(
 @wp.func
 def _extent(
     program: Program,
-    pieces: wp.array[int],
-    adr: int,
-    num: int,
+    obj: int,
     axis: wp.vec3,
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec2:
-    """Return the least and greatest coordinate [m] of posed pieces along a unit vector of the world."""
+    """Return the least and greatest coordinate [m] of a posed object along a unit vector of the world."""
     low = float(1.0e30)
     high = float(1.0e30)  # negated
-    for i in range(num):
-        piece = pieces[adr + i]
+    for i in range(program.obj_piecenum[obj]):
+        piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
         along = wp.transpose(quat_mat(body_quat[body])) * axis
         at = wp.dot(body_pos[body], axis)
         low = wp.min(low, at + lowest(program, piece, along))
         high = wp.min(high, lowest(program, piece, -along) - at)
     return wp.vec2(low, -high)
-
-
-@wp.func
-def bounds_of_pieces(
-    program: Program,
-    pieces: wp.array[int],
-    adr: int,
-    num: int,
-    place: wp.vec4,
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
-) -> wp.vec4:
-    """Return the bounds (low x, low y, high x, high y) [m] of posed pieces around a pivot, in its heading.
-
-    Args:
-        program: The program.
-        pieces: A list of pieces, of which those from `adr` to `adr + num` count.
-        adr: The first one.
-        num: Their number.
-        place: (x, y, z, heading) of the pivot.
-        body_pos: Positions of all bodies [m], world frame.
-        body_quat: Their orientations, wxyz.
-    """
-    to = unit_circle(place[3])
-    ahead = wp.vec3(to[0], to[1], 0.0)
-    across = wp.vec3(-ahead[1], ahead[0], 0.0)
-    pivot = wp.vec3(place[0], place[1], 0.0)
-    x = _extent(program, pieces, adr, num, ahead, body_pos, body_quat)
-    y = _extent(program, pieces, adr, num, across, body_pos, body_quat)
-    px = wp.dot(pivot, ahead)
-    py = wp.dot(pivot, across)
-    return wp.vec4(x[0] - px, y[0] - py, x[1] - px, y[1] - py)
 
 
 @wp.func
@@ -120,5 +86,12 @@ def bounds_of(
 
     `place` is (x, y, z, heading) of the pivot.
     """
-    adr = program.obj_pieceadr[obj]
-    return bounds_of_pieces(program, program.piece_list, adr, program.obj_piecenum[obj], place, body_pos, body_quat)
+    to = unit_circle(place[3])
+    ahead = wp.vec3(to[0], to[1], 0.0)
+    across = wp.vec3(-ahead[1], ahead[0], 0.0)
+    pivot = wp.vec3(place[0], place[1], 0.0)
+    x = _extent(program, obj, ahead, body_pos, body_quat)
+    y = _extent(program, obj, across, body_pos, body_quat)
+    px = wp.dot(pivot, ahead)
+    py = wp.dot(pivot, across)
+    return wp.vec4(x[0] - px, y[0] - py, x[1] - px, y[1] - py)

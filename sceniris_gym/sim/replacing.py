@@ -12,10 +12,9 @@ import warp as wp
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ArgumentError, NotSupportedError
 from sceniris_gym.layout.generate import make_redraw
-from sceniris_gym.layout.given import State
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.masks import fill_mask
-from sceniris_gym.layout.redraw import Redraw
+from sceniris_gym.layout.redraw import Redraw, State
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.part import chosen_objects
 from sceniris_gym.sim.rest import RestMap
