@@ -52,7 +52,7 @@ class State(NamedTuple):
 
 @wp.struct
 class _Given:
-    """What is read of a state, and how it is posed beyond what `Program` knows."""
+    """The parts of a state that are read, and joints that `Program` does not know."""
 
     body_free: wp.array[int]  # address of the pose of its freejoint, or -1
     body_ball: wp.array[int]  # address of the orientation of its ball joint, or -1

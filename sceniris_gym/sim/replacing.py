@@ -24,6 +24,15 @@ from sceniris_gym.sim.write import Poses, StateWriter
 wp.set_module_options({"enable_backward": False})
 
 
+class _Prepared(NamedTuple):
+    """The redraws of some objects: the search, what writes its result, the trees that it wakes, and all launches."""
+
+    redraw: Redraw
+    writer: StateWriter
+    trees: wp.array
+    sequence: LaunchSequence
+
+
 @wp.kernel
 def _count(
     mask: wp.array[wp.bool],
@@ -44,15 +53,6 @@ def _count(
         wp.atomic_add(kept_out, 0, 1)
     for i in range(trees.shape[0]):
         tree_awake_out[worldid, trees[i]] = 1  # the next step wakes what sleeps together with it
-
-
-class _Prepared(NamedTuple):
-    """The redraws of some objects: the search, what writes its result, the trees that it wakes, and all launches."""
-
-    redraw: Redraw
-    writer: StateWriter
-    trees: wp.array
-    sequence: LaunchSequence
 
 
 class Replacer:
