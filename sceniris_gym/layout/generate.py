@@ -21,7 +21,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
-from sceniris_gym.layout.redraw import Redraw, State
+from sceniris_gym.layout.redraw import Redraw
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.collision import launch_test_collisions
@@ -229,9 +229,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         names = chosen_objects(self.compiled, objects, "extend", present)
         if names not in self._redraws:
             self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split)
-        of, redraw = layouts, self._redraws[names]
-        redraw.launch(State(of.seed, of.episode, of.present, of.qpos, of.mocap_pos, of.mocap_quat), None, adds=True)
-        return redraw.layouts
+        self._redraws[names].launch(layouts.view, None, adds=True)
+        return self._redraws[names].layouts
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return `Layouts.rejections` by name: object (in placement order), then cause in lower case.

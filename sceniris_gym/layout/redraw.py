@@ -1,13 +1,13 @@
 """`Redraw`: new places for some objects of a scene, while all else stays where it is.
 
 Rows begin with a state: its positions, the poses of bodies that follow, as `mj_kinematics` has them, and what relations
-see of these. The poses of bodies in a state may be one step older than its positions, so they are not read.
+see of these. The poses of bodies in a state may be one step older than its positions, so they are not read. A state is
+a LayoutsView, of which `seed`, `episode`, `present`, `qpos`, `mocap_pos` and `mocap_quat` are read.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,40 +25,9 @@ from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of
 from sceniris_gym.placement.orientations import heading_of
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import OrientationType, Program, fill_struct
+from sceniris_gym.program.device import OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-
-class State(NamedTuple):
-    """The state of worlds that objects are redrawn in, on the device.
-
-    Attributes:
-        seed: Seeds, shape (nworld,), uint64.
-        episode: Episodes, shape (nworld,), int32.
-        present: 1 for each slot that is present, shape (nworld, nslot), int32.
-        qpos: Joint positions [m, rad], quaternions wxyz, shape (nworld, nq).
-        mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap).
-        mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap).
-    """
-
-    seed: wp.array
-    episode: wp.array
-    present: wp.array
-    qpos: wp.array
-    mocap_pos: wp.array
-    mocap_quat: wp.array
-
-
-@wp.struct
-class _Given:
-    """The parts of a state that are read, and joints that `Program` does not know."""
-
-    body_free: wp.array[int]  # address of the pose of its freejoint, or -1
-    body_ball: wp.array[int]  # address of the orientation of its ball joint, or -1
-    body_mocapid: wp.array[int]
-    is_redrawn: wp.array[bool]  # elements of qpos that are not read
-    anchor: wp.array[int]  # placed objects that redrawn ones refer to
 
 
 @wp.func
@@ -67,28 +36,25 @@ def _quat_at(qpos: wp.array[float], adr: int) -> wp.vec4:
 
 
 @wp.func
-def _pose_given(program: Program, given: _Given, layouts: LayoutsView, row: int, body: int):
-    """Pose a body of a row by its joints or its mocap pose; its parent is posed."""
+def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int, body: int):
+    """Pose a body of a row by its joints or its mocap pose; its parent is posed. `adr` is as in `_read_state`."""
     qpos = layouts.qpos[row]
-    free = given.body_free[body]
-    ball = given.body_ball[body]
-    mocap = given.body_mocapid[body]
-    if free >= 0:
-        layouts.body_pos[row, body] = wp.vec3(qpos[free], qpos[free + 1], qpos[free + 2])
-        layouts.body_quat[row, body] = _quat_at(qpos, free + 3)
-    elif mocap >= 0:
-        q = layouts.mocap_quat[row, mocap]
-        layouts.body_pos[row, body] = layouts.mocap_pos[row, mocap]
-        layouts.body_quat[row, body] = wp.vec4(q[0], q[1], q[2], q[3])
-    elif ball >= 0:
+    if adr[0] >= 0:
+        layouts.body_pos[row, body] = wp.vec3(qpos[adr[0]], qpos[adr[0] + 1], qpos[adr[0] + 2])
+        layouts.body_quat[row, body] = _quat_at(qpos, adr[0] + 3)
+    elif adr[1] >= 0:
         parent = program.body_parent[body]
         turn = layouts.body_quat[row, parent]
         anchor = program.jnt_pos[program.body_jntadr[body]]
         quat = mul_quat(turn, program.body_quat[body])
         pivot = layouts.body_pos[row, parent] + rot_vec_quat(program.body_pos[body], turn) + rot_vec_quat(anchor, quat)
-        quat = mul_quat(quat, _quat_at(qpos, ball))
+        quat = mul_quat(quat, _quat_at(qpos, adr[1]))
         layouts.body_pos[row, body] = pivot - rot_vec_quat(anchor, quat)
         layouts.body_quat[row, body] = quat
+    elif adr[2] >= 0:
+        q = layouts.mocap_quat[row, adr[2]]
+        layouts.body_pos[row, body] = layouts.mocap_pos[row, adr[2]]
+        layouts.body_quat[row, body] = wp.vec4(q[0], q[1], q[2], q[3])
     else:
         pose_body(program, body, qpos, layouts.body_pos[row], layouts.body_quat[row])
 
@@ -124,19 +90,19 @@ def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
 @wp.kernel
 def _read_state(
     program: Program,
-    given: _Given,
     mask: wp.array[bool],
     split: wp.uint32,
-    # State in:
+    # Of bodies: addresses in qpos of a freejoint and of a ball joint, and the number of a mocap body; -1 for none
+    body_adr: wp.array[wp.vec3i],
+    # Elements of qpos that are not read, placed objects that redrawn ones refer to, and slots that become present:
+    is_redrawn: wp.array[bool],
+    anchor: wp.array[int],
+    added: wp.array[int],
+    # In:
     number: wp.array[int],
     origins: wp.array[wp.vec3],
-    added: wp.array[int],
-    seed: wp.array[wp.uint64],
-    episode: wp.array[int],
-    present: wp.array2d[int],
-    qpos: wp.array2d[float],
-    mocap_pos: wp.array2d[wp.vec3],
-    mocap_quat: wp.array2d[wp.quat],
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present
+    state: LayoutsView,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, place, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, present, pending_seed, pending_episode, place, bounds, body_pos,
     #   body_quat
@@ -146,46 +112,43 @@ def _read_state(
     if mask:
         if not mask[worldid]:
             return
+    seed, episode = state.seed[worldid], state.episode[worldid]
     draw = int(0)
     if number:
         draw = number[worldid] + 1
     stream = numbered_stream(split, wp.static(REDRAW_STREAM))
-    words = philox(seed[worldid], wp.vec4ui(wp.uint32(episode[worldid]), stream, wp.uint32(draw), wp.uint32(0)))
+    words = philox(seed, wp.vec4ui(wp.uint32(episode), stream, wp.uint32(draw), wp.uint32(0)))
     layouts.pending_seed[worldid] = wp.uint64(words[0]) | (wp.uint64(words[1]) << wp.uint64(32))
-    layouts.pending_episode[worldid] = episode[worldid]
+    layouts.pending_episode[worldid] = episode
     for i in range(layouts.present.shape[1]):
-        layouts.present[worldid, i] = present[worldid, i]
+        layouts.present[worldid, i] = state.present[worldid, i]
     if added:
         for i in range(added.shape[0]):
             layouts.present[worldid, added[i]] = 1
     for i in range(layouts.qpos.shape[1]):
-        layouts.qpos[worldid, i] = wp.where(given.is_redrawn[i], program.home_qpos[i], qpos[worldid, i])
-    for i in range(mocap_pos.shape[1]):  # layouts have an unused one where there is none
-        layouts.mocap_pos[worldid, i] = mocap_pos[worldid, i]
-        layouts.mocap_quat[worldid, i] = wp.normalize(mocap_quat[worldid, i])
+        layouts.qpos[worldid, i] = wp.where(is_redrawn[i], program.home_qpos[i], state.qpos[worldid, i])
+    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused one where there is none
+        layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
+        layouts.mocap_quat[worldid, i] = wp.normalize(state.mocap_quat[worldid, i])
     for body in range(1, program.body_parent.shape[0]):
+        adr = body_adr[body]
         if origins:
-            if given.body_mocapid[body] >= 0:
-                layouts.mocap_pos[worldid, given.body_mocapid[body]] -= origins[worldid]
-            elif given.body_free[body] >= 0:
+            if adr[2] >= 0:
+                layouts.mocap_pos[worldid, adr[2]] -= origins[worldid]
+            elif adr[0] >= 0:
                 for i in range(3):
-                    layouts.qpos[worldid, given.body_free[body] + i] -= origins[worldid][i]
-        _pose_given(program, given, layouts, worldid, body)
-    for i in range(given.anchor.shape[0]):
-        if layouts.present[worldid, program.obj_slot[given.anchor[i]]] != 0:
-            _place_anchor(program, layouts, worldid, given.anchor[i])
+                    layouts.qpos[worldid, adr[0] + i] -= origins[worldid][i]
+        _pose_given(program, adr, layouts, worldid, body)
+    for i in range(anchor.shape[0]):
+        if layouts.present[worldid, program.obj_slot[anchor[i]]] != 0:
+            _place_anchor(program, layouts, worldid, anchor[i])
 
 
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
-    # State in:
-    seed: wp.array[wp.uint64],
-    episode: wp.array[int],
-    present: wp.array2d[int],
-    qpos: wp.array2d[float],
-    mocap_pos: wp.array2d[wp.vec3],
-    mocap_quat: wp.array2d[wp.quat],
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present
+    state: LayoutsView,
     # Layouts in: status
     # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present
     layouts: LayoutsView,
@@ -197,19 +160,19 @@ def _finish(
     if mask:
         if not mask[worldid]:
             return
-    layouts.seed[worldid] = seed[worldid]
-    layouts.episode[worldid] = episode[worldid]
+    layouts.seed[worldid] = state.seed[worldid]
+    layouts.episode[worldid] = state.episode[worldid]
     if layouts.status[worldid] == Status.VALID:
         placed_out[worldid] = True
         return
     layouts.status[worldid] = Status.KEPT
     for i in range(layouts.present.shape[1]):
-        layouts.present[worldid, i] = present[worldid, i]
+        layouts.present[worldid, i] = state.present[worldid, i]
     for i in range(layouts.qpos.shape[1]):
-        layouts.qpos[worldid, i] = qpos[worldid, i]
-    for i in range(mocap_pos.shape[1]):
-        layouts.mocap_pos[worldid, i] = mocap_pos[worldid, i]
-        layouts.mocap_quat[worldid, i] = mocap_quat[worldid, i]
+        layouts.qpos[worldid, i] = state.qpos[worldid, i]
+    for i in range(state.mocap_pos.shape[1]):
+        layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
+        layouts.mocap_quat[worldid, i] = state.mocap_quat[worldid, i]
 
 
 class Redraw(StaysHere):
@@ -239,19 +202,27 @@ class Redraw(StaysHere):
         layouts: Layouts,
         make: Callable[[wp.array | None, Callable[[], None]], None],
     ) -> None:
-        config, slots = compiled.config, [compiled.slots.index(name) for name in objects]
+        mjm, config = compiled.mjm, compiled.config
         self.bodies = [body for name in objects for body in compiled.scene.subtree(name)]
         self.layouts, self._make = layouts, make
         self._program, self._split, self._device = compiled.program, SPLITS[split], compiled.device
+        adr = np.full((mjm.nbody, 3), -1)
+        for i, kind in enumerate((mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)):
+            joints = mjm.jnt_type == kind
+            adr[mjm.jnt_bodyid[joints], i] = mjm.jnt_qposadr[joints]
+        adr[:, 2] = mjm.body_mocapid
+        owner = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))
         needed = with_variants((n for name in objects for n in config.parts[name].needs), config.variants)
         anchors = [i for i, name in enumerate(compiled.placed) if name in needed and name not in objects]
-        self._given = _given(compiled, self.bodies, anchors)
         with wp.ScopedDevice(self._device):
-            self._slots, self.placed = wp.array(slots, dtype=int), wp.zeros(layouts.nworld, dtype=wp.bool)
+            redrawn = wp.array(np.isin(owner, self.bodies), dtype=bool)
+            self._given = [wp.array(adr, dtype=wp.vec3i), redrawn, wp.array(anchors, dtype=int, ndim=1)]
+            self._slots = wp.array([compiled.slots.index(name) for name in objects], dtype=int)
+            self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
 
     def launch(
         self,
-        state: State,
+        state: LayoutsView,
         mask: wp.array | None,
         *,
         number: wp.array | None = None,
@@ -261,32 +232,13 @@ class Redraw(StaysHere):
         """Redraw the objects in the masked worlds.
 
         Args:
-            state: What all else is read from.
+            state: What all else is read from; see the module.
             mask: Which worlds, shape (nworld,), bool; all if None.
             number: Redraws of each world since its reset, without this one, shape (nworld,), int32; None for number 0.
             origins: Origins of the worlds [m], shape (nworld,), vec3, which the state has and layouts do not.
             adds: Make the objects present that are not.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
-        read = [self._program, self._given, mask, self._split, number, origins, self._slots if adds else None]
-        self._make(mask, lambda: wp.launch(_read_state, nworld, [*read, *state], [view], device=device))
-        wp.launch(_finish, nworld, [mask, *state, view], [self.placed], device=device)
-
-
-def _given(compiled: CompiledScene, redrawn: Sequence[int], anchors: Sequence[int]) -> _Given:
-    """Return what is read of a state, for the bodies that are redrawn, and the anchors in placement order."""
-    mjm, given = compiled.mjm, _Given()
-    adr = {kind: np.full(mjm.nbody, -1) for kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)}
-    for kind, found in adr.items():
-        joints = mjm.jnt_type == kind
-        found[mjm.jnt_bodyid[joints]] = mjm.jnt_qposadr[joints]
-    owner = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))
-    arrays = {
-        "body_free": adr[mujoco.mjtJoint.mjJNT_FREE],
-        "body_ball": adr[mujoco.mjtJoint.mjJNT_BALL],
-        "body_mocapid": mjm.body_mocapid,
-        "is_redrawn": np.isin(owner, redrawn),
-        "anchor": np.array(anchors, int),
-    }
-    fill_struct(_Given, given, arrays, compiled.device)
-    return given
+        read = [self._program, mask, self._split, *self._given, self._slots if adds else None, number, origins, state]
+        self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
+        wp.launch(_finish, nworld, [mask, state, view], [self.placed], device=device)

@@ -12,8 +12,9 @@ from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
 from sceniris_gym.program.placed_object import PlacedObject
-from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.support import is_static
+
+_FAR = float(np.finfo(np.float32).max)
 
 
 def chosen_objects(
@@ -65,13 +66,15 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     plan = compiled.plan
     numbers = [i for i, o in enumerate(plan.objects) if o.name in names]
     still = is_static(plan.scene.mjm)
-    part = replace(plan, objects=[_among_moved(plan.objects[i], names, still) for i in numbers])
-    made = upload_plan(part, compiled.device)
+    moved = [_among_moved(plan.objects[i], names, still) for i in numbers]
+    made = upload_plan(replace(plan, objects=moved), compiled.device)
     program, whole = made.program, compiled.program
     program.ngroup = 0  # who is present has been drawn
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
     program.obj_effort = wp.array(whole.obj_effort.numpy()[numbers], dtype=float, device=compiled.device)
-    _bound_these(part, made)
+    for bounds in (program.bound_qpos, program.bound_mocap):  # all else may be anywhere, as long as it is finite
+        bounds.fill_(_FAR)
+    program.quat_qposadr = wp.zeros(0, dtype=int, device=compiled.device)
     return made
 
 
@@ -80,18 +83,3 @@ def _among_moved(o: PlacedObject, names: Sequence[str], still: np.ndarray) -> Pl
     if o.support is None or o.support.owner in names or still[o.support.body]:
         return o
     return replace(o, tilts=True)
-
-
-def _bound_these(part: Plan, made: CompiledScene) -> None:
-    """Bound what is placed alone: everything else may be anywhere, as long as it is finite."""
-    mjm, program, device = part.scene.mjm, made.program, made.device
-    bodies = [body for o in part.objects for body in o.bodies]
-    own = np.isin(np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq])), bodies)
-    quats = program.quat_qposadr.numpy()
-    most = float(np.finfo(np.float32).max)
-    program.bound_qpos = wp.array(np.where(own, program.bound_qpos.numpy(), most), dtype=float, device=device)
-    program.quat_qposadr = wp.array(quats[own[quats]], dtype=int, device=device)
-    mocap = program.bound_mocap.numpy()
-    others = mjm.body_mocapid[np.setdiff1d(np.arange(mjm.nbody), bodies)]
-    mocap[others[others >= 0]] = most
-    program.bound_mocap = wp.array(mocap, dtype=float, device=device)

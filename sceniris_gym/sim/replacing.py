@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
 
 import mujoco_warp as mjw
 import numpy as np
@@ -12,25 +11,16 @@ import warp as wp
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ArgumentError, NotSupportedError
 from sceniris_gym.layout.generate import make_redraw
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.layout.masks import fill_mask
-from sceniris_gym.layout.redraw import Redraw, State
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
 from sceniris_gym.sim.rest import RestMap
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.sim.write import Poses, StateWriter
 
 wp.set_module_options({"enable_backward": False})
-
-
-class _Prepared(NamedTuple):
-    """The redraws of some objects: the search, what writes its result, the trees that it wakes, and all launches."""
-
-    redraw: Redraw
-    writer: StateWriter
-    trees: wp.array
-    sequence: LaunchSequence
 
 
 @wp.kernel
@@ -90,7 +80,7 @@ class Replacer:
     ) -> None:
         self._compiled, self._m, self._d, self._layouts, self._split = compiled, m, d, layouts, split
         self._rest, self._origins, self._refresh, self._graph = rest, origins, refresh, graph
-        self._prepared: dict[tuple[str, ...], _Prepared] = {}
+        self._prepared: dict[tuple[str, ...], LaunchSequence] = {}
         with wp.ScopedDevice(d.qpos.device):
             self._mask = wp.zeros(d.nworld, dtype=wp.bool)
             self.number, self.status = wp.zeros(d.nworld, dtype=int), wp.zeros(d.nworld, dtype=int)
@@ -112,11 +102,6 @@ class Replacer:
             ArgumentError, UnknownNameError: See `chosen_objects`; or a first call inside of a capture.
             NotSupportedError: A scene in which objects have variants.
         """
-        prepared = self._find(objects)
-        fill_mask(mask, self._mask)
-        prepared.sequence()
-
-    def _find(self, objects: str | Sequence[str]) -> _Prepared:
         where = f"{self._compiled.config.where}: replace"
         names = chosen_objects(self._compiled, objects, where)
         if names not in self._prepared:
@@ -126,24 +111,24 @@ class Replacer:
             if self._d.qpos.device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
             self._prepared[names] = self._prepare(names)
-        return self._prepared[names]
+        fill_mask(mask, self._mask)
+        self._prepared[names]()
 
-    def _prepare(self, names: tuple[str, ...]) -> _Prepared:
-        d, mjm = self._d, self._compiled.sim_mjm
+    def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
+        """Return the launches that redraw objects, write them and count."""
+        d, mjm, device = self._d, self._compiled.sim_mjm, self._d.qpos.device
         redraw = make_redraw(self._compiled, names, d.nworld, self._split)
+        found, state = redraw.layouts, copied(LayoutsView, self._layouts.view)
+        state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat
         writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=redraw.bodies, origins=self._origins)
         moved = np.unique(mjm.body_treeid[redraw.bodies]) if sleeps(self._m) else np.zeros(0, int)
-        trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=d.qpos.device)
-        sequence = LaunchSequence(lambda: self._launch(prepared), d.qpos.device, graph=self._graph)
-        prepared = _Prepared(redraw, writer, trees, sequence)
-        return prepared
+        trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
+        outputs = [self.number, self.status, self.kept, getattr(d, "tree_awake", None)]
 
-    def _launch(self, prepared: _Prepared) -> None:
-        redraw, d, of = prepared.redraw, self._d, self._layouts
-        state = State(of.seed, of.episode, of.present, d.qpos, d.mocap_pos, d.mocap_quat)
-        redraw.launch(state, self._mask, number=self.number, origins=self._origins)
-        found = redraw.layouts
-        prepared.writer.launch(Poses(found.qpos, found.mocap_pos, found.mocap_quat))
-        outputs: list[Any] = [self.number, self.status, self.kept, getattr(d, "tree_awake", None)]
-        wp.launch(_count, d.nworld, [self._mask, found.status, prepared.trees], outputs, device=d.qpos.device)
-        self._refresh()
+        def launches() -> None:
+            redraw.launch(state, self._mask, number=self.number, origins=self._origins)
+            writer.launch(Poses(found.qpos, found.mocap_pos, found.mocap_quat))
+            wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
+            self._refresh()
+
+        return LaunchSequence(launches, device, graph=self._graph)

@@ -11,8 +11,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
-from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.layout.redraw import State
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, compiled_from
 
@@ -60,14 +59,14 @@ class Worlds:
     present: np.ndarray
     seed: np.ndarray
 
-    def uploaded(self) -> State:
+    def uploaded(self) -> LayoutsView:
         """Return them as a redraw reads them."""
-        arrays = (self.seed, np.full(len(self.seed), 3, np.int32), self.present, self.qpos)
-        return State(
-            *(wp.array(a, device="cpu") for a in arrays),
-            wp.array(self.mocap_pos, dtype=wp.vec3, ndim=2, device="cpu"),
-            wp.array(self.mocap_quat, dtype=wp.quat, ndim=2, device="cpu"),
-        )
+        view = LayoutsView()
+        view.seed, view.episode = wp.array(self.seed, device="cpu"), wp.full(len(self.seed), 3, dtype=int, device="cpu")
+        view.present, view.qpos = wp.array(self.present, device="cpu"), wp.array(self.qpos, device="cpu")
+        view.mocap_pos = wp.array(self.mocap_pos, dtype=wp.vec3, ndim=2, device="cpu")
+        view.mocap_quat = wp.array(self.mocap_quat, dtype=wp.quat, ndim=2, device="cpu")
+        return view
 
     def __getitem__(self, rows: np.ndarray) -> Worlds:
         return Worlds(*(getattr(self, name)[rows] for name in vars(self)))
@@ -173,7 +172,7 @@ def test_a_redraw_is_a_pure_function(room: CompiledScene):
     adr = address(room, "a")
     other = redraw(room, names, worlds, number=wp.array(numbers.numpy() + 1, device="cpu")).qpos.numpy()
     assert (other[:, adr] != whole[:, adr]).all()
-    moved, origins = worlds[:], np.tile([0.5, 0.25, 0.0], (24, 1)).astype(np.float32)
+    moved, origins = worlds[np.arange(24)], np.tile([0.5, 0.25, 0.0], (24, 1)).astype(np.float32)
     for name in ("tray", "a", "b", "c"):
         moved.qpos[:, address(room, name) :][:, :3] += origins
     moved.mocap_pos += origins[:, None]
