@@ -228,8 +228,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         present = [name for name, found in zip(self.compiled.slots, there, strict=True) if found]
         names = chosen_objects(self.compiled, objects, "extend", present)
         if names not in self._redraws:
-            self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split)
-        self._redraws[names].launch(layouts.view, None, adds=True)
+            self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split, adds=True)
+        fill_mask(None, self._mask)
+        self._redraws[names].launch(layouts.view, self._mask, wp.zeros_like(layouts.episode))
         return self._redraws[names].layouts
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
@@ -250,13 +251,15 @@ class LayoutGenerator(Fixed, LayoutSource):
         }
 
 
-def make_redraw(compiled: CompiledScene, objects: Sequence[str], nworld: int, split: str) -> Redraw:
-    """Return a search for new places of objects, as from `chosen_objects`, in so many worlds."""
+def make_redraw(
+    compiled: CompiledScene, objects: Sequence[str], nworld: int, split: str, *, adds: bool = False
+) -> Redraw:
+    """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
     size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
-    return Redraw(compiled, objects, split, generator.layouts, generator.launch_make)
+    return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 
 
 def _check_memory(compiled: CompiledScene, nworld: int, size: SearchSize) -> None:

@@ -109,22 +109,17 @@ def _read_state(
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
-    seed, episode = state.seed[worldid], state.episode[worldid]
-    draw = int(0)
-    if number:
-        draw = number[worldid] + 1
-    stream = numbered_stream(split, wp.static(REDRAW_STREAM))
-    words = philox(seed, wp.vec4ui(wp.uint32(episode), stream, wp.uint32(draw), wp.uint32(0)))
+    if not mask[worldid]:
+        return
+    episode, stream = state.episode[worldid], numbered_stream(split, wp.static(REDRAW_STREAM))
+    counter = wp.vec4ui(wp.uint32(episode), stream, wp.uint32(number[worldid]), wp.uint32(0))
+    words = philox(state.seed[worldid], counter)
     layouts.pending_seed[worldid] = wp.uint64(words[0]) | (wp.uint64(words[1]) << wp.uint64(32))
     layouts.pending_episode[worldid] = episode
     for i in range(layouts.present.shape[1]):
         layouts.present[worldid, i] = state.present[worldid, i]
-    if added:
-        for i in range(added.shape[0]):
-            layouts.present[worldid, added[i]] = 1
+    for i in range(added.shape[0]):
+        layouts.present[worldid, added[i]] = 1
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = wp.where(is_redrawn[i], program.home_qpos[i], state.qpos[worldid, i])
     for i in range(state.mocap_pos.shape[1]):  # layouts have an unused one where there is none
@@ -157,9 +152,8 @@ def _finish(
 ):
     worldid = wp.tid()
     placed_out[worldid] = False
-    if mask:
-        if not mask[worldid]:
-            return
+    if not mask[worldid]:
+        return
     layouts.seed[worldid] = state.seed[worldid]
     layouts.episode[worldid] = state.episode[worldid]
     if layouts.status[worldid] == Status.VALID:
@@ -179,7 +173,8 @@ class Redraw(StaysHere):
     """A search for new places of some objects among everything else, which it reads from a state.
 
     A redraw is a pure function of scene, split, seed, episode, number of the redraw and state. Everything but the named
-    objects is an obstacle, a support if it is level, and an anchor of relations. Absent objects stay absent.
+    objects is an obstacle, a support if it is level, and an anchor of relations. Absent objects stay absent, unless they
+    are added.
 
     Args:
         compiled: The scene.
@@ -187,6 +182,7 @@ class Redraw(StaysHere):
         split: "train" or "eval".
         layouts: Layouts of the part of the scene that places these objects alone; see `part_of`.
         make: Launches that make them for the masked worlds, after others that fill their rows.
+        adds: Make the objects present that are not.
 
     Attributes:
         bodies: Ids of the bodies of the objects.
@@ -200,7 +196,9 @@ class Redraw(StaysHere):
         objects: Sequence[str],
         split: str,
         layouts: Layouts,
-        make: Callable[[wp.array | None, Callable[[], None]], None],
+        make: Callable[[wp.array, Callable[[], None]], None],
+        *,
+        adds: bool = False,
     ) -> None:
         mjm, config = compiled.mjm, compiled.config
         self.bodies = [body for name in objects for body in compiled.scene.subtree(name)]
@@ -214,31 +212,22 @@ class Redraw(StaysHere):
         owner = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))
         needed = with_variants((n for name in objects for n in config.parts[name].needs), config.variants)
         anchors = [i for i, name in enumerate(compiled.placed) if name in needed and name not in objects]
+        slots = [compiled.slots.index(name) for name in objects] if adds else []
         with wp.ScopedDevice(self._device):
-            redrawn = wp.array(np.isin(owner, self.bodies), dtype=bool)
-            self._given = [wp.array(adr, dtype=wp.vec3i), redrawn, wp.array(anchors, dtype=int, ndim=1)]
-            self._slots = wp.array([compiled.slots.index(name) for name in objects], dtype=int)
+            self._given = [wp.array(adr, dtype=wp.vec3i), wp.array(np.isin(owner, self.bodies), dtype=bool)]
+            self._given += [wp.array(anchors, dtype=int, ndim=1), wp.array(slots, dtype=int, ndim=1)]
             self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
 
-    def launch(
-        self,
-        state: LayoutsView,
-        mask: wp.array | None,
-        *,
-        number: wp.array | None = None,
-        origins: wp.array | None = None,
-        adds: bool = False,
-    ) -> None:
+    def launch(self, state: LayoutsView, mask: wp.array, number: wp.array, origins: wp.array | None = None) -> None:
         """Redraw the objects in the masked worlds.
 
         Args:
-            state: What all else is read from; see the module.
-            mask: Which worlds, shape (nworld,), bool; all if None.
-            number: Redraws of each world since its reset, without this one, shape (nworld,), int32; None for number 0.
+            state: The worlds; see the module.
+            mask: Which worlds, shape (nworld,), bool.
+            number: Redraws of each world since its reset, without this one, shape (nworld,), int32.
             origins: Origins of the worlds [m], shape (nworld,), vec3, which the state has and layouts do not.
-            adds: Make the objects present that are not.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
-        read = [self._program, mask, self._split, *self._given, self._slots if adds else None, number, origins, state]
+        read = [self._program, mask, self._split, *self._given, number, origins, state]
         self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
         wp.launch(_finish, nworld, [mask, state, view], [self.placed], device=device)

@@ -72,6 +72,9 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     program.ngroup = 0  # who is present has been drawn
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
     program.obj_effort = wp.array(whole.obj_effort.numpy()[numbers], dtype=float, device=compiled.device)
+    if len(names) == 1 and (made.reaching is None or not made.reaching.staged):
+        # to begin again with a single object is to go on, and then no round has to end in between
+        program.attempts, program.restarts = whole.attempts * (whole.restarts + 1), 0
     for bounds in (program.bound_qpos, program.bound_mocap):  # all else may be anywhere, as long as it is finite
         bounds.fill_(_FAR)
     program.quat_qposadr = wp.zeros(0, dtype=int, device=compiled.device)

@@ -62,6 +62,7 @@ class Replacer:
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
+        prepared: The launches for each set of objects that was redrawn, by their names in placement order.
         kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
     """
 
@@ -80,16 +81,11 @@ class Replacer:
     ) -> None:
         self._compiled, self._m, self._d, self._layouts, self._split = compiled, m, d, layouts, split
         self._rest, self._origins, self._refresh, self._graph = rest, origins, refresh, graph
-        self._prepared: dict[tuple[str, ...], LaunchSequence] = {}
+        self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         with wp.ScopedDevice(d.qpos.device):
             self._mask = wp.zeros(d.nworld, dtype=wp.bool)
             self.number, self.status = wp.zeros(d.nworld, dtype=int), wp.zeros(d.nworld, dtype=int)
             self.kept = wp.zeros(1, dtype=int)
-
-    @property
-    def is_used(self) -> bool:
-        """True once objects are redrawn."""
-        return bool(self._prepared)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
         """Redraw objects in the masked worlds; the first call for some objects prepares their search.
@@ -104,15 +100,15 @@ class Replacer:
         """
         where = f"{self._compiled.config.where}: replace"
         names = chosen_objects(self._compiled, objects, where)
-        if names not in self._prepared:
+        if names not in self.prepared:
             if self._compiled.config.variants:
                 variants = ", ".join(self._compiled.config.variants)
                 raise NotSupportedError(f"{where}: scenes with variants ({variants}) have no redraws. Use a group.")
             if self._d.qpos.device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
-            self._prepared[names] = self._prepare(names)
+            self.prepared[names] = self._prepare(names)
         fill_mask(mask, self._mask)
-        self._prepared[names]()
+        self.prepared[names]()
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
         """Return the launches that redraw objects, write them and count."""
@@ -126,7 +122,7 @@ class Replacer:
         outputs = [self.number, self.status, self.kept, getattr(d, "tree_awake", None)]
 
         def launches() -> None:
-            redraw.launch(state, self._mask, number=self.number, origins=self._origins)
+            redraw.launch(state, self._mask, self.number, self._origins)
             writer.launch(Poses(found.qpos, found.mocap_pos, found.mocap_quat))
             wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
             self._refresh()

@@ -518,7 +518,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if s.variants.names:
             info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
         replacer = self.randomizer.replacer
-        if replacer.is_used:
+        if replacer.prepared:
             info["layout_redraw"] = wp.to_torch(replacer.number).clone()
             info["layout_kept"] = wp.to_torch(replacer.status) == Status.KEPT
         return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}

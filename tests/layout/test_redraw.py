@@ -80,10 +80,18 @@ def worlds_of(compiled: CompiledScene, nworld: int = 24) -> Worlds:
     return Worlds(*(getattr(found, name).numpy() for name in ("qpos", "mocap_pos", "mocap_quat", "present", "seed")))
 
 
-def redraw(compiled: CompiledScene, names: tuple[str, ...], worlds: Worlds, **words: object) -> Layouts:
+def redraw(
+    compiled: CompiledScene,
+    names: tuple[str, ...],
+    worlds: Worlds,
+    number: wp.array | None = None,
+    origins: wp.array | None = None,
+) -> Layouts:
     """Return the layouts of a redraw in all worlds."""
-    found = make_redraw(compiled, names, len(worlds.seed), "train")
-    found.launch(worlds.uploaded(), None, **words)  # type: ignore[arg-type]
+    nworld = len(worlds.seed)
+    found, mask = make_redraw(compiled, names, nworld, "train"), wp.ones(nworld, dtype=bool, device="cpu")
+    zeros = wp.zeros(nworld, dtype=int, device="cpu")
+    found.launch(worlds.uploaded(), mask, zeros if number is None else number, origins)
     return found.layouts
 
 
