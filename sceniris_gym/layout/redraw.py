@@ -173,8 +173,8 @@ class Redraw(StaysHere):
     """A search for new places of some objects among everything else, which it reads from a state.
 
     A redraw is a pure function of scene, split, seed, episode, number of the redraw and state. Everything but the named
-    objects is an obstacle, a support if it is level, and an anchor of relations. Absent objects stay absent, unless they
-    are added.
+    objects is an obstacle, a support if it is level, and an anchor of relations. Absent objects stay so unless they are
+    added.
 
     Args:
         compiled: The scene.
