@@ -45,7 +45,7 @@ def test_a_cube_is_elsewhere_whenever_the_timer_runs_out():
 
 
 def test_the_command_needs_the_event_that_places_the_objects():
-    """Which has the scene."""
+    """Its scene says where they may be."""
     cfg = plain_cfg(cubes_on())
     del cfg.events["layouts"]
     cfg.commands["redraw"] = ReplaceObjectsCfg(objects=("cube_1",), resampling_time_range=(1.0, 1.0))
