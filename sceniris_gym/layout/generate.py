@@ -228,7 +228,7 @@ class LayoutGenerator(Fixed, LayoutSource):
                 f"{layouts.nworld} of '{layouts.compiled.config.name}'."
             )
         there = layouts.present.numpy().any(axis=0)
-        present = [name for name, found in zip(self.compiled.slots, there, strict=True) if found]
+        present = [self.compiled.slots[i] for i in np.flatnonzero(there)]
         names = chosen_objects(self.compiled, objects, "extend", present)
         if names not in self._redraws:
             self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split, adds=True)

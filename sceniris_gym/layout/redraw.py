@@ -31,24 +31,20 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func
-def _quat_at(qpos: wp.array[float], adr: int) -> wp.vec4:
-    return wp.normalize(wp.vec4(qpos[adr], qpos[adr + 1], qpos[adr + 2], qpos[adr + 3]))
-
-
-@wp.func
 def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int, body: int):
     """Pose a body of a row by its joints or its mocap pose; its parent is posed. `adr` is as in `_read_state`."""
     qpos = layouts.qpos[row]
+    k = wp.where(adr[0] >= 0, adr[0] + 3, adr[1])
     if adr[0] >= 0:
-        layouts.body_pos[row, body] = wp.vec3(qpos[adr[0]], qpos[adr[0] + 1], qpos[adr[0] + 2])
-        layouts.body_quat[row, body] = _quat_at(qpos, adr[0] + 3)
+        layouts.body_pos[row, body] = wp.vec3(qpos[k - 3], qpos[k - 2], qpos[k - 1])
+        layouts.body_quat[row, body] = wp.normalize(wp.vec4(qpos[k], qpos[k + 1], qpos[k + 2], qpos[k + 3]))
     elif adr[1] >= 0:
         parent = program.body_parent[body]
         turn = layouts.body_quat[row, parent]
         anchor = program.jnt_pos[program.body_jntadr[body]]
         quat = mul_quat(turn, program.body_quat[body])
         pivot = layouts.body_pos[row, parent] + rot_vec_quat(program.body_pos[body], turn) + rot_vec_quat(anchor, quat)
-        quat = mul_quat(quat, _quat_at(qpos, adr[1]))
+        quat = mul_quat(quat, wp.normalize(wp.vec4(qpos[k], qpos[k + 1], qpos[k + 2], qpos[k + 3])))
         layouts.body_pos[row, body] = pivot - rot_vec_quat(anchor, quat)
         layouts.body_quat[row, body] = quat
     elif adr[2] >= 0:

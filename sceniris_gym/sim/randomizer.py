@@ -252,6 +252,8 @@ class ResetRandomizer(Fixed, StaysHere):
         Where nothing fits, the world keeps its state, `replacer.status` is `Status.KEPT`, and `replacer.kept` counts
         it. `data.contact` is that of the last step, unless `needs` has "contacts".
 
+        Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
+
         The first call for some objects prepares their search. Later ones launch on the device alone, so they can be
         captured in a graph.
 

@@ -102,8 +102,7 @@ class Replacer:
         names = chosen_objects(self._compiled, objects, where)
         if names not in self.prepared:
             if self._compiled.config.variants:
-                variants = ", ".join(self._compiled.config.variants)
-                raise NotSupportedError(f"{where}: scenes with variants ({variants}) have no redraws. Use a group.")
+                raise NotSupportedError(f"{where}: scenes with variants have no redraws yet. Make a group of them.")
             if self._d.qpos.device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
             self.prepared[names] = self._prepare(names)
