@@ -62,7 +62,7 @@ class Replacer:
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
-        prepared: The launches for each set of objects that was redrawn, by their names in placement order.
+        prepared: The launches of each set of objects that was redrawn, by their names.
         kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
     """
 
@@ -98,16 +98,19 @@ class Replacer:
             ArgumentError, UnknownNameError: See `chosen_objects`; or a first call inside of a capture.
             NotSupportedError: A scene in which objects have variants.
         """
-        where = f"{self._compiled.config.where}: replace"
-        names = chosen_objects(self._compiled, objects, where)
-        if names not in self.prepared:
+        key = (objects,) if isinstance(objects, str) else tuple(objects)
+        if key not in self.prepared:
+            where = f"{self._compiled.config.where}: replace"
+            names = chosen_objects(self._compiled, key, where)
             if self._compiled.config.variants:
                 raise NotSupportedError(f"{where}: scenes with variants have no redraws yet. Make a group of them.")
             if self._d.qpos.device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
-            self.prepared[names] = self._prepare(names)
+            if names not in self.prepared:
+                self.prepared[names] = self._prepare(names)
+            self.prepared[key] = self.prepared[names]
         fill_mask(mask, self._mask)
-        self.prepared[names]()
+        self.prepared[key]()
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
         """Return the launches that redraw objects, write them and count."""
