@@ -49,6 +49,7 @@ class PlaceLayouts(ManagerTermBase):
     Attributes:
         compiled: The compiled scene; `compiled.layout_id(seed, episode, cfg.split)` names a layout.
         layouts: The latest layout of each environment, without its origin.
+        split: The split of the layouts.
 
     Raises:
         SceneKeyError: An object of the scene is not the root of an entity.
@@ -67,6 +68,7 @@ class PlaceLayouts(ManagerTermBase):
         self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split)
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
+        self.split: str = cfg.split
         self._fits, self._placed, self._kept = False, None, False
 
     @property
@@ -190,7 +192,7 @@ class KeepLayouts:
     _env: Any
 
     def _resample_command(self, env_ids: Tensor) -> None:
-        term = _term(self._env)
+        term = layouts_term(self._env)
         state = None if term is None else term.state(env_ids)
         super()._resample_command(env_ids)  # pyright: ignore[reportAttributeAccessIssue]
         if term is not None and state is not None:
@@ -216,7 +218,7 @@ def keep_layouts(cfg: Any) -> Any:
     return kept
 
 
-def _term(env: Any) -> PlaceLayouts | None:
+def layouts_term(env: Any) -> PlaceLayouts | None:
     """Return the event `PlaceLayouts`, if there is one."""
     manager = env.event_manager
     terms = (manager.get_term_cfg(name).func for names in manager.active_terms.values() for name in names)

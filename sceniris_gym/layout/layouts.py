@@ -25,6 +25,8 @@ class Status(IntEnum):
     """A fresh layout that passed every test."""
     FALLBACK = 2
     """Attempts and restarts ran out: a layout from the split's bank of valid ones in the CompiledScene."""
+    KEPT = 3
+    """Attempts and restarts of a redraw ran out: its objects stay where they were."""
 
 
 @wp.struct

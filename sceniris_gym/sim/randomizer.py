@@ -38,6 +38,7 @@ from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
+from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
 from sceniris_gym.sim.write import Poses, StateWriter
@@ -104,6 +105,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     Attributes:
         fields: Model fields that have a row for each world.
+        replacer: The counts of `replace`: `number` and `status` of each world, and `kept`.
         variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
             the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
 
@@ -116,7 +118,7 @@ class ResetRandomizer(Fixed, StaysHere):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "layout_source", "fields")
+    FIXED = ("compiled", "model", "data", "device", "layout_source", "fields", "replacer")
     ARGUMENTS = ("layouts", "levels", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
@@ -172,8 +174,18 @@ class ResetRandomizer(Fixed, StaysHere):
         if compiled.config.variants:
             self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
             self.variant = self.variants.variant
-        self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._split = getattr(layout_source, "split", split)
+        if origins is not None:
+            origins = as_origins(origins, data.nworld, self.device)
+            warn_of_origins(compiled.scene, origins.numpy(), "ResetRandomizer: origins")
+        self.replacer = Replacer(
+            *(compiled, model, data, self.layouts, self._split),
+            rest=self.fields.rest,
+            origins=origins,
+            refresh=self._launch_stages,
+            graph=graph,
+        )
+        self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         if self._whole:
             self.fields.make_ahead(layout_source, self._split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
@@ -229,6 +241,33 @@ class ResetRandomizer(Fixed, StaysHere):
         fill_mask(mask, self._mask)
         self._reset()
         self.layout_source.after_reset()
+
+    @launching
+    def replace(self, objects: str | Sequence[str], mask: Any = None) -> None:
+        """Give objects new places in the masked worlds, in the middle of their episodes.
+
+        All else stays bit for bit as it is in `data`: it is an obstacle, an anchor of relations, and a support if it is
+        level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
+        function of scene, split, seed, episode, number of the redraw since the reset (`replacer.number`) and state.
+        Where nothing fits, the world keeps its state, `replacer.status` is `Status.KEPT`, and `replacer.kept` counts
+        it. `data.contact` is that of the last step, unless `needs` has "contacts".
+
+        Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
+
+        The first call for some objects prepares their search. Later ones launch on the device alone, so they can be
+        captured in a graph.
+
+        Args:
+            objects: Names of placed objects, each with all that the scene puts on it.
+            mask: Booleans, shape (nworld,), as in `reset`; None is all worlds.
+
+        Raises:
+            UnknownNameError: Not an object that the scene places.
+            ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
+            NotSupportedError: A scene in which objects have variants.
+            MaskTypeError, MaskError: As in `reset`.
+        """
+        self.replacer.launch(objects, None if mask is None else as_mask(mask, self.data.nworld, self.device))
 
     def model_field(self, name: str, of: str | None = None) -> wp.array:
         """Return a field of the Model with a row for each world, to write to after a reset.
@@ -354,10 +393,8 @@ class ResetRandomizer(Fixed, StaysHere):
         plastic, bodies = keyframe_plastic(mjm, scene.keyframe) if scene.keyframe >= 0 else None, None
         if not self._whole:
             bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
-        if origins is not None:
-            origins = as_origins(origins, d.nworld, self.device)
-            warn_of_origins(self.compiled.scene, origins.numpy(), "ResetRandomizer: origins")
-        return StateWriter(mjm, d, self._mask, self.fields.rest, bodies=bodies, origins=origins, plastic=plastic)
+        words = {"bodies": bodies, "origins": origins, "plastic": plastic, "count": self.replacer.number}
+        return StateWriter(mjm, d, self._mask, self.fields.rest, **words)
 
     def _launch_reset(self) -> None:
         layouts = self.layouts
