@@ -7,7 +7,7 @@ from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.standing import (
-    MOST_DIRECTIONS,
+    MOST_CORNERS,
     Level,
     find_patch,
     lies_on_a_part,
@@ -86,7 +86,7 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate stands, and all levels below it with it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
-    patch = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=wp.vec2)
+    patch = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
     num = statics.obj_levelnum[search.obj[c]]
     above = Level()
@@ -102,9 +102,10 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         above = _level_of(program, statics, layouts, search, c, row, adr + j, above)
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - above.pivot, layouts.body_quat[row, body])
-        if not find_patch(statics, obj, variant, heading, surface, ground, patch):
+        corners = find_patch(statics, obj, variant, heading, surface, ground, patch)
+        if corners == 0:
             return False
-        above = measure(statics, above, obj, variant, patch)
+        above = measure(statics, above, obj, variant, patch, corners)
         if above.margin <= 0.0:
             return False
         levels[j] = above

@@ -46,6 +46,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_four": np.array([s.has_four for s in known], bool),
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
         "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
+        "variant_reach": np.array([np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]),
         "variant_curved": np.array([f.is_curved for f in feet], bool),
         "variant_holds": np.array([f.margin > 0.0 for f in feet], bool),
         "corner": np.reshape(corner, (-1, 2)),
