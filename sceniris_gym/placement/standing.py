@@ -125,7 +125,10 @@ def _is_left(statics: Statics, variant: int, x: wp.vec2, ends: wp.vec4) -> bool:
     """Return True if all of a foot whose x axis is `x` is left of an edge."""
     a = wp.vec2(ends[0], ends[1])
     along = wp.vec2(ends[2], ends[3]) - a
-    if cross2(a, along) > statics.variant_reach[variant] * wp.length(along):
+    inward = wp.vec2(cross2(along, x), wp.dot(along, x))  # along the axes of the foot
+    box = statics.variant_box[variant]
+    least = wp.min(inward[0] * box[0], inward[0] * box[2]) + wp.min(inward[1] * box[1], inward[1] * box[3])
+    if least > cross2(along, a):
         return True
     for f in range(statics.variant_footnum[variant]):
         foot = statics.variant_footadr[variant] + f

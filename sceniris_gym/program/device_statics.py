@@ -22,7 +22,7 @@ class Statics:
     obj_law: wp.array[wp.vec4]  # see `Law`
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
-    variant_reach: wp.array[float]  # distance [m] of the furthest corner of its foot from the pivot
+    variant_box: wp.array[wp.vec4]  # around its foot: low x, y, high x, y
     variant_curved: wp.array[bool]
     variant_holds: wp.array[bool]  # the object stands by itself wherever all of its foot is on its support
     foot_corneradr: wp.array[int]  # a foot has convex parts

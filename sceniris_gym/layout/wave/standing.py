@@ -5,6 +5,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.collision import collides_alone
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.standing import (
     MOST_CORNERS,
@@ -112,6 +113,16 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
     return loads_stand(levels, num)
 
 
+@wp.func
+def _test(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int):
+    """Reject a candidate that would fall, or make what it is put on fall."""
+    if search.cause[c] == Cause.NONE:
+        if statics.obj_levelnum[search.obj[c]] > 0:
+            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
+                if not _stands(program, statics, layouts, search, c, search.row[c]):
+                    search.cause[c] = Cause.FALLS
+
+
 @wp.kernel(grid_stride=False)
 def _test_standing(
     program: Program,
@@ -124,13 +135,38 @@ def _test_standing(
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
-            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
-                if not _stands(program, statics, layouts, search, c, search.row[c]):
-                    search.cause[c] = Cause.FALLS
+        _test(program, statics, layouts, search, c)
+
+
+# Most waves have nothing to test here, so that a launch of its own for either test would cost more than the tests do.
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False, module_options={"fuse_fp": False})
+def _test_overflowed_and_standing(
+    program: Program,
+    statics: Statics,
+    lanes: int,
+    # Layouts in: present, place, body_pos, body_quat
+    layouts: LayoutsView,
+    # Search in: row_surface, row_variant, candidates, any_overflowed, row, obj, cause, turn, surface, place,
+    #   overflowed, body_pos, body_quat
+    # Search out: cause
+    search: Search,
+):
+    for c in range(wp.tid(), candidate_num(search), lanes):
+        if search.any_overflowed[0] != 0:
+            if search.cause[c] == Cause.NONE and search.overflowed[c] != 0:
+                if collides_alone(program, layouts, search, c):
+                    search.cause[c] = Cause.COLLISION
+        _test(program, statics, layouts, search, c)
 
 
 def launch_test_standing(work: Workspace) -> None:
     """Reject candidates that would fall, or make what they are put on fall."""
-    lanes = work.size.lanes
-    work.launch(_test_standing, lanes, [work.program, work.statics, lanes, work.layouts, work.search])
+    kernel = _test_overflowed_and_standing if work.repeats_while_standing else _test_standing
+    work.launch(kernel, work.size.lanes, [work.program, work.statics, work.size.lanes, work.layouts, work.search])
+
+
+def lane_kernels(work: Workspace) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with independent lanes: one, or none where nothing can fall."""
+    if work.statics is None:
+        return ()
+    return (_test_overflowed_and_standing if work.repeats_while_standing else _test_standing,)
