@@ -276,7 +276,7 @@ class Workspace:
 
     @property
     def repeats_while_standing(self) -> bool:
-        """Whether candidates that overflowed are tested again for collision by the test of standing, without a launch.
+        """True if the test of standing repeats the collision test of candidates that overflowed, to save a launch.
 
         With `geometry: visual` another test comes between the two.
         """
