@@ -18,7 +18,7 @@ from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
 from sceniris_gym.placement.polygons import area, clip, cross2, half_plane
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_statics import Statics
+from sceniris_gym.program.device_statics import FEW_CORNERS, Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -32,9 +32,7 @@ _SLIVER = wp.constant(0.3)
 _SINK = wp.constant(5.0e-3)
 # MuJoCo sees two faces up to 5.1 degrees as parallel, and keeps fewer contacts beyond.
 _LEAN = wp.constant(0.089)
-_ROUNDS = 6
-# With more corners than this a foot is round.
-_ROUND = wp.constant(8)
+FEW_CORNERSS = 6
 
 
 @wp.struct
@@ -78,14 +76,23 @@ def weigh(
 
 @wp.func
 def _widen(statics: Statics, points: wp.array[wp.vec2], num: int, best: wp.array[float], patch: wp.array[wp.vec2]):
-    """Take points into a patch: its corner in each direction is the one that is furthest along it."""
-    for i in range(statics.direction.shape[0]):
+    """Take a convex polygon into a patch: its corner in each direction is the one that is furthest along it."""
+    k = int(0)
+    for j in range(1, num):
+        if wp.dot(points[j] - points[k], statics.direction[0]) > 0.0:
+            k = j
+    for i in range(statics.direction.shape[0] * wp.min(num, 1)):
         along = statics.direction[i]
-        for k in range(num):
-            far = wp.dot(points[k], along)
-            if far > best[i]:
-                best[i] = far
-                patch[i] = points[k]
+        far = wp.dot(points[k], along)
+        for _ in range(num):  # in all directions together once around
+            ahead = wp.dot(points[(k + 1) % num], along)
+            if ahead < far:
+                break
+            k = (k + 1) % num
+            far = ahead
+        if far > best[i]:
+            best[i] = far
+            patch[i] = points[k]
 
 
 @wp.func
@@ -181,7 +188,7 @@ def find_patch(
         parts = 1
     num = int(0)
     foot = statics.variant_footadr[variant]
-    is_plain = statics.obj_four[obj] or statics.foot_cornernum[foot] <= _ROUND
+    is_plain = statics.obj_four[obj] or statics.foot_cornernum[foot] <= FEW_CORNERS
     if is_plain and parts * statics.variant_footnum[variant] == 1:
         num = _turn_foot(statics, foot, heading, patch)
         if not statics.obj_whole[obj]:
@@ -212,11 +219,13 @@ def _join_parts(
     feet = statics.variant_footnum[variant]
     for i in range(feet):
         foot = statics.variant_footadr[variant] + i
+        first = parts
         least = float(0.0)
-        if feet > 1:
+        if feet > 1 and not statics.obj_whole[obj]:
             least = _SLIVER * area(points, _turn_foot(statics, foot, heading, points))
+            first = 0
         on = float(0.0)
-        for k in range(2 * parts):  # first how much of it is on the surface, then where
+        for k in range(first, 2 * parts):  # first how much of it is on the surface, then where
             left = _turn_foot(statics, foot, heading, points)
             if not statics.obj_whole[obj]:
                 left = _cut_foot(statics, statics.surface_partadr[surface] + k % parts, ground, points, left)
@@ -286,7 +295,7 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
             margin = wp.min(margin, cross2(side, at - before) / length)
             inner = wp.min(inner, cross2(side, middle - before) / length)
         before = after
-    if statics.obj_four[obj] and statics.foot_cornernum[statics.variant_footadr[variant]] > _ROUND:
+    if statics.obj_four[obj] and statics.foot_cornernum[statics.variant_footadr[variant]] > FEW_CORNERS:
         margin = wp.min(margin, inner - wp.length(at - middle))  # any four around it
     if corners < 3:
         margin = -1.0
@@ -305,7 +314,7 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
 def _sink(spring: wp.vec4, load: float) -> float:
     """Return the depth [m] at which one contact carries a load [kg]; see `Stance.spring`."""
     depth = float(0.0)
-    for _ in range(_ROUNDS):
+    for _ in range(FEW_CORNERSS):
         x = wp.min(depth / spring[3], 1.0)
         share = wp.where(x < 0.5, 2.0 * x * x, 1.0 - 2.0 * (1.0 - x) * (1.0 - x))
         d = spring[1] + share * (spring[2] - spring[1])

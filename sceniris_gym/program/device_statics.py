@@ -6,6 +6,9 @@ which cannot move.
 
 import warp as wp
 
+FEW_CORNERS = 8
+"""A foot with more corners than this is round."""
+
 
 @wp.struct
 class Statics:
