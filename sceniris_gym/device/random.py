@@ -5,6 +5,8 @@ seed of a world, the counter (episode, stream, trial, draw). So a layout depends
 reset, nor on their order, nor on the number of lanes that share the work.
 """
 
+import hashlib
+
 import warp as wp
 
 # Streams of one seed and episode. The placement of an object uses stream split * 2^24 + object. Streams of tasks have
@@ -63,3 +65,13 @@ def uniforms(seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw:
     """Return four independent uniform numbers in [0, 1) for one draw of one trial."""
     words = philox(seed, wp.vec4ui(wp.uint32(episode), stream, wp.uint32(trial), wp.uint32(draw)))
     return wp.vec4(uniform(words[0]), uniform(words[1]), uniform(words[2]), uniform(words[3]))
+
+
+def named_stream(split: str) -> int:
+    """Return the Philox stream of numbers that are drawn by name in a split."""
+    return NAMED_STREAM + (SPLITS[split] << STREAM_BITS)
+
+
+def name_hash(name: str) -> int:
+    """Return the 31 bits that stand for a name."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little") >> 1

@@ -26,6 +26,7 @@ from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
+from sceniris_gym.layout.wave.drawn_masses import DrawnMasses
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
@@ -97,11 +98,12 @@ class LayoutGenerator(Fixed, LayoutSource):
         _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
         self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
+        self._masses = DrawnMasses(compiled, nworld, split)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
             compiled.program,
-            compiled.statics,
+            self._masses.statics,
             compiled.related,
             reaches,
             SPLITS[split],
@@ -150,6 +152,7 @@ class LayoutGenerator(Fixed, LayoutSource):
 
     def _start(self, mask: wp.array | None) -> None:
         launch_start(self._work, mask)
+        self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
 

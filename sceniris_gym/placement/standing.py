@@ -53,6 +53,7 @@ class Level:
     lean: wp.vec2
     gap: float
     law: wp.vec4
+    soft: float  # factor of its contacts' spring by the masses of its world
 
 
 @wp.func
@@ -60,6 +61,7 @@ def weigh(
     program: Program,
     statics: Statics,
     obj: int,
+    worldid: int,
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
     origin: wp.vec3,
@@ -68,10 +70,33 @@ def weigh(
     total = wp.vec4(0.0)
     for i in range(program.obj_bodynum[obj]):
         body = program.body_list[program.obj_bodyadr[obj] + i]
-        weight = statics.body_weight[body]
-        at = apply(pose_of(body_pos[body], body_quat[body]), statics.body_center[body]) - origin
+        row = worldid % statics.body_weight.shape[0]
+        weight = statics.body_weight[row, body]
+        at = apply(pose_of(body_pos[body], body_quat[body]), statics.body_center[row, body]) - origin
         total += wp.vec4(weight, weight * at[0], weight * at[1], weight * at[2])
     return total
+
+
+@wp.func
+def _lightness(program: Program, statics: Statics, obj: int, worldid: int) -> float:
+    """Return the weight of an object in the model over that in a world, as inverse weights change by it."""
+    weight = float(0.0)
+    for i in range(program.obj_bodynum[obj]):
+        weight += statics.body_weight[worldid, program.body_list[program.obj_bodyadr[obj] + i]]
+    return statics.obj_weight[obj] / wp.max(weight, 1.0e-30)
+
+
+@wp.func
+def softness_of(program: Program, statics: Statics, obj: int, worldid: int) -> float:
+    """Return the factor of the spring of an object's contacts by the masses of a world, its own and its carrier's."""
+    if statics.obj_share.shape[0] == 0:
+        return 1.0
+    share = statics.obj_share[obj]
+    soft = share * _lightness(program, statics, obj, worldid)
+    if statics.obj_levelnum[obj] < 2:
+        return soft + 1.0 - share
+    carrier = statics.level_obj[statics.obj_leveladr[obj] + 1]
+    return soft + (1.0 - share) * _lightness(program, statics, carrier, worldid)
 
 
 @wp.func
@@ -301,7 +326,7 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
         margin = -1.0
     level.middle = middle
     level.margin = margin
-    level.sink = _sink(statics.obj_spring[obj], level.load[0] / float(wp.clamp(corners, 1, 8)))
+    level.sink = _sink(statics.obj_spring[obj], level.soft * level.load[0] / float(wp.clamp(corners, 1, 8)))
     size = level.law[3] * float(num) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
     level.softness = size * wp.mat22(yy, -xy, -xy, xx)
     if statics.variant_curved[variant]:  # it rolls as it leans, and stays wherever it does not roll off

@@ -22,6 +22,7 @@ from sceniris_gym.errors import (
     NotSupportedError,
     SceneFileError,
     SceneKeyError,
+    ScenirisError,
     UnknownNameError,
     check_type,
 )
@@ -32,6 +33,7 @@ from sceniris_gym.scene.cameras import add_cameras
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
 from sceniris_gym.scene.draws import FieldDraw, field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
+from sceniris_gym.scene.loadable import without_broken
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
 from sceniris_gym.scene.overview import FOVY, Overview
@@ -266,7 +268,8 @@ def build_model(config: SceneConfig) -> SceneModel:
     The root body of an object has the object's name, and everything inside it is `name/...`; inside `robot` the prefix
     is the name of the robot's asset, inside one of `robots` its name there. A free object's joint is `name/free`.
     Fixtures and markers are mocap bodies. The user's own `model` keeps its names and options; objects without an asset
-    are bodies of it. A model in memory is copied, and its bodies are not changed.
+    are bodies of it. A model in memory is copied, and its bodies are not changed. Files of a folder that cannot be
+    variants of an object are left out, with a ModelWarning that names them.
 
     Raises:
         ArgumentTypeError: `config` is no SceneConfig, which `SceneConfig.load` makes.
@@ -280,6 +283,17 @@ def build_model(config: SceneConfig) -> SceneModel:
     check_type(config, SceneConfig, "build_model: config")
     if isinstance(config.model, mujoco.MjModel):
         return _taken(config, config.model)
+    try:
+        return _with_shared_bodies(config)
+    except ScenirisError:
+        sound = without_broken(config)
+        if sound is config:
+            raise
+    return _with_shared_bodies(sound)
+
+
+def _with_shared_bodies(config: SceneConfig) -> SceneModel:
+    """Return a scene from files or a MjSpec, with the scene as it is simulated if objects have variants."""
     scene = _built(config)
     if not config.variants:
         return scene

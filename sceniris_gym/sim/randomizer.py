@@ -174,6 +174,8 @@ class ResetRandomizer(Fixed, StaysHere):
             self.variant = self.variants.variant
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._split = getattr(layout_source, "split", split)
+        if self._whole:
+            self.fields.make_ahead(layout_source, self._split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
@@ -231,8 +233,8 @@ class ResetRandomizer(Fixed, StaysHere):
     def model_field(self, name: str, of: str | None = None) -> wp.array:
         """Return a field of the Model with a row for each world, to write to after a reset.
 
-        Ask for it before the first reset, and call `refresh` after writing to it. The Model has to be made with a row
-        for each world, by `put_model(compiled, nworld, name)`.
+        The Model has to be made with a row for each world, by `put_model(compiled, nworld, name)`. Call `refresh` after
+        writing to it. A field that `put_model` has made for the scene's draws is asked for before the first reset.
 
         Args:
             name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
@@ -248,6 +250,23 @@ class ResetRandomizer(Fixed, StaysHere):
             SceneMismatchError: The Model has one row for all worlds.
         """
         return self.fields.ask(name, of, where="ResetRandomizer.model_field")
+
+    @launching
+    def scale_field(self, name: str, of: str, factor: Any) -> None:
+        """Scale part of a field in the worlds of the latest reset; call `refresh` after the last one.
+
+        Other components and the fields that follow are those of the word `scale` in a scene file: inertias follow
+        masses.
+
+        Args:
+            name: A field that `put_model` or `model_field` was asked for.
+            of: An element of the model, or an object or a robot.
+            factor: Factors of the model's values, a torch tensor or a Warp array, shape (nworld,), float32.
+
+        Raises:
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`; or factors of another shape.
+        """
+        self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
     def random(self, name: str, shape: tuple[int, ...] = ()) -> wp.array:
         """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), float32.

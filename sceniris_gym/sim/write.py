@@ -58,6 +58,15 @@ def addresses_of(
     return Addresses(qposadr, dofadr, mocapid, np.array(elements, int))
 
 
+@wp.func
+def row_of(worldid: int, rows: wp.array[int]) -> int:
+    """Return the row of layouts that a world gets: that of its own number, unless there are `rows`."""
+    row = worldid
+    if rows:
+        row = rows[worldid]
+    return row
+
+
 @wp.kernel
 def _write_state(
     # Lists of what is written:
@@ -92,9 +101,7 @@ def _write_state(
     worldid, i = wp.tid()
     if not mask[worldid]:
         return
-    row = int(worldid)
-    if rows:
-        row = rows[worldid]
+    row = row_of(worldid, rows)
 
     if i < qposadr.shape[0]:
         position = float(qpos_in[row, qposadr[i]])

@@ -236,6 +236,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Give the task its state, set the spaces by its first observation, and return that observation flat."""
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
         with self._on_torch_stream():
+            for name in self.task.model_fields:
+                self.batch.fields.ask(name, where="Task.model_fields")
             self.task.bind(self.state)
             self.batch.fields.close()
             self.batch.update()

@@ -49,7 +49,7 @@ def _weigh(
     # Out:
     total: wp.array[wp.vec4],
 ):
-    total[0] = weigh(program, statics, 1, body_pos, body_quat, wp.vec3(0.1, 0.2, 0.3))
+    total[0] = weigh(program, statics, 1, 0, body_pos, body_quat, wp.vec3(0.1, 0.2, 0.3))
 
 
 @wp.kernel(enable_backward=False, module="unique")

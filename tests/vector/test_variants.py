@@ -139,3 +139,24 @@ def test_a_snapshot_brings_its_variants_back(envs: SceneVectorEnv):
     assert torch.equal(first, again)
     assert torch.equal(envs.state.pose("thing")[-5:], poses)
     np.testing.assert_array_equal(envs.batch.model.geom_size.numpy()[-5:], sizes)
+
+
+def test_factors_are_of_the_variant_that_a_world_has(compiled: CompiledScene):
+    """Masses of boxes of two heights, scaled in every episode anew; inertias too."""
+
+    class Heavy(Look):
+        model_fields = ("body_mass",)
+
+        def on_reset(self, s: State, mask: torch.Tensor) -> None:
+            s.scale_field("body_mass", "thing", 1.0 + s.random("thing"), mask)
+
+    envs = SceneVectorEnv(Heavy, NWORLD, scene=compiled)
+    envs.reset(seed=0)
+    for mask in (np.arange(NWORLD) % 2 == 0, np.arange(NWORLD) % 3 == 0):
+        envs.reset(options={"reset_mask": mask})
+        s = envs.state
+        bodies = np.array([compiled.scene.bodies[f"thing/{name}"] for name in HEIGHTS])[s.variant("thing").numpy()]
+        factor, mjm = 1.0 + s.random("thing").numpy(), compiled.mjm
+        mass, inertia = (s.model_field(f"body_{name}", "thing").numpy() for name in ("mass", "inertia"))
+        np.testing.assert_allclose(mass, factor * mjm.body_mass[bodies], rtol=1e-6)
+        np.testing.assert_allclose(inertia, factor[:, None] * mjm.body_inertia[bodies], rtol=1e-6)

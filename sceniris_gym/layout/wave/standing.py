@@ -14,6 +14,7 @@ from sceniris_gym.placement.standing import (
     lies_on_a_part,
     loads_stand,
     measure,
+    softness_of,
     weigh,
 )
 from sceniris_gym.program.device import Cause, Program
@@ -48,24 +49,26 @@ def _level_of(
 ) -> Level:
     """Return level `number` of `Statics`, on which `above` stands, without what its patch says."""
     obj = statics.level_obj[number]
+    worldid = search.row_world[row]
     level = Level()
     own = wp.vec4(0.0)
     if obj == search.obj[c]:
         place = search.place[c]
         level.pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
-        own = weigh(program, statics, obj, search.body_pos[c], search.body_quat[c], level.pivot)
+        own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], level.pivot)
     else:
         place = layouts.place[row, program.obj_slot[obj]]
         level.pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
-        own = weigh(program, statics, obj, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
+        own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
     for i in range(statics.level_loadnum[number]):
         other = statics.load[statics.level_loadadr[number] + i]
         if layouts.present[row, program.obj_slot[other]] != 0:
-            own += weigh(program, statics, other, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
+            own += weigh(program, statics, other, worldid, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
     level.own = _around(own)
     level.load = _around(own + _moments(above.load, level.pivot - above.pivot))
     level.gap = program.obj_gap[obj]
     level.law = statics.obj_law[obj]
+    level.soft = softness_of(program, statics, obj, worldid)
     return level
 
 
@@ -130,7 +133,8 @@ def _test_standing(
     lanes: int,
     # Layouts in: present, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos, body_quat
+    # Search in: row_world, row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos,
+    #   body_quat
     # Search out: cause
     search: Search,
 ):
@@ -146,7 +150,7 @@ def _test_overflowed_and_standing(
     lanes: int,
     # Layouts in: present, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_surface, row_variant, candidates, any_overflowed, row, obj, cause, turn, surface, place,
+    # Search in: row_world, row_surface, row_variant, candidates, any_overflowed, row, obj, cause, turn, surface, place,
     #   overflowed, body_pos, body_quat
     # Search out: cause
     search: Search,
