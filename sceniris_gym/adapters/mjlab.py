@@ -61,11 +61,7 @@ class PlaceLayouts(ManagerTermBase):
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
         super().__init__(env)
         config = _as_config(cfg.scene, env)
-        if config.variants:
-            raise NotSupportedError(
-                f"{config.where}: objects.{next(iter(config.variants))}: has variants, and mjlab gives each entity one "
-                "model. Take SceneVectorEnv for the scene, or leave the variants out."
-            )
+        _check_variants(config, env)
         self.compiled: CompiledScene = compile_scene(config, env.device)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
@@ -255,6 +251,20 @@ def _as_config(scene: Any, env: Any) -> SceneConfig:
         if part.asset is None and part.body is None and name in env.scene.entities:
             words[f"objects.{name}.body"] = mjm.body(env.scene.entities[name].indexing.root_body_id).name
     return SceneConfig.load(config, {**words, "model": mjm})
+
+
+def _check_variants(config: SceneConfig, env: Any) -> None:
+    """Check that all environments have the same things, which mjlab chooses once, when it is built.
+
+    Raises:
+        NotSupportedError: An object has variants, or is an entity that has.
+    """
+    own = [name for name, entity in env.scene.entities.items() if hasattr(entity.cfg, "variants")]
+    for name in (*config.variants, *(name for name in config.objects if name in own)):
+        raise NotSupportedError(
+            f"{config.where}: objects.{name}: has variants, and a layout would have to be made for the one that mjlab "
+            "has chosen. Take SceneVectorEnv for the scene, or an entity without variants (EntityCfg)."
+        )
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:

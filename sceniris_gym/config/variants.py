@@ -16,7 +16,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
-from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.config.loader import HOLDOUT, TAGS, VARIANTS, merge
 
 DRAWN = ("weight", "split")
@@ -94,9 +94,23 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
                 drawn[word][member] = words[word]
         own = {word: value for word, value in words.items() if word not in DRAWN}
         members[member] = merge({"objects": {name: shared}}, {"objects": {name: own}})["objects"][name]
+    _check_kinds(at, members)
     splits = _held_out(at, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
+    for split in SPLITS:
+        drawable = [name for name in members if group["splits"].get(name, split) == split]
+        if all(drawn["weight"].get(name) == 0 for name in drawable):
+            _refuse((*at, VARIANTS), f"should have one of a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}
+
+
+def _check_kinds(at: tuple[str, ...], members: Mapping[str, dict]) -> None:
+    """Check that all variants are free objects, or all fixtures, as one body is all of them in the simulation."""
+    kinds = {member: words.get("kind", "free") for member, words in members.items()}
+    other = next((member for member, kind in kinds.items() if kind != next(iter(kinds.values()))), None)
+    if other is not None:
+        place = (*at, VARIANTS, other.partition("/")[2], "kind")
+        _refuse(place, "should be the kind of the other variants: one body is all of them", kinds[other])
 
 
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:

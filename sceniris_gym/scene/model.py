@@ -26,6 +26,7 @@ from sceniris_gym.errors import (
     UnknownNameError,
     check_type,
 )
+from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
@@ -152,6 +153,11 @@ class SceneModel:
     def owners(self) -> dict[int, str]:
         """The object or robot that each body belongs to, by body id; bodies of neither are left out."""
         return {body: name for name in self.bodies for body in self.subtree(name)}
+
+    @cached_property
+    def contact_rules(self) -> ContactRules:
+        """MuJoCo's contact rules of the model."""
+        return ContactRules(self.mjm, "physics")
 
     def around(self, support: Support) -> list[int]:
         """Return the bodies that may cover a support: those of the object that it is part of, or its own body."""

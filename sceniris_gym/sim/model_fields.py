@@ -13,9 +13,9 @@ import warp as wp
 from sceniris_gym.config.randomize import OBJECT_WORDS
 from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.field_drawer import FieldDrawer, MadeAhead
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.placement.field_drawer import FieldDrawer, MadeAhead
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows

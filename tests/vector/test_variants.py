@@ -13,6 +13,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
+from sceniris_gym.vector.touch import Touch
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
@@ -107,6 +108,20 @@ def test_the_grasp_is_that_of_the_variant(envs: SceneVectorEnv, compiled: Compil
         )
     middle = s.pose("thing")[:, 2] + torch.tensor(list(HEIGHTS.values()))[s.variant("thing")] / 2
     assert (grasp[:, 2] - middle).abs().max() < 0.03
+
+
+def test_contacts_are_those_of_the_variant(envs: SceneVectorEnv):
+    """Whichever it is, it stands on the floor, and it touches the cube in the world where that was put against it."""
+    envs.reset(seed=3)
+    s, touch = envs.state, Touch(envs.state, ("thing",), ("world", "other"))
+    pose = s.pose("thing")
+    pose[:, 0] += 0.0395  # both are 4 cm wide
+    s.put_pose("other", pose, torch.arange(NWORLD) == 1)
+    for _ in range(10):
+        envs.step(torch.zeros(NWORLD, 1))
+    found = touch(s)[:, 0]
+    assert found[:, 0].all()
+    assert found[:, 1].tolist() == [world == 1 for world in range(NWORLD)]
 
 
 def test_an_unknown_object_is_named_with_those_that_there_are(envs: SceneVectorEnv):

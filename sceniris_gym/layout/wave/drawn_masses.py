@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.placement.field_drawer import FieldDrawer
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied, fill_struct
 from sceniris_gym.program.device_statics import Statics

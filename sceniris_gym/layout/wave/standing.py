@@ -5,9 +5,10 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.collision import collides_alone
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.standing import (
-    MOST_DIRECTIONS,
+    MOST_CORNERS,
     Level,
     find_patch,
     lies_on_a_part,
@@ -89,7 +90,7 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate stands, and all levels below it with it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
-    patch = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=wp.vec2)
+    patch = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
     num = statics.obj_levelnum[search.obj[c]]
     above = Level()
@@ -105,13 +106,24 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         above = _level_of(program, statics, layouts, search, c, row, adr + j, above)
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - above.pivot, layouts.body_quat[row, body])
-        if not find_patch(statics, obj, variant, heading, surface, ground, patch):
+        corners = find_patch(statics, obj, variant, heading, surface, ground, patch)
+        if corners == 0:
             return False
-        above = measure(statics, above, obj, variant, patch)
+        above = measure(statics, above, obj, variant, patch, corners)
         if above.margin <= 0.0:
             return False
         levels[j] = above
     return loads_stand(levels, num)
+
+
+@wp.func
+def _test(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int):
+    """Reject a candidate that would fall, or make what it is put on fall."""
+    if search.cause[c] == Cause.NONE:
+        if statics.obj_levelnum[search.obj[c]] > 0:
+            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
+                if not _stands(program, statics, layouts, search, c, search.row[c]):
+                    search.cause[c] = Cause.FALLS
 
 
 @wp.kernel(grid_stride=False)
@@ -127,13 +139,38 @@ def _test_standing(
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
-            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
-                if not _stands(program, statics, layouts, search, c, search.row[c]):
-                    search.cause[c] = Cause.FALLS
+        _test(program, statics, layouts, search, c)
+
+
+# Most waves have nothing to test here, so that a launch of its own for either test would cost more than the tests do.
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False, module_options={"fuse_fp": False})
+def _test_overflowed_and_standing(
+    program: Program,
+    statics: Statics,
+    lanes: int,
+    # Layouts in: present, place, body_pos, body_quat
+    layouts: LayoutsView,
+    # Search in: row_world, row_surface, row_variant, candidates, any_overflowed, row, obj, cause, turn, surface, place,
+    #   overflowed, body_pos, body_quat
+    # Search out: cause
+    search: Search,
+):
+    for c in range(wp.tid(), candidate_num(search), lanes):
+        if search.any_overflowed[0] != 0:
+            if search.cause[c] == Cause.NONE and search.overflowed[c] != 0:
+                if collides_alone(program, layouts, search, c):
+                    search.cause[c] = Cause.COLLISION
+        _test(program, statics, layouts, search, c)
 
 
 def launch_test_standing(work: Workspace) -> None:
     """Reject candidates that would fall, or make what they are put on fall."""
-    lanes = work.size.lanes
-    work.launch(_test_standing, lanes, [work.program, work.statics, lanes, work.layouts, work.search])
+    kernel = _test_overflowed_and_standing if work.repeats_while_standing else _test_standing
+    work.launch(kernel, work.size.lanes, [work.program, work.statics, work.size.lanes, work.layouts, work.search])
+
+
+def lane_kernels(work: Workspace) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with independent lanes: one, or none where nothing can fall."""
+    if work.statics is None:
+        return ()
+    return (_test_overflowed_and_standing if work.repeats_while_standing else _test_standing,)

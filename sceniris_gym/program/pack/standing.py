@@ -49,6 +49,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_four": np.array([s.has_four for s in known], bool),
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
         "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
+        "variant_box": np.reshape([_box(np.concatenate(f.parts)) for f in feet], (-1, 4)),
         "variant_curved": np.array([f.is_curved for f in feet], bool),
         "obj_weight": np.array([weights(mjm)[o.bodies].sum() for o in objects]),
         "obj_share": np.array([s.share for s in known if drawn]),
@@ -62,6 +63,11 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     }
     fill_struct(Statics, statics, arrays, device)
     return statics
+
+
+def _box(points: np.ndarray) -> np.ndarray:
+    """Return the least and the greatest coordinates of points [m] of shape (n, 2), shape (4,)."""
+    return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:

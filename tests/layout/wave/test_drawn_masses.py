@@ -13,6 +13,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.model_fields import put_model
@@ -22,6 +23,7 @@ from tests.oracle.stack_judge import STILL, StackJudge
 
 NWORLD = 48
 MASSES = {"mass": {"scale": [0.1, 10.0], "distribution": "log_uniform"}}
+HEIGHTS = {"low": 0.03, "tall": 0.06}
 CENTERS = {"ipos": {"add": [[-0.04, -0.01, 0.0], [0.04, 0.01, 0.0]]}}
 
 
@@ -89,3 +91,24 @@ def test_gravity_is_drawn_within_the_tilt_at_which_things_stand(tmp_path: Path):
     reset(seesaw(tmp_path, {}, {}, randomize={"gravity": {"add": [[-0.1, -0.1, -0.5], [0.1, 0.1, 0.5]]}}), 2)
     with pytest.raises(SceneKeyError, match=r"gravity may be drawn as \[-0.2, .*point down the z axis to 1 degree"):
         seesaw(tmp_path, {}, {}, randomize={"gravity": {"add": [[-0.2, 0, 0], [0.2, 0, 0]]}})
+
+
+def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
+    """They are drawn by the name of the object, relative to the variant that is present."""
+    load = {"variants": {name: {"asset": box_mjcf(tmp_path, name, 0.04, 0.04, z)} for name, z in HEIGHTS.items()}}
+    words = {"orientation": {"yaw": [0, 0]}}
+    objects = {
+        "plank": {"asset": box_mjcf(tmp_path, "plank", 0.3, 0.06, 0.02), "on": "floor", **words},
+        "load": {**load, "on": "plank", "randomize": MASSES, **words},
+    }
+    compiled = compile_on_cpu({"floor": {"size": [1, 1]}, "attempts": 200, "objects": objects}, bank=8)
+    randomizer = reset(compiled, prefetch=False)
+    generator, slot = randomizer.layout_source, compiled.scene.sim.bodies["load"]
+    assert isinstance(generator, LayoutGenerator)
+    assert generator._masses.statics is not None
+    variant, rows = randomizer.variant.numpy()[:, 0], np.arange(NWORLD)
+    members = np.array([compiled.scene.bodies[f"load/{name}"] for name in HEIGHTS])[variant]
+    weights = generator._masses.statics.body_weight.numpy()[rows, members]
+    np.testing.assert_allclose(weights, randomizer.model.body_mass.numpy()[:, slot], rtol=1e-6)
+    assert len(set(variant)) == 2
+    assert len(np.unique(weights)) == NWORLD

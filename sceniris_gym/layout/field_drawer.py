@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -276,36 +277,25 @@ def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) 
     """
     items, choices, column = [], [], 0
     for draw in draws:
+        config, (field, size), several = draw.config, places[draw.word.field], draw.choice.shape[1] > 1
+        new, form = partial(_item, draw, len(choices)), _TURN if draw.is_turn else _FORMS[config.form]
         for element, numbers in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
-            items += _of_element(draw, places, element, numbers, len(choices))
-        several = draw.choice.shape[1] > 1
+            components = range(4) if draw.is_turn else draw.components.tolist()
+            drawn = [(field, size * element + c) for c in components]
+            if draw.is_turn:  # three numbers make all of a quaternion
+                numbers = numbers[:1] * 4
+            items += [new(number, k, form, at) for k, (number, at) in enumerate(zip(numbers, drawn, strict=True))]
+            for name, first, count in draw.word.follow:
+                other, wide = places[name]
+                written = [(other, wide * element + k) for k in range(first, first + count)]
+                items += [new(numbers[0], 0, form, drawn[0], at) for at in written]
+        width = draw.width // (len(draw.rows) if config.each else 1)
         for number in range(draw.width):  # a value of several numbers is told by its place in the list
-            component = (
-                draw.choice.shape[1]
-                if several
-                else number % (draw.width // (len(draw.rows) if draw.config.each else 1))
-            )
-            form = _CHOICE if draw.config.choice else _ABS
-            items.append(_item(draw, number, component, form, len(choices), (len(places), column)))
-            column += 1
+            component = draw.choice.shape[1] if several else number % width
+            items.append(new(number, component, _CHOICE if config.choice else _ABS, (len(places), column + number)))
+        column += draw.width
         choices += [*draw.choice.T.ravel().tolist(), *range(len(draw.choice) if several else 0)]
     return items, choices
-
-
-def _of_element(
-    draw: FieldDraw, places: Mapping[str, tuple[int, int]], element: int, numbers: list[int], choices: int
-) -> list[Item]:
-    """Return the numbers of an element of the field, and of the fields that follow it."""
-    field, size = places[draw.word.field]
-    if draw.is_turn:
-        return [_item(draw, numbers[0], 0, _TURN, choices, (field, 4 * element + k)) for k in range(4)]
-    form, drawn = _FORMS[draw.config.form], [(field, size * element + int(c)) for c in draw.components]
-    items = [_item(draw, number, k, form, choices, drawn[k]) for k, number in enumerate(numbers)]
-    for name, first, count in draw.word.follow:
-        other, wide = places[name]
-        written = [(other, wide * element + k) for k in range(first, first + count)]
-        items += [_item(draw, numbers[0], 0, form, choices, drawn[0], place) for place in written]
-    return items
 
 
 def _copy(field: int, offset: int) -> Item:
@@ -317,10 +307,10 @@ def _copy(field: int, offset: int) -> Item:
 
 def _item(
     draw: FieldDraw,
+    choices: int,
     number: int,
     component: int,
     form: int,
-    choices: int,
     drawn: tuple[int, int],
     written: tuple[int, int] | None = None,
 ) -> Item:
