@@ -261,8 +261,7 @@ def make_redraw(
     """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
-    most, busy = min(size.candidates, _MOST_REDRAWN), min(size.busy, _BUSY_REDRAWN)
-    size = replace(size, rows=0, candidates=most, busy=busy)
+    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN), busy=min(size.busy, _BUSY_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
     return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 
