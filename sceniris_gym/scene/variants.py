@@ -112,13 +112,13 @@ class SharedBodies:
             spec: The scene.
             before: The same, compiled with them.
         """
-        if spec.body(_HULLS) is None:
+        if spec.body(_HULLS) is None or spec.compiler.discardvisual:  # which discards meshes that no geom names
             return compile_spec(spec, self._where)
         spec.delete(spec.body(_HULLS))
         mjm = compile_spec(spec, self._where)
         if np.array_equal(mjm.mesh_graphadr, before.mesh_graphadr):
             return mjm
-        self._name_meshes(spec)  # such as where the model discards meshes that no geom names
+        self._name_meshes(spec)
         return compile_spec(spec, self._where)
 
     def _name_meshes(self, spec: mujoco.MjSpec) -> None:
