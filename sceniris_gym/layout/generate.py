@@ -17,6 +17,7 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.errors import ArgumentError, check_type
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.knobs import launch_write
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
@@ -59,17 +60,19 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: Capacities, which affect the speed and never the layouts; None takes those that suit the device.
         rejected: Length of a record of the first candidates that collided, for audits.
         every_cause: Record candidates of every cause that were rejected at a pose, not of collisions alone.
+        knobs: Names of the knobs that worlds have, or patterns such as "objects.*.joints.*"; see `set_knobs`.
 
     Raises:
+        UnknownNameError: An unknown knob.
         SeedError: Not 64-bit integers, or not one per world.
-        ArgumentError: An unknown split.
+        ArgumentError: An unknown split, or a part of the scene that cannot be a knob.
         CountError: A number of worlds that is no integer, or out of range.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
         MemoryLimitError: More worlds than there is memory for.
     """
 
     FIXED = ("compiled", "split", "size", "layouts")
-    ARGUMENTS = ("nworld", "seed", "rejected")
+    ARGUMENTS = ("nworld", "seed", "rejected", "knobs")
 
     @launching
     def __init__(
@@ -82,6 +85,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: SearchSize | None = None,
         rejected: int = 0,
         every_cause: bool = False,
+        knobs: str | Sequence[str] = (),
     ) -> None:
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
         if not isinstance(split, str) or split not in SPLITS:
@@ -96,11 +100,13 @@ class LayoutGenerator(Fixed, LayoutSource):
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
         _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
-        self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
+        words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
+        self.layouts = Layouts.create(compiled, nworld, **words)
+        program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
-            compiled.program,
+            program,
             compiled.statics,
             compiled.related,
             reaches,
@@ -149,6 +155,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_finish(self._work, mask)
 
     def _start(self, mask: wp.array | None) -> None:
+        if self._knobbed is not None:
+            view = self.layouts.view
+            launch_write(self._knobbed, mask, view.next_knob, view.default_knob)
         launch_start(self._work, mask)
         if self._stage is not None:
             self._stage.launch_start()

@@ -43,10 +43,10 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: pending_seed, pending_episode
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob, pending_knob
+    # Layouts out: pending_seed, pending_episode, pending_knob
     served: LayoutsView,
-    # Layouts in: seed, episode
+    # Layouts in: seed, episode, pending_knob
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
@@ -70,19 +70,22 @@ def _find_missing(
         open_episode(served, worldid)
         if prepared.seed[worldid] == served.pending_seed[worldid]:
             missing[worldid] = prepared.episode[worldid] != served.pending_episode[worldid]
+            for k in range(served.pending_knob.shape[1]):
+                if prepared.pending_knob[worldid, k] != served.pending_knob[worldid, k]:
+                    missing[worldid] = True
 
 
 @wp.kernel
 def _serve(
     # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, pending_seed, pending_episode, row_rejections
+    #   pregrasp_qpos, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: rejections, pending_seed, pending_episode, row_rejections
+    # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
     # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp,
-    #   grasp_qpos, pregrasp_qpos, rejections, next_episode
+    #   grasp_qpos, pregrasp_qpos, rejections, next_episode, knob
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -128,15 +131,15 @@ def _decide(
 
 @wp.kernel
 def _begin(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: pending_seed, pending_episode
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob, pending_knob
+    # Layouts out: pending_seed, pending_episode, pending_knob
     served: LayoutsView,
     # In:
     begins: wp.array[int],
     # Out:
     stage: wp.array[int],
     being_made: wp.array[bool],
-    # Layouts out: next_seed, next_episode
+    # Layouts out: next_seed, next_episode, next_knob
     prepared: LayoutsView,
 ):
     worldid = wp.tid()
@@ -150,6 +153,8 @@ def _begin(
         open_episode(served, worldid)
         prepared.next_seed[worldid] = served.pending_seed[worldid]
         prepared.next_episode[worldid] = served.pending_episode[worldid]
+        for k in range(served.pending_knob.shape[1]):
+            prepared.next_knob[worldid, k] = served.pending_knob[worldid, k]
 
 
 @wp.kernel
@@ -202,7 +207,8 @@ class PreparedLayouts(LayoutSource):
         _check_generator(generator)
         _check_stream(stream, wp.get_device(generator.compiled.device))
         compiled, nworld = generator.compiled, generator.nworld
-        ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size)
+        names = generator.layouts.knobs.names
+        ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size, knobs=names)
         self.layouts, self.split = generator.layouts, generator.split
         self._generator, self._ahead = generator, ahead
         device = self._device = wp.get_device(compiled.device)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask
 from sceniris_gym.layout.seeds import episodes_on_device, launch_reseed, seeds_on_device
@@ -46,6 +47,16 @@ class LayoutSource(StaysHere):
             episodes: Episodes on the device, shape (nworld,), int32; None is episode 0.
         """
         launch_reseed(self.layouts.view, seeds, mask, episodes)
+
+    def launch_set_knob(self, first: int, values: wp.array, mask: wp.array | None) -> None:
+        """Write numbers of knobs, with which the next layouts of the masked worlds are made.
+
+        Args:
+            first: The first of their columns.
+            values: Numbers, shape (1 or nworld, number of columns), float32.
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        launch_set(self.layouts.view.next_knob, first, values, mask)
 
     def after_reset(self) -> None:
         """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""
@@ -94,6 +105,26 @@ class LayoutSource(StaysHere):
         wanted = None if keeps else seeds_on_device(seeds, nworld, device)
         first = None if episodes is None else episodes_on_device(episodes, nworld, device)
         self.launch_reseed(wanted, self._checked(mask), first)
+
+    @launching
+    def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:
+        """Change knobs of the masked worlds; their next layouts follow, and all after them.
+
+        Args:
+            values: By the names of knobs the value that the scene file could have in their place, such as [1, 3] for
+                "groups.clutter.count"; or such a value for each world. Joint positions are in m or rad.
+            mask: As in generate.
+
+        Raises:
+            UnknownNameError: The worlds were not made with such a knob.
+            ArgumentError: A value that does not lie within that of the scene file.
+            MaskError, MaskTypeError: As in generate.
+        """
+        table, nworld, device = self.layouts.knobs, self.layouts.nworld, self.layouts.seed.device
+        checked = {name: table.knob(name).checked(value, nworld) for name, value in values.items()}
+        on_device = self._checked(mask)
+        for name, rows in checked.items():
+            self.launch_set_knob(table.first[name], wp.array(rows, dtype=float, ndim=2, device=device), on_device)
 
     def _checked(self, mask: Any) -> wp.array | None:
         return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)

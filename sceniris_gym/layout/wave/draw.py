@@ -126,13 +126,14 @@ def _draw(
         row = search.row[c]
         obj = search.obj[c]
         trial = trial_of(program, search, c)
-        seed = layouts.pending_seed[search.row_world[row]]
-        episode = layouts.pending_episode[search.row_world[row]]
+        worldid = search.row_world[row]
+        seed = layouts.pending_seed[worldid]
+        episode = layouts.pending_episode[worldid]
         stream = stream_of(program, split, obj)
         search.cause[c] = Cause.NONE
         search.overflowed[c] = 0
         search.surface[c] = -1
-        draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
+        draw_joints(program, worldid, obj, seed, episode, stream, trial, search.qpos[c])
         if program.obj_kind[obj] == ObjectKind.STATIC:
             _draw_static(program, layouts, search, c, row, obj)
             continue
