@@ -113,11 +113,10 @@ class PlaceLayouts(ManagerTermBase):
             )
         by_env = dict(zip(wanted, ids, strict=True))
         chosen = as_chosen_layouts(
-            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.scene, self._generator.split
+            [by_env.get(i) for i in range(num_envs)], num_envs, self._generator, self._generator.split
         )
         assert chosen is not None
-        seeds, episodes, given = chosen
-        self._generator.reseed(seeds, given, episodes)
+        self._generator.reseed(chosen.seeds, chosen.given, chosen.episodes, chosen.knobs)
 
     def reset(self, env_ids: Tensor | None) -> None:
         """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""

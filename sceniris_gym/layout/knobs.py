@@ -143,7 +143,7 @@ class KnobTable:
             UnknownNameError: It is none of these.
         """
         if name not in self.first:
-            raise UnknownNameError("knob", str(name), f"{where} (knobs are named when worlds are made)", self.names)
+            raise UnknownNameError("knob", str(name), f"{where}, one of `knobs`", self.names)
         return next(knob for knob in self.knobs if knob.name == name)
 
     def named(self, rows: Any) -> dict[str, Any]:
@@ -166,11 +166,19 @@ class KnobTable:
             LayoutIdError: A malformed text, or as many numbers as the knob does not have.
             UnknownNameError, ArgumentError: A knob that is not in the table, or numbers that it cannot have.
         """
-        row = self.default.copy()
-        for name, values in knobs_in(text).items():
-            knob = self.knob(name, f"layout id with '{name}'")
-            row[self.first[name] : self.first[name] + len(knob.default)] = knob.checked(values, 1)[0]
-        return row
+        return self.rows(knobs_in(text), 1)[0]
+
+    def rows(self, values: Mapping[str, Any], nworld: int) -> np.ndarray:
+        """Return the numbers of all worlds in which some knobs have other values, shape (nworld, nvalue), float32.
+
+        Raises:
+            UnknownNameError, ArgumentError: A knob that is not in the table, or values that it cannot have.
+        """
+        rows = np.tile(self.default, (nworld, 1))
+        for name, value in values.items():
+            checked = self.knob(name).checked(value, nworld)
+            rows[:, self.first[name] : self.first[name] + checked.shape[1]] = checked
+        return rows
 
     def fill(self, program: Program, nworld: int) -> tuple[Program, wp.array | None]:
         """Return the program with a row for each world where knobs are, and the numbers that knobs have in it."""

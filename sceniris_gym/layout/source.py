@@ -83,7 +83,11 @@ class LayoutSource(StaysHere):
 
     @launching
     def reseed(
-        self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
+        self,
+        seeds: int | Sequence[int] | np.ndarray | wp.array | None,
+        mask: Any = None,
+        episodes: Any = None,
+        knobs: np.ndarray | None = None,
     ) -> None:
         """Choose the next layouts of the masked worlds, which go on from there.
 
@@ -95,6 +99,7 @@ class LayoutSource(StaysHere):
             mask: As in generate.
             episodes: Episode of all worlds, or one per world, shape (nworld,), on the host or as an int32 Warp array on
                 the device; None is episode 0 of new seeds.
+            knobs: Numbers of the knobs, a row for each world, shape (nworld, nvalue); None leaves them as they are.
 
         Raises:
             SeedError: Not 64-bit seeds, episodes below 2^31, or not one per world.
@@ -104,7 +109,10 @@ class LayoutSource(StaysHere):
         keeps = seeds is None and episodes is not None
         wanted = None if keeps else seeds_on_device(seeds, nworld, device)
         first = None if episodes is None else episodes_on_device(episodes, nworld, device)
-        self.launch_reseed(wanted, self._checked(mask), first)
+        on_device = self._checked(mask)
+        self.launch_reseed(wanted, on_device, first)
+        if knobs is not None and knobs.size:
+            self.launch_set_knob(0, wp.array(knobs, dtype=float, ndim=2, device=device), on_device)
 
     @launching
     def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:
