@@ -24,6 +24,7 @@ from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
+from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
@@ -103,6 +104,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
         self.layouts = Layouts.create(compiled, nworld, **words)
         program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld)
+        self._boxes = self.layouts.knobs.boxes(compiled)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
@@ -180,6 +182,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         work = self._work
         launch_open_candidates(work)
         launch_draw(work)
+        if self._boxes is not None:
+            launch_draw_in_boxes(work, self._boxes)
         if work.related:
             launch_build_sides(work)
             launch_find_pieces(work)

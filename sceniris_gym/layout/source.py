@@ -48,15 +48,15 @@ class LayoutSource(StaysHere):
         """
         launch_reseed(self.layouts.view, seeds, mask, episodes)
 
-    def launch_set_knob(self, first: int, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
         """Write numbers of knobs, with which the next layouts of the masked worlds are made.
 
         Args:
-            first: The first of their columns.
-            values: Numbers, shape (1 or nworld, number of columns), float32.
+            columns: Their columns, shape (n,), int32; None is all of them.
+            values: Numbers, shape (1 or nworld, n), float32.
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
-        launch_set(self.layouts.view.next_knob, first, values, mask)
+        launch_set(self.layouts.view.next_knob, columns, values, mask)
 
     def after_reset(self) -> None:
         """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""
@@ -112,7 +112,7 @@ class LayoutSource(StaysHere):
         on_device = self._checked(mask)
         self.launch_reseed(wanted, on_device, first)
         if knobs is not None and knobs.size:
-            self.launch_set_knob(0, wp.array(knobs, dtype=float, ndim=2, device=device), on_device)
+            self.launch_set_knobs(None, wp.array(knobs, dtype=float, ndim=2, device=device), on_device)
 
     @launching
     def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:
@@ -129,10 +129,11 @@ class LayoutSource(StaysHere):
             MaskError, MaskTypeError: As in generate.
         """
         table, nworld, device = self.layouts.knobs, self.layouts.nworld, self.layouts.seed.device
-        checked = {name: table.knob(name).checked(value, nworld) for name, value in values.items()}
+        columns, rows = table.part(values, nworld)
         on_device = self._checked(mask)
-        for name, rows in checked.items():
-            self.launch_set_knob(table.first[name], wp.array(rows, dtype=float, ndim=2, device=device), on_device)
+        if len(columns):
+            where, numbers = wp.array(columns, dtype=int, device=device), wp.array(rows, dtype=float, device=device)
+            self.launch_set_knobs(where, numbers, on_device)
 
     def _checked(self, mask: Any) -> wp.array | None:
         return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)

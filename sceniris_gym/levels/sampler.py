@@ -84,12 +84,12 @@ class LevelSampler(LayoutSource):
         self._launch_knobs(mask)
         self.source.launch_reseed(self._buffer.next_seed, mask, self._buffer.next_episode)
 
-    def launch_set_knob(self, first: int, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
         for knob in (self._buffer.base_knob, self._buffer.next_knob):
-            launch_set(knob, first, values, mask)
+            launch_set(knob, columns, values, mask)
         launch_forget(self._buffer, None, mask, self._next_probe, restores=False)
-        self.source.launch_set_knob(first, values, mask)
+        self.source.launch_set_knobs(columns, values, mask)
 
     @property
     def _next_probe(self) -> wp.array | None:
@@ -105,7 +105,7 @@ class LevelSampler(LayoutSource):
     def _launch_knobs(self, mask: wp.array | None) -> None:
         """Hand the knobs of the next levels on."""
         if self.layouts.knobs.knobs:
-            self.source.launch_set_knob(0, self._buffer.next_knob, mask)
+            self.source.launch_set_knobs(None, self._buffer.next_knob, mask)
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """See `LayoutSource`; the worlds draw their fresh levels by these seeds from then on."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import warp as wp
@@ -10,6 +10,7 @@ import warp as wp
 from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import uniforms
+from sceniris_gym.layout.knobs import KnobTable, launch_write
 from sceniris_gym.scene.draws import FieldDraw
 from sceniris_gym.sim.named_random import name_hash, named_stream
 
@@ -34,7 +35,8 @@ class Item:
         name: Hash of the name that it is drawn by.
         number: The first drawn number of that name.
         form, distribution: Codes.
-        low, high: Parameters of the distribution, of three numbers for a turn.
+        ends: First column of its draw in a row of ends.
+        low, high: Columns of the parameters of the distribution behind it, of three numbers for a turn.
         choice: The first value to choose from, of its component.
         nchoice: The number of values.
         field: The field that is written.
@@ -47,8 +49,9 @@ class Item:
     number: int
     form: int
     distribution: int
-    low: wp.vec3
-    high: wp.vec3
+    ends: int
+    low: wp.vec3i
+    high: wp.vec3i
     choice: int
     nchoice: int
     field: int
@@ -120,6 +123,7 @@ def _draw_fields(
     episode: wp.array[int],
     stream: wp.uint32,
     items: wp.array[Item],
+    ends: wp.array2d[float],
     choices: wp.array[float],
     fields: Fields,
 ):
@@ -133,7 +137,8 @@ def _draw_fields(
         return
     item = items[i]
     u = uniforms(seed[row], episode[row], stream, item.name, item.number)
-    number = _number(item.distribution, item.low[0], item.high[0], u)
+    own = worldid % ends.shape[0]
+    number = _number(item.distribution, ends[own, item.ends + item.low[0]], ends[own, item.ends + item.high[0]], u)
     nominal = _nominal(fields, item.drawn, worldid, item.drawn_offset)
     value = number
     if item.form == _SCALE:
@@ -146,7 +151,9 @@ def _draw_fields(
         turn = wp.vec3()
         for k in range(3):
             v = uniforms(seed[row], episode[row], stream, item.name, item.number + k)
-            turn[k] = 0.5 * _RADIANS * _number(item.distribution, item.low[k], item.high[k], v)
+            low = item.ends + item.low[k]
+            high = item.ends + item.high[k]
+            turn[k] = 0.5 * _RADIANS * _number(item.distribution, ends[own, low], ends[own, high], v)
         half = wp.length(turn)
         axis = wp.normalize(turn) * wp.sin(half)
         first = item.drawn_offset - item.drawn_offset % 4
@@ -181,6 +188,7 @@ class FieldDrawer:
         nominal: Mapping[str, wp.array],
         nworld: int,
     ) -> None:
+        self._draws, self._knobbed = draws, None
         names, device = list(arrays), next(iter(arrays.values())).device
         first = np.cumsum([0, *(draw.width for draw in draws)]).tolist()
         with wp.ScopedDevice(device):
@@ -197,10 +205,35 @@ class FieldDrawer:
             self._fields.kind = wp.array([_KINDS.get(a.dtype, _FLOAT) for a in written], dtype=int)
             items, choices = _items(draws, {name: (k, sizes[k]) for k, name in enumerate(names)})
             self._items, self._choices = wp.array(items, dtype=Item), wp.array(choices, dtype=float)
+            self._ends = wp.array([[end for draw in draws for end in _ends(draw)]], dtype=float, ndim=2)
         self.numbers = {draw.name: numbers[:, first[k] : first[k + 1]] for k, draw in enumerate(draws)}
 
+    def use_knobs(self, table: KnobTable, keys: Sequence[str]) -> None:
+        """Draw from intervals that knobs narrow, world by world.
+
+        Args:
+            table: The knobs.
+            keys: Key of each draw in the scene file.
+        """
+        first = np.cumsum([0, *(len(_ends(draw)) for draw in self._draws)]).tolist()
+        places = {
+            key: [("ends", column + k, k) for k in range(len(_ends(draw)))]
+            for key, draw, column in zip(keys, self._draws, first, strict=False)
+        }
+        if places.keys() & table.first.keys():
+            with wp.ScopedDevice(self._ends.device):
+                self._ends = wp.array(np.repeat(self._ends.numpy(), self._nworld, axis=0), dtype=float)
+                self._default = wp.array(table.default, dtype=float)
+            self._knobbed = table.targets({"ends": self._ends}, places)
+
     def launch(
-        self, mask: wp.array, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
+        self,
+        mask: wp.array,
+        seed: wp.array,
+        episode: wp.array,
+        split: str,
+        rows: wp.array | None = None,
+        knob: wp.array | None = None,
     ) -> None:
         """Draw the fields of the masked worlds; those of an unknown episode, below 0, keep theirs.
 
@@ -210,8 +243,13 @@ class FieldDrawer:
             episode: Episodes, shape (nrow,), int32.
             split: "train" or "eval".
             rows: Row of each world, shape (nworld,); None gives world i row i.
+            knob: Numbers of the knobs, shape (nrow, nvalue); None is those of the scene file.
         """
-        inputs = [mask, rows, seed, episode, wp.uint32(named_stream(split)), self._items, self._choices, self._fields]
+        if self._knobbed is not None:
+            default = self._default
+            launch_write(self._knobbed, mask, default.reshape((1, -1)) if knob is None else knob, default, rows)
+        inputs = [mask, rows, seed, episode, wp.uint32(named_stream(split)), self._items, self._ends]
+        inputs += [self._choices, self._fields]
         wp.launch(_draw_fields, dim=(self._nworld, len(self._items)), inputs=inputs, device=mask.device)
 
 
@@ -222,8 +260,9 @@ def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) 
         draws: The draws.
         places: Number of each field, and of the numbers of one element. The drawn numbers are the field after these.
     """
-    items, choices, column = [], [], 0
+    items, choices, column, end = [], [], 0, 0
     for draw in draws:
+        begun = len(items)
         for element, numbers in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
             items += _of_element(draw, places, element, numbers, len(choices))
         several = draw.choice.shape[1] > 1
@@ -237,7 +276,15 @@ def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) 
             items.append(_item(draw, number, component, form, len(choices), (len(places), column)))
             column += 1
         choices += [*draw.choice.T.ravel().tolist(), *range(len(draw.choice) if several else 0)]
+        for item in items[begun:]:
+            item.ends = end
+        end += len(_ends(draw))
     return items, choices
+
+
+def _ends(draw: FieldDraw) -> list[float]:
+    """Return the parameters of a draw, the low ones first; of a choice a number that is not used."""
+    return [number for end in draw.config.ends for number in end] or [0.0]
 
 
 def _of_element(
@@ -269,9 +316,10 @@ def _item(
     item, config, nchoice = Item(), draw.config, len(draw.choice)
     item.name, item.number, item.form = name_hash(f"randomize {draw.name}"), number, form
     item.distribution = _DISTRIBUTIONS[config.distribution]
-    for end, values in zip(("low", "high"), config.ends, strict=True):
-        one = values[min(component, len(values) - 1)] if values else 0.0
-        setattr(item, end, wp.vec3(*(values if form == _TURN and len(values) == 3 else (one,) * 3)))
+    for end, values, first in zip(("low", "high"), config.ends, (0, len(config.ends[0])), strict=True):
+        one = first + max(min(component, len(values) - 1), 0)
+        each = form == _TURN and len(values) == 3
+        setattr(item, end, wp.vec3i(*(range(first, first + 3) if each else (one,) * 3)))
     # the values of a component follow each other; one of several components has their places behind them
     alone = config.choice is not None and draw.choice.shape[1] == 1
     item.choice, item.nchoice = choices + (0 if alone else component) * nchoice, nchoice

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
@@ -103,12 +106,23 @@ class ModelFields:
             raise UnknownNameError("parameter", name, where, numbers)
         return numbers[name]
 
+    def use_knobs(self, table: KnobTable, keys: Sequence[str]) -> None:
+        """Draw from intervals that knobs narrow, world by world; see `FieldDrawer.use_knobs`."""
+        if self._drawer is not None:
+            self._drawer.use_knobs(table, keys)
+
     def launch_draw(
-        self, mask: wp.array, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
+        self,
+        mask: wp.array,
+        seed: wp.array,
+        episode: wp.array,
+        split: str,
+        rows: wp.array | None = None,
+        knob: wp.array | None = None,
     ) -> None:
         """Draw what the scene randomizes in the masked worlds; see `FieldDrawer.launch`."""
         if self._drawer is not None:
-            self._drawer.launch(mask, seed, episode, split, rows)
+            self._drawer.launch(mask, seed, episode, split, rows, knob)
             self.launch_follow(mask)
 
     def _make_drawer(self) -> FieldDrawer:

@@ -27,6 +27,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.layout.scene_knobs import draw_key
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.sampler import LevelSampler
@@ -168,6 +169,7 @@ class ResetRandomizer(Fixed, StaysHere):
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
+        self.fields.use_knobs(self.layouts.knobs, [draw_key(compiled, draw) for draw in compiled.scene.sim.draws])
         self._whole, self._stages = write == "all", update_stages(needs)
         with wp.ScopedDevice(self.device):
             self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
@@ -324,7 +326,9 @@ class ResetRandomizer(Fixed, StaysHere):
             seed, episode = layouts.seed, layouts.episode
             if isinstance(layouts, LayoutTable):
                 seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
-            self._launch_write(poses, present, seed, episode, on_device)
+            own = isinstance(layouts, Layouts) and layouts.knobs.names == self.layouts.knobs.names
+            knob = layouts.knob if isinstance(layouts, Layouts) and own else None
+            self._launch_write(poses, present, seed, episode, knob, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
@@ -362,7 +366,7 @@ class ResetRandomizer(Fixed, StaysHere):
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode)
+        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode, layouts.knob)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
@@ -373,14 +377,20 @@ class ResetRandomizer(Fixed, StaysHere):
             stage(self.model, self.data)
 
     def _launch_write(
-        self, poses: Poses, present: Any, seed: wp.array, episode: wp.array, rows: wp.array | None = None
+        self,
+        poses: Poses,
+        present: Any,
+        seed: wp.array,
+        episode: wp.array,
+        knob: wp.array | None,
+        rows: wp.array | None = None,
     ) -> None:
         m, d = self.model, self.data
         drawn = rows
         if self.variants is not None:
             poses, rows = self.variants.launch(poses, present, rows), None
         self._contacts.launch_drop()
-        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn)
+        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn, knob)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)
