@@ -213,18 +213,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
         physics: dict[str, Any] = {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **room, **physics, graph=graph)
+        words: dict[str, Any] = {"levels": levels, "knobs": knobs, "split": split, "prefetch": prefetch}
         self.randomizer = ResetRandomizer(
             self.compiled,
             self.batch.model,
             self.batch.data,
             layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
-            levels=levels,
-            knobs=knobs,
-            split=split,
-            prefetch=prefetch,
             needs=self.task.needs,
             fields=self.batch.fields,
             graph=graph,
+            **words,
         )
         self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
         self.device = self.state.device
