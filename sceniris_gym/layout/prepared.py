@@ -76,6 +76,21 @@ def _find_missing(
 
 
 @wp.kernel
+def _forget(
+    mask: wp.array[bool],
+    # In and out:
+    stage: wp.array[int],
+    nwaiting: wp.array[int],
+):
+    worldid = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    if wp.atomic_exch(stage, worldid, _WAITING) != _WAITING:
+        wp.atomic_add(nwaiting, 0, 1)
+
+
+@wp.kernel
 def _serve(
     # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
     #   pregrasp_qpos, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
@@ -285,6 +300,12 @@ class PreparedLayouts(LayoutSource):
         self._generator.launch_make(missing)
         dim = (nworld, max(layout_width(served), served.rejections.shape[0]))
         wp.launch(_serve, dim=dim, inputs=[prepared, mask, missing], outputs=[served], device=device)
+
+    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+        """See `LayoutSource`; what was made ahead for the masked worlds is made anew."""
+        super().launch_set_knobs(columns, values, mask)
+        outputs = [self._stage, self._nwaiting]
+        wp.launch(_forget, self.layouts.nworld, inputs=[mask], outputs=outputs, device=self._device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """See `LayoutSource`; a layout counts when it is served, once, even if it was made twice."""

@@ -171,7 +171,13 @@ def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
             yield name, Knob(name, np.array(draw.config.ends, np.float32).ravel())
 
 
+def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the clearances of objects and robots, which are none."""
+    for name in (*compiled.config.objects, *compiled.config.all_robots):
+        yield f"{compiled.config.key(name)}.clearance", "least distances of geoms are the same in all worlds."
+
+
 _FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (
     *(_joints, _groups, _distances),
-    *(_regions, _randomize),
+    *(_regions, _randomize, _clearances),
 )

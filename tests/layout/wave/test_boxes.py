@@ -23,7 +23,7 @@ def _places(generator: LayoutGenerator, name: str, episodes: int) -> np.ndarray:
 
 
 def test_a_narrowed_region_is_filled_uniformly(knobbed: CompiledScene):
-    """What a box leaves of a triangle by area, and a box in space by volume; p > 0.001."""
+    """By area in the part of a triangle that a box leaves, and by volume in space; p > 0.001."""
     generator = LayoutGenerator(knobbed, NWORLD, knobs="*.region", seed=3)
     generator.set_knobs({"objects.spot.region": [[0.1, -0.4], [0.4, 0.2]]})
     at = _places(generator, "spot", 20)
