@@ -21,7 +21,6 @@ pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
 from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp  # pyright: ignore[reportMissingImports]
 from mjlab.envs.mdp import dr  # pyright: ignore[reportMissingImports]
-from mjlab.managers.curriculum_manager import CurriculumTermCfg  # pyright: ignore[reportMissingImports]
 from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
 from mjlab.managers.scene_entity_config import SceneEntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper  # pyright: ignore[reportMissingImports]
@@ -35,7 +34,7 @@ from mjlab.tasks.manipulation.config.yam.rl_cfg import (  # pyright: ignore[repo
 )
 from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
 
-from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts, knob_stages
+from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts
 
 PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
 NEAR = {"box": [[0.25, -0.15], [0.40, 0.15]]}
@@ -157,20 +156,22 @@ def test_chosen_environments_get_the_layouts_of_ids():
 
 
 def test_a_curriculum_sets_knobs_by_steps():
-    """In the environments that are reset, from their next layout on."""
-    region = "objects.cube_0.region"
-    cfg = plain_cfg(cubes_on())
-    cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), knobs=[region])
-    stages = [(0, [[0.25, -0.15], [0.28, 0.15]]), (2, [[0.36, -0.15], [0.40, 0.15]])]
-    cfg.curriculum = {"wider": CurriculumTermCfg(func=knob_stages, params={"name": region, "stages": stages})}
+    """In the environments that are reset, from their next layout on, as the page has it."""
+    (program,) = (text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if "wider" in text)
+    cfg, cubes = plain_cfg(cubes_on()), {"cube_0": {"on": "terrain", "region": NEAR}}
+    words = {"cfg": cfg, "cubes": cubes, "PlaceLayoutsCfg": PlaceLayoutsCfg}
+    exec(compile(program.replace("20_000", "2"), "mjlab.md", "exec"), words)
     env = ManagerBasedRlEnv(cfg, "cpu")
     env.reset()
     term = env.event_manager.get_term_cfg("layouts").func
-    assert (term.layouts.pose("cube_0")[:, 0] < 0.28).all()
+    narrow = term.layouts.pose("cube_0")[:, :2].clone()
+    assert ((narrow[:, 0] >= 0.3) & (narrow[:, 0] <= 0.35) & (narrow[:, 1].abs() <= 0.05)).all()
     for _ in range(3):
         env.step(torch.zeros(NUM_ENVS, 0))
     env.reset(env_ids=torch.tensor([1, 4]))
-    assert (term.layouts.pose("cube_0")[:, 0] > 0.35).tolist() == [False, True, False, False, True, False]
+    assert (term.layouts.pose("cube_0")[:, :2] == narrow).all(dim=1).tolist() == [True, False, True, True, False, True]
+    knob = [term.layouts.knobs.text(row) != "" for row in term.layouts.knob.numpy()]
+    assert knob == [True, False, True, True, False, True]
 
 
 def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():
