@@ -11,11 +11,13 @@ NAME = "objects.cube.region"
 MJCF = """
 <mujoco>
   <worldbody>
+    <light pos="0 -1 3"/>
     <geom name="ground" type="plane" size="2 2 .1"/>
     <body name="cube" pos="0 0 .05"><freejoint/><geom type="box" size=".05 .05 .05" mass=".1"/></body>
   </worldbody>
 </mujoco>
 """
+OBJECTS = {"cube": {"on": "ground", "region": {"box": [[-1.0, -1.0], [1.0, 1.0]]}}}
 
 
 class Near(sceniris_gym.Task):
@@ -39,8 +41,7 @@ class Near(sceniris_gym.Task):
 
 def main(num_envs: int = 256, steps: int = 200, device: str | None = None) -> None:
     """Let the region grow."""
-    region = {"box": [[-1.0, -1.0], [1.0, 1.0]]}
-    scene = {"model": mujoco.MjSpec.from_string(MJCF), "objects": {"cube": {"on": "ground", "region": region}}}
+    scene = {"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}
     ranges = Ranges({NAME: [[-0.1, -0.1], [0.1, 0.1]]}, step=0.05, probe=1.0, episodes=64)
     words = {"scene": scene, "device": device, "max_episode_steps": 2, "levels": Levels(replay=0.0, ranges=ranges)}
     envs = sceniris_gym.SceneVectorEnv(Near, num_envs, **words)
