@@ -66,7 +66,7 @@ class KnobTable:
     """
 
     def __init__(self, compiled: CompiledScene, names: str | Sequence[str], where: str = "knobs") -> None:
-        known, refused = scene_knobs(compiled)
+        known, refused = scene_knobs(compiled) if names else ({}, {})
         chosen: dict[str, Knob] = {}
         for name in (names,) if isinstance(names, str) else names:
             found = [name] if name in known else fnmatch.filter(known, name)
@@ -172,8 +172,9 @@ class KnobTable:
         return wp.array(found, dtype=Target, device=next(iter(arrays.values())).device)
 
     def boxes(self, compiled: CompiledScene) -> wp.array | None:
-        """Return the first column of each placed object's region, -1 for none, int32; None if none has one."""
-        first = [self.first.get(f"{compiled.config.key(name)}.region", -1) for name in compiled.placed]
+        """Return the first column of each object's region on a support, -1 for none, int32; None if none has one."""
+        flat = {knob.name: self.first[knob.name] for knob in self.knobs if knob.form == "box" and not knob.places}
+        first = [flat.get(f"{compiled.config.key(name)}.region", -1) for name in compiled.placed]
         return wp.array(first, dtype=int, device=compiled.device) if max(first, default=-1) >= 0 else None
 
 

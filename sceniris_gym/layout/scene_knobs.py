@@ -143,8 +143,9 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
         if cuts[i] > 0 or heaps[i] >= 0 or (part.region is not None and part.region.points is not None):
             yield name, "it is drawn from points, a heap, or what relations or a leaning support leave of its region."
         elif part.support is None:
-            box = np.concatenate([program.obj_box_lower.numpy()[i], program.obj_box_upper.numpy()[i]])
-            yield name, Knob(name, box, "box")
+            ends = ("obj_box_lower", "obj_box_upper")
+            box = np.concatenate([getattr(program, end).numpy()[0, i] for end in ends])
+            yield name, Knob(name, box, "box", places=tuple((ends[k // 3], 3 * i + k % 3, k) for k in range(6)))
         else:
             own = range(first[i], first[i] + number[i])
             xy = np.concatenate([corners[:, triadr[v] : triadr[v] + trinum[v]].reshape(-1, 2) for v in own])

@@ -145,8 +145,8 @@ class Program:
     # Objects: support, and the region that they are drawn in.
     obj_ground: wp.array[int]  # body of the support, or -1
     obj_gap: wp.array[float]  # height over the support
-    obj_box_lower: wp.array[wp.vec3]  # of a region in space
-    obj_box_upper: wp.array[wp.vec3]
+    obj_box_lower: wp.array2d[wp.vec3]  # by world, of a region in space
+    obj_box_upper: wp.array2d[wp.vec3]  # by world
     obj_cutnum: wp.array[int]  # pieces that relations cut each triangle into; 0: the region is the same in every world
     obj_erosion: wp.array[float]  # distance from the outline, as a share of the shorter edge of the drawn bounds
     obj_cover: wp.array[int]  # a Cover
@@ -272,7 +272,10 @@ class Program:
     bank_mocap_quat: wp.array2d[wp.vec4]
 
 
-WORLD_FIELDS = ("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight")
+WORLD_FIELDS = (
+    *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight"),
+    *("obj_box_lower", "obj_box_upper"),
+)
 """Fields of `Program` that may differ between worlds: with one row for all, its stride is 0."""
 
 

@@ -222,11 +222,12 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
         )
     ids = [None if one is None else own_id(one, scene, split, where) for one in texts]
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
+    rows = {text: table.row(text) for text in {one.knobs for one in found}}
     return ChosenLayouts(
         np.array([one.seed for one in found], np.uint64),
         np.array([one.episode for one in found], np.int32),
         np.array([one is not None for one in ids]),
-        np.array([table.row(one.knobs) for one in found]),
+        np.array([rows[one.knobs] for one in found]),
     )
 
 

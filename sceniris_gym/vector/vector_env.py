@@ -302,7 +302,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         self.batch.fields.check()
         with self._on_torch_stream():
-            self.randomizer.layout_source.set_knobs(given.get(KNOBS) or {}, mask)
+            if given.get(KNOBS):
+                self.randomizer.layout_source.set_knobs(given[KNOBS], mask)
             if kept is not None:
                 live, given_to = self._live(), None if mask is None else due
                 due = put(kept, self.compiled.hash, live, given_to)

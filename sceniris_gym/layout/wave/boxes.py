@@ -1,7 +1,6 @@
-"""Draw points anew in the worlds in which a knob narrows the region of an object to a box.
+"""Draw points anew in the worlds in which a knob narrows the region of an object on a support to a box.
 
-The region's triangles are clipped to the box, and a point is uniform by area in what is left of them; a box in space
-takes the place of the one in the scene file.
+The region's triangles are clipped to the box, and a point is uniform by area in what is left of them.
 """
 
 import warp as wp
@@ -22,44 +21,44 @@ _DRAW = wp.constant(1 << 15)
 
 
 @wp.func
-def _clipped(program: Program, tri: int, box: wp.vec4, polygon: wp.array[wp.vec2]) -> int:
-    """Write the part of a triangle inside of a box (low x, low y, high x, high y); return its number of corners."""
+def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2]) -> int:
+    """Write the part of a triangle in a box (low x, low y, high x, high y from `first` on); return its corners."""
     num = set_triangle(polygon, program.tri_a[tri], program.tri_b[tri], program.tri_c[tri])
-    low = wp.vec2(box[0], box[1])
-    high = wp.vec2(box[2], box[3])
-    num = clip(polygon, num, half_plane(wp.vec2(-1.0, 0.0), low, 0.0))
-    num = clip(polygon, num, half_plane(wp.vec2(0.0, -1.0), low, 0.0))
-    num = clip(polygon, num, half_plane(wp.vec2(1.0, 0.0), high, 0.0))
-    return clip(polygon, num, half_plane(wp.vec2(0.0, 1.0), high, 0.0))
+    for k in range(4):
+        corner = wp.vec2(box[first + 2 * (k // 2)], box[first + 1 + 2 * (k // 2)])
+        outwards = wp.vec2(0.0)
+        outwards[k % 2] = float(2 * (k // 2) - 1)
+        num = clip(polygon, num, half_plane(outwards, corner, 0.0))
+    return num
 
 
 @wp.func
-def _draw_on_support(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, box: wp.vec4, u: wp.vec4
-):
-    """Draw a point of the support's triangles in a box, in two passes: the sum of their areas, then the share `u`."""
-    variant = search.turn[c].variant
-    adr = program.variant_triadr[variant]
-    polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
-    total = float(0.0)
-    for tri in range(adr, adr + program.variant_trinum[variant]):
-        total += area(polygon, _clipped(program, tri, box, polygon))
-    left = u[0] * total
+def _choose_triangle(
+    program: Program, variant: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2], u: float
+) -> int:
+    """Choose a triangle of a region by what a box leaves of its area, in two passes; -1 if it leaves none."""
+    left = float(0.0)
     chosen = int(-1)
-    for tri in range(adr, adr + program.variant_trinum[variant]):
-        size = area(polygon, _clipped(program, tri, box, polygon))
-        if size > 0.0 and (left >= 0.0 or chosen < 0):
-            chosen = tri
-        left -= size
-    if chosen < 0:
-        search.cause[c] = Cause.EMPTY
-        return
-    at = draw_in_polygon(polygon, _clipped(program, chosen, box, polygon), u[1], u[2], u[3])
-    ground = program.obj_ground[obj]
-    frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-    surface = program.tri_surface[chosen]
-    search.surface[c] = surface
-    search.point[c] = apply(frame, wp.vec3(at[0], at[1], program.surface_height[surface]))
+    adr = program.variant_triadr[variant]
+    num = program.variant_trinum[variant]
+    for i in range(2 * num):
+        size = area(polygon, _clipped(program, adr + i % num, box, first, polygon))
+        if i == num:
+            left = -u * left
+        if i >= num and size > 0.0 and (left <= 0.0 or chosen < 0):
+            chosen = adr + i - num
+        left += size
+    return chosen
+
+
+@wp.func
+def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
+    """Return True if the box of a world differs from that of the scene file."""
+    narrowed = bool(False)
+    for k in range(first, first + 4):
+        if layouts.pending_knob[worldid, k] != layouts.default_knob[k]:
+            narrowed = True
+    return narrowed
 
 
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
@@ -75,34 +74,29 @@ def _draw_in_boxes(
     # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
     search: Search,
 ):
+    polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
     for c in range(wp.tid(), candidate_num(search), lanes):
         obj = search.obj[c]
         first = columns[obj]
-        if first < 0 or search.cause[c] != Cause.NONE:
-            continue
         row = search.row[c]
         worldid = search.row_world[row]
-        numbers = int(6)
-        if program.obj_ground[obj] >= 0:
-            numbers = 4
-        differs = bool(False)
-        for k in range(first, first + numbers):
-            if layouts.pending_knob[worldid, k] != layouts.default_knob[k]:
-                differs = True
-        if not differs:
+        if first < 0 or search.cause[c] != Cause.NONE:
             continue
-        knob = layouts.pending_knob[worldid]
+        if not _is_narrowed(layouts, worldid, first):
+            continue
         seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
         u = uniforms(seed, episode, stream_of(program, split, obj), trial_of(program, search, c), _DRAW)
-        if numbers == 4:
-            box = wp.vec4(knob[first], knob[first + 1], knob[first + 2], knob[first + 3])
-            _draw_on_support(program, layouts, search, c, row, obj, box, u)
-        else:
-            low = wp.vec3(knob[first], knob[first + 1], knob[first + 2])
-            high = wp.vec3(knob[first + 3], knob[first + 4], knob[first + 5])
-            search.point[c] = low + wp.cw_mul(wp.vec3(u[0], u[1], u[2]), high - low)
-        if search.cause[c] == Cause.NONE:
-            pose_candidate(program, layouts, search, c, row, obj)
+        box = layouts.pending_knob[worldid]
+        tri = _choose_triangle(program, search.turn[c].variant, box, first, polygon, u[0])
+        if tri < 0:
+            search.cause[c] = Cause.EMPTY
+            continue
+        at = draw_in_polygon(polygon, _clipped(program, tri, box, first, polygon), u[1], u[2], u[3])
+        ground = program.obj_ground[obj]
+        frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+        search.surface[c] = program.tri_surface[tri]
+        search.point[c] = apply(frame, wp.vec3(at[0], at[1], program.surface_height[program.tri_surface[tri]]))
+        pose_candidate(program, layouts, search, c, row, obj)
 
 
 def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
