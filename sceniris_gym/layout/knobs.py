@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, LayoutIdError, UnknownNameError
-from sceniris_gym.layout.scene_knobs import Knob, scene_knobs
+from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
 
@@ -59,6 +59,7 @@ class KnobTable:
         knobs: The knobs, sorted by name.
         first: The first column of each knob, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
+        of_draws: The knob of each draw of physics or looks, by the draw's name.
 
     Raises:
         UnknownNameError: There is no such knob.
@@ -79,6 +80,7 @@ class KnobTable:
         columns = np.cumsum([0, *(len(knob.default) for knob in self.knobs)]).tolist()
         self.first = {knob.name: column for knob, column in zip(self.knobs, columns, strict=False)}
         self.default = np.concatenate([knob.default for knob in self.knobs]) if chosen else np.zeros(0, np.float32)
+        self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -231,6 +233,7 @@ def _write(
 
 def launch_write(
     targets: wp.array,
+    nworld: int,
     mask: wp.array | None,
     knob: wp.array,
     default: wp.array,
@@ -240,12 +243,13 @@ def launch_write(
 
     Args:
         targets: See `KnobTable.targets`.
+        nworld: Number of worlds.
         mask: Which worlds, shape (nworld,), bool; all if None.
         knob: Numbers of the knobs, shape (nrow, nvalue); a single row is that of all worlds.
         default: Those of the scene file, shape (nvalue,).
         rows: Row of each world, shape (nworld,), int32; None gives world i row i.
     """
-    dim = ((knob if mask is None else mask).shape[0], targets.shape[0])
+    dim = (nworld, targets.shape[0])
     wp.launch(_write, dim, inputs=[mask, knob, default, targets, rows], device=knob.device)
 
 

@@ -189,6 +189,12 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     plan = build_plan(scene)
     for check in CHECKS:
         check(plan)
+    return upload_plan(plan, device)
+
+
+def upload_plan(plan: Plan, device: str) -> CompiledScene:
+    """Upload a plan to a device, unchecked and with an empty bank."""
+    scene = plan.scene
     is_visual = scene.config.geometry == "visual"
     colliders = collect_colliders(plan.pieces, is_visual, device)
     lanes = _WARP if wp.get_device(device).is_cuda else 1

@@ -58,6 +58,15 @@ def addresses_of(
     return Addresses(qposadr, dofadr, mocapid, np.array(elements, int))
 
 
+@wp.func
+def row_of(worldid: int, rows: wp.array[int]) -> int:
+    """Return the row of layouts that a world gets: that of its own number, unless there are `rows`."""
+    row = worldid
+    if rows:
+        row = rows[worldid]
+    return row
+
+
 @wp.kernel
 def _write_state(
     # Lists of what is written:
@@ -88,13 +97,16 @@ def _write_state(
     act_out: wp.array2d[float],
     history_out: wp.array2d[float],
     plastic_out: wp.array2d[float],
+    # Out:
+    count_out: wp.array[int],
 ):
     worldid, i = wp.tid()
     if not mask[worldid]:
         return
-    row = int(worldid)
-    if rows:
-        row = rows[worldid]
+    if count_out:
+        if i == 0:
+            count_out[worldid] = 0
+    row = row_of(worldid, rows)
 
     if i < qposadr.shape[0]:
         position = float(qpos_in[row, qposadr[i]])
@@ -140,6 +152,7 @@ class StateWriter:
         origins: Origins of the worlds [m], shape (nworld,), vec3, added to the positions of free bodies and mocap
             bodies; read at every launch. None adds nothing.
         plastic: Plastic references of springs at home, shape (nplastic,), for whole worlds.
+        count: A count of each world that begins at 0 again, shape (nworld,), int32.
     """
 
     def __init__(
@@ -153,6 +166,7 @@ class StateWriter:
         joints: Sequence[int] | None = None,
         origins: wp.array | None = None,
         plastic: np.ndarray | None = None,
+        count: wp.array | None = None,
     ) -> None:
         whole = bodies is None and joints is None
         places = addresses_of(mjm, range(mjm.nbody) if whole else bodies or [], rest, joints)
@@ -178,6 +192,7 @@ class StateWriter:
         self._inputs = [*self._lists, rest, origins, mask]
         self._outputs = [d.qpos, d.qvel, d.qacc_warmstart, d.mocap_pos, d.mocap_quat, d.ctrl, d.act]
         self._outputs += [getattr(d, name, None) for name in ("history", "plastic")]  # not in all versions
+        self._outputs.append(count)
 
     def launch(self, poses: Poses, rows: wp.array | None = None) -> None:
         """Write rows of `poses` into the masked worlds.

@@ -74,19 +74,25 @@ def test_an_id_with_knobs_is_a_layout_through_every_door(make_env):  # noqa: F81
         other.reset(options={"layouts": f"{'0' * 16}{ids[0][16:]}"})
 
 
-def test_draws_of_physics_follow_their_knobs():
-    """A narrowed factor of mass is what a scene that says so draws; the ids of both differ by the knob."""
+@pytest.mark.parametrize("prefetch", [False, True])
+def test_draws_of_physics_follow_their_knobs(prefetch: bool):
+    """A narrowed factor of mass is what a scene that says so draws, with what follows from it, made ahead or not."""
     narrow = {**RANDOM, "objects": {**RANDOM["objects"]}}
     narrow["objects"]["block"] = {**SCENE["objects"]["block"], "randomize": {"mass": {"scale": [1.5, 1.75]}}}
-    envs, told = SceneVectorEnv(Reach, 6, scene=RANDOM, device="cpu", knobs=[MASS]), np.arange(6) < 3
-    wanted, plain = (SceneVectorEnv(Reach, 6, scene=s, device="cpu") for s in (narrow, RANDOM))
-    envs.set_knob(MASS, [1.5, 1.75], told)
-    for one in (envs, wanted, plain):
-        one.reset(seed=2)
-    found, right, usual = (one.batch.fields.rows["body_mass"].numpy() for one in (envs, wanted, plain))
-    np.testing.assert_array_equal(found[told], right[told])
-    np.testing.assert_array_equal(found[~told], usual[~told])
-    assert (found[told] != usual[told]).any()
+    words = {"device": "cpu", "prefetch": prefetch}
+    envs, told = SceneVectorEnv(Reach, 6, scene=RANDOM, knobs=[MASS], **words), np.arange(6) < 3
+    wanted, plain = (SceneVectorEnv(Reach, 6, scene=scene, **words) for scene in (narrow, RANDOM))
+    for number in range(4):
+        if number == 2:
+            envs.set_knob(MASS, [1.5, 1.75], told)
+        for one in (envs, wanted, plain):
+            one.reset(seed=2 if number == 0 else None)
+        for field in ("body_mass", "body_inertia", "body_invweight0"):
+            found, right, usual = (one.batch.fields.rows[field].numpy() for one in (envs, wanted, plain))
+            left = told & (number >= 2)
+            np.testing.assert_array_equal(found[left], right[left])
+            np.testing.assert_array_equal(found[~left], usual[~left])
+            assert (found[left] != usual[left]).any() == (number >= 2)
 
 
 def test_levels_are_replayed_with_their_knobs(make_env):  # noqa: F811
