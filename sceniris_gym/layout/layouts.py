@@ -161,7 +161,6 @@ class Layouts(StaysHere):
             orientation. A pose is then seven numbers in a row, and a quaternion is aligned as a vector of four.
         seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
-        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
         mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap).
         mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap).
@@ -177,6 +176,7 @@ class Layouts(StaysHere):
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
             int64, shape (nobject, ncause), objects in placement order.
+        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
     """
 
     SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
