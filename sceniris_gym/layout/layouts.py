@@ -47,12 +47,12 @@ class LayoutsView:
     grasp: wp.array2d[int]
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
+    knob: wp.array2d[float]  # values of the knobs that the layout was made with
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     next_seed: wp.array[wp.uint64]  # with next_episode: the layout that a reseed asked for
     next_episode: wp.array[int]  # -1 for the next episode of the same seed
     pending_seed: wp.array[wp.uint64]  # with pending_episode and pending_knob: the layout that is being made
     pending_episode: wp.array[int]
-    knob: wp.array2d[float]  # values of the knobs that the layout was made with
     next_knob: wp.array2d[float]
     pending_knob: wp.array2d[float]
     default_knob: wp.array[float]  # those of the bank
@@ -155,10 +155,10 @@ class Layouts(StaysHere):
 
     Attributes:
         compiled: The scene of the rows.
-        knobs: The knobs that the worlds have.
         view: The arrays as kernels take them; see `create` for their length.
         mocap_pose: Memory of `mocap_pos` and `mocap_quat`, shape (nrow, nmocap, 8): an unused number, position and
             orientation. A pose is then seven numbers in a row, and a quaternion is aligned as a vector of four.
+        knobs: The knobs that the worlds have.
         seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
@@ -174,9 +174,9 @@ class Layouts(StaysHere):
         grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
+        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
         rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
             int64, shape (nobject, ncause), objects in placement order.
-        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
     """
 
     SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
@@ -186,9 +186,9 @@ class Layouts(StaysHere):
     mocap_pose: wp.array
     knobs: KnobTable
 
-    seed, episode, knob, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(6))
+    seed, episode, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(5))
     status, attempts, first_pass_valid, present = (_RowsOfWorlds() for _ in range(4))
-    grasp, grasp_qpos, pregrasp_qpos = (_RowsOfWorlds() for _ in range(3))
+    grasp, grasp_qpos, pregrasp_qpos, knob = (_RowsOfWorlds() for _ in range(4))
 
     def pose(self, name: str) -> Any:
         """Return the poses of an object as a torch tensor that shares memory with the layouts.

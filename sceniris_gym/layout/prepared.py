@@ -101,7 +101,7 @@ def _serve(
     missing: wp.array[bool],
     # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
     # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp,
-    #   grasp_qpos, pregrasp_qpos, rejections, next_episode, knob
+    #   grasp_qpos, pregrasp_qpos, knob, rejections, next_episode
     served: LayoutsView,
 ):
     worldid, i = wp.tid()

@@ -37,8 +37,8 @@ def _serve(
     width: int,
     # Layouts in: seed, episode, status, next_seed, next_episode, pending_seed, pending_episode, next_knob,
     #   pending_knob, default_knob
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos,
-    #   next_episode, pending_seed, pending_episode, knob, pending_knob
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos, knob,
+    #   next_episode, pending_seed, pending_episode, pending_knob
     layouts: LayoutsView,
 ):
     worldid = wp.tid()

@@ -296,7 +296,7 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 def _finish(
     mask: wp.array[bool],
     # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
-    # Layouts out: seed, episode, rejections, next_episode, knob
+    # Layouts out: seed, episode, knob, rejections, next_episode
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()
