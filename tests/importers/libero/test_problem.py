@@ -71,6 +71,9 @@ WRONG = [
     ("plate_1 - plate\n", "plate_1\n", SceneKeyError, "'plate_1' should be followed by '- CLASS'"),
     ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "'flat_stove_1' should be another name: "),
     ("(:obj_of_interest", "(:objekt", UnknownNameError, "unknown section ':objekt'. Did you mean ':objects'?"),
+    ("plate_1 - plate\n", "world - plate\n", SceneKeyError, "'world' should be another name: MuJoCo has it"),
+    ("(:fixtures", ":regions (:fixtures", UnknownNameError, "unknown section ':regions without parentheses'"),
+    ("(:target flat_stove_1)", "()", SceneKeyError, "should be a region"),
     ("(:language put", "(:language (put)", SceneKeyError, "should be a word without parentheses"),
     ("(top_region (:target wooden_cabinet_1))", "(top_region (:target wooden_1))", UnknownNameError, "region"),
 ]
