@@ -112,7 +112,7 @@ def read_problem(path: str | Path) -> Problem:
     """
     file = user_path(path, Path(), "read_bddl")
     try:
-        text = file.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = "it does not exist" if not file.is_file() else str(error)
         raise SceneFileError(f"read_bddl: '{file}' cannot be read: {why}. Give a problem file (.bddl).") from None

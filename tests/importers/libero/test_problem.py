@@ -46,6 +46,14 @@ def test_predicates_are_read_in_any_case(tmp_path: Path):
     assert problem.goal[0] == Predicate("Turnoff", ("flat_stove_1",))
 
 
+def test_files_of_editors_on_windows_are_read(tmp_path: Path):
+    """With a byte order mark, and line ends of two characters."""
+    path = write(tmp_path)
+    plain = read_problem(path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert read_problem(path) == plain
+
+
 WRONG = [
     ("(On plate_1 kitchen", "(Onto plate_1 kitchen", UnknownNameError, "unknown predicate 'Onto'. Did you mean 'On'?"),
     ("(Turnon flat", "(Not flat", UnknownNameError, "unknown predicate 'Not'"),
