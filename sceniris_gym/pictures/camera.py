@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import mujoco
 import mujoco_warp as mjw
@@ -99,6 +99,7 @@ class Cameras:
         shots: The pictures to take, by the names of cameras.
         looks: Their looks.
         nworld: Number of worlds in pictures, from the first one on; None is all.
+        differ: Fields of the model that have a row for each world, which a single row of one world does not tell.
         where: Beginning of an error message.
         graph: Capture the launches into a graph and replay it.
 
@@ -122,6 +123,7 @@ class Cameras:
         looks: Looks,
         *,
         nworld: int | None = None,
+        differ: Collection[str] = (),
         where: str = "render",
         graph: bool = True,
     ) -> None:
@@ -133,11 +135,11 @@ class Cameras:
         owner = [numbers[scene.owners.get(int(body), "")] for body in mjm.geom_bodyid]
         self._tracks = bool(np.isin([*mjm.cam_mode, *mjm.light_mode], _TRACKING).any())
         sizes = [shot.size for shot in shots.values()]
-        same = all(len(field) == 1 for field in (model.cam_fovy, model.cam_intrinsic))
+        same = not {"cam_fovy", "cam_intrinsic"} & {*differ}
         with wp.ScopedDevice(device):
             self._seen = _view(data, self.nworld, self._tracks)
             options = {"background_color": BACKGROUND, "use_precomputed_rays": same}
-            self.context = picture_context(mjm, self.nworld, shots, looks, **options)
+            self.context = picture_context(mjm, self.nworld, shots, looks, differ, **options)
             orders = tile_rays(self.context, shots) if same else [np.arange(w * h) for w, h in sizes]
             self._pixels = [wp.array(order, dtype=int) for order in orders]
             self.mask = wp.full(self.nworld, value=True, dtype=wp.bool)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,18 +13,13 @@ import warp as wp
 
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.pictures.thin_meshes import thin
-from sceniris_gym.scene.assemble import MARK_GROUP
+from sceniris_gym.scene.visible import VISIBLE_GROUPS, picture_groups
 from sceniris_gym.sim.versions import render_context
-
-VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
-"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
-
-BACKGROUND = (0.93, 0.95, 0.97, 1.0)
 
 CHANNELS: dict[str, tuple[int, type]] = {"rgb": (3, wp.uint8), "depth": (1, wp.float32), "segmentation": (1, wp.int32)}
 """Kinds of pictures, each with its number of channels and the type of a value."""
 
-_HIDDEN_GROUP = 5
+BACKGROUND = (0.93, 0.95, 0.97, 1.0)
 _TILE = (8, 4)  # pixels that the 32 threads of a warp take: neighbours mostly meet the same faces
 
 
@@ -67,17 +62,18 @@ def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -
     return {name: shots[name] for name in cameras if name in shots}
 
 
-def picture_context(mjm: mujoco.MjModel, nworld: int, shots: Mapping[str, Shot], looks: Looks, **options: Any) -> Any:
-    """Return mujoco_warp's context for pictures of cameras in the model's order."""
+def picture_context(
+    mjm: mujoco.MjModel, nworld: int, shots: Mapping[str, Shot], looks: Looks, differ: Collection[str], **options: Any
+) -> Any:
+    """Return mujoco_warp's context for pictures of cameras in the model's order; for `differ` see `may_be_inside`."""
     flags = {"rgb": "render_rgb", "depth": "render_depth", "segmentation": "render_seg"}
     wanted = {flag: [kind in shot.data for shot in shots.values()] for kind, flag in flags.items()}
     sizes = [shot.size for shot in shots.values()]
     given = {"cam_res": sizes, "enabled_geom_groups": list(VISIBLE_GROUPS)}
     given |= {"use_shadows": looks.shadows, "enable_vertex_normals": not looks.thin}
-    drawn = drawn_once(mjm)
     # asking of every hit whether it is the back of a face takes nearly half of the time, and only the inside has backs
-    given["enable_backface_culling"] = any(may_be_inside(drawn, mjm.camera(name).id) for name in shots)
-    context = render_context(drawn, nworld, list(shots), **(given | options), **wanted)
+    given["enable_backface_culling"] = any(may_be_inside(mjm, mjm.camera(name).id, differ) for name in shots)
+    context = render_context(drawn_once(mjm), nworld, list(shots), **(given | options), **wanted)
     if looks.thin:
         _use_thin_meshes(context, mjm)
     return context
@@ -97,41 +93,42 @@ def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
     context.mesh_bvh_id.assign(ids)
 
 
-def may_be_inside(mjm: mujoco.MjModel, camera: int) -> bool:
-    """Return True if a camera is in the bounding box of a visible geom that does not move relative to it."""
-    data = mujoco.MjData(mjm)
-    mujoco.mj_kinematics(mjm, data)
-    mujoco.mj_camlight(mjm, data)
-    welded = mjm.body_weldid[mjm.geom_bodyid] == mjm.body_weldid[mjm.cam_bodyid[camera]]
-    solid = np.isin(mjm.geom_group, VISIBLE_GROUPS) & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
-    for geom in np.flatnonzero(welded & solid):
-        centre, half = mjm.geom_aabb[geom].reshape(2, 3)
-        at = data.geom_xmat[geom].reshape(3, 3).T @ (data.cam_xpos[camera] - data.geom_xpos[geom])
-        if (np.abs(at - centre) <= half).all():
+def may_be_inside(mjm: mujoco.MjModel, camera: int, differ: Collection[str] = ()) -> bool:
+    """Return True if a camera may be inside of a geom that is drawn and carried with it.
+
+    Those are the geoms of its tree of bodies, and those that do not move relative to it. It may be inside if it is in
+    the bounding box of one in the pose of the model or in a keyframe; or if its tree has one at all, where it has
+    another place in each world, or sits on an object with variants, which is one body by itself.
+
+    Args:
+        mjm: The model.
+        camera: The camera.
+        differ: Fields of the model that have a row for each world.
+    """
+    d, body = mujoco.MjData(mjm), mjm.cam_bodyid[camera]
+    solid = np.isin(picture_groups(mjm), VISIBLE_GROUPS) & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    own, beside = ((of == of[body])[mjm.geom_bodyid] & solid for of in (mjm.body_rootid, mjm.body_weldid))
+    moves = "cam_pos" in differ or ("geom_size" in differ and (mjm.body_rootid == body).sum() == 1)
+    if moves and body and own.any():
+        return True
+    geoms = np.flatnonzero(own | beside)
+    centre, half = mjm.geom_aabb[geoms].reshape(-1, 2, 3).transpose(1, 0, 2)
+    for key in range(-1, mjm.nkey):
+        mujoco.mj_resetDataKeyframe(mjm, d, key) if key >= 0 else mujoco.mj_resetData(mjm, d)
+        mujoco.mj_kinematics(mjm, d)
+        mujoco.mj_comPos(mjm, d)
+        mujoco.mj_camlight(mjm, d)
+        at = np.einsum("gij,gi->gj", d.geom_xmat[geoms].reshape(-1, 3, 3), d.cam_xpos[camera] - d.geom_xpos[geoms])
+        if (np.abs(at - centre) <= half).all(axis=1).any():
             return True
     return False
 
 
 def drawn_once(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a model in which no body is drawn twice: a copy with shapes for collisions in a hidden group.
-
-    A geom that collides is hidden if its body also has geoms for looks alone, in another group that is visible. Geoms
-    of the world are all drawn, as a floor is none of the things on it.
-    """
-    visible = np.isin(mjm.geom_group, VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0.0)
-    collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
-    looks = set(zip(mjm.geom_bodyid[visible & ~collides], mjm.geom_group[visible & ~collides], strict=True))
-    bodies = {body for body, _ in looks}
-    hidden = [
-        geom
-        for geom in np.flatnonzero(visible & collides)
-        if (body := int(mjm.geom_bodyid[geom])) in bodies - {0} and (body, mjm.geom_group[geom]) not in looks
-    ]
-    if not hidden:
-        return mjm
-    mjm = copy.copy(mjm)
-    mjm.geom_group[hidden] = _HIDDEN_GROUP
-    return mjm
+    """Return a model in which no body is drawn twice: a copy with shapes for collisions in a hidden group."""
+    drawn = copy.copy(mjm)
+    drawn.geom_group[:] = picture_groups(mjm)
+    return drawn
 
 
 def tile_rays(context: Any, shots: Mapping[str, Shot]) -> list[np.ndarray]:

@@ -54,7 +54,7 @@ def render(
         wide = _with_apron(mjm)
         looks = {"render_skybox": True, "enable_backface_culling": False, "samples_per_pixel": _SAMPLES}
         shots = in_model_order(mjm, {CAMERA: Shot(size)}, "render")
-        context = picture_context(wide, len(table), shots, Looks(shadows=True), **looks)
+        context = picture_context(wide, len(table), shots, Looks(shadows=True), (), **looks)
         m, d = mjw.put_model(wide), mjw.make_data(wide, nworld=len(table))
         camera, poses = mjm.camera(CAMERA).id, _poses(mjm, table)
         eye, axes = frame(_corners(mjm, poses), np.array(VIEW), mjm.cam_fovy[camera], width / height)

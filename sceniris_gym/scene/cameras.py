@@ -23,6 +23,8 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
         if spec.camera(name) is not None:
             raise SceneKeyError(f"{where}: the model has a camera of this name already. Give this one another name.")
         carrier = spec.worldbody if camera.body is None else spec.body(_name_in_model(config, camera.body))
+        if carrier is None and camera.body in config.variants:  # the body that they share comes later
+            carrier = spec.body(config.variants[camera.body][0])
         if carrier is None:
             bodies = [body.name for body in spec.bodies if body.name != "world"]
             raise UnknownNameError("body", str(camera.body), f"{where}.body", filter(None, bodies))

@@ -17,6 +17,7 @@ from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.support import subtree
+from sceniris_gym.scene.visible import HIDDEN_GROUP, VISIBLE_GROUPS, picture_groups
 
 MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 CLASS = ("type", "contype", "conaffinity", "condim", "priority", "group")
@@ -26,7 +27,6 @@ CLASS = ("type", "contype", "conaffinity", "condim", "priority", "group")
 _ATTIC = "attic_of_variants"
 # A body that names meshes, without touching anything: MuJoCo makes hulls only of meshes that a colliding geom names.
 _HULLS = "hulls_of_variants"
-_HIDDEN = 5  # the group of its geoms
 _CONTACT_BITS = 31
 # Names of bodies and geoms in the elements that may refer to those of a variant.
 _REFERENCES = {
@@ -40,9 +40,15 @@ _REFERENCES = {
 }
 
 
-def geom_class(mjm: mujoco.MjModel, geom: int) -> tuple[int, ...]:
-    """Return what a geom has the same in all worlds: the values of `CLASS`."""
-    return tuple(int(getattr(mjm, f"geom_{field}")[geom]) for field in CLASS)
+def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
+    """Return for each geom what it has the same in all worlds: the values of `CLASS`.
+
+    Groups are those of pictures, and only one of them is visible: a variant may look like what another collides with.
+    """
+    groups = picture_groups(mjm)
+    groups[np.isin(groups, VISIBLE_GROUPS)] = VISIBLE_GROUPS[0]
+    fields = [*(getattr(mjm, f"geom_{field}") for field in CLASS[:-1]), groups]
+    return list(zip(*(values.tolist() for values in fields), strict=True))
 
 
 def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[int, ...]], list[list[int]]]:
@@ -52,7 +58,8 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
         mjm: The model with all variants.
         bodies: The bodies of the variants of one object.
     """
-    own = [[geom_class(mjm, geom) for geom in _geoms(mjm, body)] for body in bodies]
+    kinds = geom_classes(mjm)
+    own = [[kinds[geom] for geom in _geoms(mjm, body)] for body in bodies]
     most = Counter()
     for classes in own:
         most |= Counter(classes)
@@ -218,7 +225,7 @@ def _name_meshes(spec: mujoco.MjSpec, meshes: list[str], bit: int) -> None:
     body = spec.worldbody.add_body(name=_HULLS)
     for mesh in meshes:
         geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, contype=bit, conaffinity=0, mass=0.0)
-        geom.group, geom.rgba = _HIDDEN, [0.0, 0.0, 0.0, 0.0]
+        geom.group, geom.rgba = HIDDEN_GROUP, [0.0, 0.0, 0.0, 0.0]
 
 
 def _free_bit(mjm: mujoco.MjModel, where: str) -> int:

@@ -82,11 +82,12 @@ class Images:
         self, batch: Batch, shots: Mapping[str, tuple[Shot, Looks]], every: int, *, graph: bool = True
     ) -> None:
         scene, worlds = batch.scene, (batch.model, batch.data)
-        where = f"scene '{scene.config.name}': images"
+        differ = (*batch.fields.rows, *batch.fields.varied)
+        more: Any = {"where": f"scene '{scene.config.name}': images", "differ": differ, "graph": graph}
         self._cameras = []
         for looks in dict.fromkeys(looks for _, looks in shots.values()):
             alike = {name: shot for name, (shot, its_looks) in shots.items() if its_looks == looks}
-            self._cameras.append(Cameras(scene, *worlds, alike, looks, where=where, graph=graph))
+            self._cameras.append(Cameras(scene, *worlds, alike, looks, **more))
         self._masks = [wp.to_torch(cameras.mask) for cameras in self._cameras]
         self._every, self.names = every, self._cameras[0].names
         taken = {name: images for cameras in self._cameras for name, images in cameras.images.items()}

@@ -49,7 +49,8 @@ class Rendering:
         """Return a picture of each world, (height, width, 3) uint8. Waits for the device."""
         if self._camera is None:
             shots = {self.camera: Shot(self.size)}
-            self._camera = Cameras(batch.scene, batch.model, batch.data, shots, _LOOKS, nworld=self.worlds)
+            more: Any = {"nworld": self.worlds, "differ": (*batch.fields.rows, *batch.fields.varied)}
+            self._camera = Cameras(batch.scene, batch.model, batch.data, shots, _LOOKS, **more)
         mjw.kinematics(batch.model, batch.data)  # a user may have written positions since the last step
         self._camera.launch()
         return tuple(self._camera.images[self.camera]["rgb"].numpy())

@@ -203,7 +203,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.autoreset_mode = as_autoreset_mode(autoreset_mode)
         self.output, self.copy, self.split = output, copy, split
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
-        self.render_mode = render_mode
+        self.render_mode, self.final_images = render_mode, final_images
 
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
@@ -226,19 +226,21 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         )
         self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
         self.device = self.state.device
-        self.images, self.final_images = make_images(self.batch, images, render_every, graph=graph), final_images
         self.statistics = EpisodeStatistics(num_envs, self.device)
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
 
-        flat = self._bind_task(wanted)
+        flat = self._bind_task(wanted, images, render_every, graph)
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
         self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
         self._ready = self._stepped = False
         self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
 
-    def _bind_task(self, sensing: Sensing | None) -> dict[str, Tensor]:
-        """Give the task its state, set the spaces by its first observation, and return that observation flat."""
+    def _bind_task(self, sensing: Sensing | None, images: Any, every: Any, graph: bool) -> dict[str, Tensor]:
+        """Give the task its state, set the spaces by its first observation, and return that observation flat.
+
+        Images are made once the task has asked for its fields of the model, as cameras may differ in them.
+        """
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
         with self._on_torch_stream():
             for name in self.task.model_fields:
@@ -246,6 +248,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.task.bind(self.state)
             self.batch.fields.close()
             self.batch.update()
+            self.images = make_images(self.batch, images, every, graph=graph)
             observation = self._task_observation()
             check_observation(self.task, observation, self.num_envs)
             action_size = self.task.action_size or self.compiled.mjm.nu

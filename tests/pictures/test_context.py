@@ -26,7 +26,10 @@ def test_nothing_is_drawn_twice():
 
 
 def test_cameras_inside_of_what_carries_them_are_known():
-    """Those in the box or ball of their own hand are; those beside it, in other bodies or in hidden geoms are not."""
+    """Those in the box or ball of their own hand or of a link before it are; those beside it, or in hidden geoms not.
+
+    Objects that are placed by mocap bodies carry theirs, too, and a camera that tracks a ball's centre is in the ball.
+    """
     mjm = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody>
         <geom type="plane" size="1 1 1"/><camera name="above" pos="0 0 2"/><camera name="floor" pos="0 0 0"/>
@@ -34,10 +37,33 @@ def test_cameras_inside_of_what_carries_them_are_known():
           <camera name="on box" pos="0 .15 0"/>
           <body euler="0 0 45" pos=".5 0 0"><geom size=".1"/><camera name="in ball" pos=".05 0 0"/>
             <camera name="in hull" pos=".3 0 0"/><geom pos=".3 0 0" size=".1" group="3"/></body>
-          <body pos="0 0 0"><joint/><geom size=".01" pos="1 0 0"/><camera name="apart"/></body></body>
+          <body pos="0 0 0"><joint/><geom size=".01" pos="1 0 0"/><camera name="in link before"/></body></body>
+        <body pos="0 0 1"><freejoint/><geom size=".01" pos="1 0 0"/><camera name="apart"/></body>
+        <body mocap="true" pos="0 3 1"><geom size=".1"/><camera name="in mocap"/>
+          <body pos="1 0 0"><camera name="on mocap"/></body></body>
+        <body pos="3 3 1"><geom size=".1"/><camera name="tracks" mode="trackcom" pos="0 0 .05"/></body>
         </worldbody></mujoco>"""
     )
-    assert [mjm.camera(i).name for i in range(mjm.ncam) if may_be_inside(mjm, i)] == ["in box", "in ball"]
+    inside = [mjm.camera(i).name for i in range(mjm.ncam) if may_be_inside(mjm, i)]
+    assert inside == ["in box", "in ball", "in link before", "in mocap", "tracks"]
+
+
+def test_cameras_that_may_get_inside_are_known():
+    """Those on bodies whose place is drawn, and those on an object with variants, alone in its tree, if it is seen."""
+    mjm = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody>
+        <geom type="box" size="1 1 .1"/><camera name="above" pos="0 0 2"/>
+        <body pos="0 0 1"><freejoint/><geom size=".1"/><camera name="on thing" pos="0 0 .15"/></body>
+        <body pos="0 3 1"><geom size=".1"/>
+          <body><joint/><geom size=".1"/><camera name="on arm" pos="0 0 .2"/></body></body>
+        <body pos="0 3 1"><camera name="on stand" pos="0 0 .2"/></body>
+        </worldbody></mujoco>"""
+    )
+    found = {
+        field: [mjm.camera(i).name for i in range(mjm.ncam) if may_be_inside(mjm, i, differ)]
+        for field, differ in (("", ()), ("cam_pos", ("cam_pos",)), ("geom_size", ("geom_size", "body_mass")))
+    }
+    assert found == {"": [], "cam_pos": ["on thing", "on arm"], "geom_size": ["on thing"]}
 
 
 def test_rays_of_a_tile_follow_each_other():

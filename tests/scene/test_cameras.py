@@ -67,6 +67,13 @@ def test_a_body_inside_a_robot_has_the_robots_name_or_that_of_its_asset():
     assert seen.camera("a").bodyid == seen.camera("b").bodyid == seen.body(inside).id
 
 
+def test_an_object_with_variants_carries_a_camera():
+    """The body that its variants share does, by the name of the object."""
+    view = {"body": "thing", "pos": [0, 0, 0.3], "look_at": [0, 0, 0]}
+    sim = model_with({"eye": view}, objects={"thing": {"asset": ["can", "mug"], "on": "floor"}}).sim
+    assert sim.mjm.camera("eye").bodyid == sim.bodies["thing"]
+
+
 def test_names_that_do_not_exist_or_are_taken_are_refused():
     """With the key; a model that cannot be edited gets no camera."""
     view = {"pos": [0, 0, 1], "look_at": [0, 0, 0]}

@@ -10,7 +10,7 @@ import numpy as np
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.model import SceneModel, build_model
-from sceniris_gym.scene.variants import geom_class
+from sceniris_gym.scene.variants import geom_classes
 from tests.config.scenes import TABLE
 
 THINGS = ("can", "mug", "book")
@@ -24,7 +24,8 @@ def built() -> SceneModel:
 
 def classes(mjm: mujoco.MjModel, body: int) -> Counter:
     """Count the geoms of a body by class."""
-    return Counter(geom_class(mjm, geom) for geom in np.flatnonzero(mjm.geom_bodyid == body).tolist())
+    kinds = geom_classes(mjm)
+    return Counter(kinds[geom] for geom in np.flatnonzero(mjm.geom_bodyid == body))
 
 
 def test_a_shared_body_has_room_for_every_variant():

@@ -219,6 +219,25 @@ def test_pictures_show_the_variants(compiled: CompiledScene):
     np.testing.assert_array_equal(*pictures)
 
 
+def test_a_variant_is_seen_that_looks_like_the_hull_of_another(tmp_path):
+    """A ball is drawn, and one that collides inside of a green ball is not."""
+    ball = '<geom size=".04" pos="0 0 .05" rgba="1 0 0 1"/>'
+    skin = '<geom size=".05" pos="0 0 .05" rgba="0 1 0 1" group="1" contype="0" conaffinity="0"/>'
+    files = {"ball": write_mjcf(tmp_path, "ball", ball), "clad": write_mjcf(tmp_path, "clad", ball + skin)}
+    thing = {"variants": {name: {"asset": file} for name, file in files.items()}}
+    above = {"body": "target", "pos": [0, 0, 0.4], "look_at": [0, 0, 0]}
+    scene = {**words(thing, {"asset": "tin"}), "cameras": {"above": above}}
+    compiled = compile_scene(scene, "cpu")
+    batch, randomizer = simulated(compiled, 8)
+    cameras = Cameras(compiled.scene.sim, batch.model, batch.data, {"above": Shot((8, 8))}, Looks())
+    cameras.launch()
+    middle = cameras.images["above"]["rgb"].numpy()[:, 4, 4].astype(int)
+    drawn = randomizer.variant.numpy()[:, 0]
+    assert {0, 1} == set(drawn)
+    assert (middle[drawn == 0, 0] > 2 * middle[drawn == 0, 1]).all()
+    assert (middle[drawn == 1, 1] > 2 * middle[drawn == 1, 0]).all()
+
+
 def test_there_is_room_for_the_contacts_of_every_variant(compiled: CompiledScene):
     """The default budget is at least that of each thing alone: a bowl stands on many geoms."""
     room = np.array(default_budget(compiled.sim_mjm, compiled.scene))

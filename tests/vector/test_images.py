@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
+from torch import Tensor
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, CountError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.pictures import context
+from sceniris_gym.vector.state import State
 from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import SCENE, Reach
 from tests.vector.stepping import actions
 
 SIZE = (32, 24)
@@ -109,6 +114,42 @@ def test_a_seed_gives_the_same_images_whatever_is_beside_it(make_env):
         second, _ = other.reset(options={"reset_mask": mask})
     for kind in KINDS:
         assert torch.equal(first["images"]["overview"][kind], second["images"]["overview"][kind][[3, 4, 1]])
+
+
+def test_cameras_that_are_drawn_show_what_they_see():
+    """A lens of each episode, in one world as among three; an eye on the block, also one drawn to the inside."""
+    eye = {"body": "block", "pos": [0, 0, 0.05], "look_at": [0, 0, 1]}
+    draws = {"overview": {"fovy": {"abs": [45, 75]}}, "eye": {"pos": {"add": [[0, 0, -0.04], [0, 0, 0.04]]}}}
+    config = SceneConfig.load({**SCENE, "cameras": {"eye": eye}, "randomize": {"cameras": draws}}, {"bank": 8})
+    scene = compile_scene(config, "cpu")
+    images = {"overview": {"size": SIZE, "data": KINDS}, "eye": {"size": (8, 8), "data": "depth"}}
+    one, three = (SceneVectorEnv(Reach, n, scene=scene, images=images) for n in (1, 3))
+    alone, among = (envs.reset(seed=[5, 6, 7][: envs.num_envs])[0]["images"] for envs in (one, three))
+    for kind in KINDS:
+        assert torch.equal(alone["overview"][kind][0], among["overview"][kind][0])
+    mjm = three.compiled.mjm
+    lens = mjm.cam_fovy.copy()
+    for world, drawn in enumerate(three.batch.model.cam_fovy.numpy()[:, mjm.camera("overview").id]):
+        mjm.camera("overview").fovy[:] = drawn  # which `truth` reads
+        assert_shown(three, among, world)
+    mjm.cam_fovy[:] = lens
+    near = (among["eye"]["depth"] > 0.0) & (among["eye"]["depth"] < 0.1)
+    assert not near.any()
+
+
+def test_a_task_may_change_the_lens_of_a_camera(reach_scene):
+    """As one of its fields of the model, which it names before it is bound."""
+
+    class Zooms(Reach):
+        model_fields = ("cam_fovy",)
+
+        def on_reset(self, s: State, mask: Tensor) -> None:
+            """Give the second world a narrow lens."""
+            super().on_reset(s, mask)
+            s.model_field("cam_fovy")[1] = 20.0
+
+    images = SceneVectorEnv(Zooms, 2, scene=reach_scene, images=IMAGES).reset(seed=[3, 3])[0]["images"]["overview"]
+    assert not torch.equal(images["depth"][0], images["depth"][1])
 
 
 def test_pictures_are_taken_every_few_steps_of_a_world(make_env):
