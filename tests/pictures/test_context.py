@@ -8,21 +8,12 @@ import numpy as np
 from sceniris_gym.pictures.context import Shot, drawn_once, may_be_inside, tile_rays
 
 
-def test_nothing_is_drawn_twice():
-    """Shapes for collisions are hidden where a body has looks in another group, but not otherwise, nor in the world."""
-    looks = 'contype="0" conaffinity="0" size=".1"'
-    mjm = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><worldbody>
-        <geom name="ground" type="plane" size="1 1 1"/><geom name="rug" {looks} group="1"/>
-        <body><geom name="hull" size=".1"/><geom name="skin" {looks} group="1"/></body>
-        <body><geom name="ball" size=".1"/><geom name="dot" {looks}/><geom name="core" size=".1" group="3"/></body>
-        <body><geom name="bare" size=".1"/><geom name="glass" {looks} group="1" rgba="1 1 1 0"/></body>
-        </worldbody></mujoco>"""
-    )
-    drawn = drawn_once(mjm)
-    shown = {mjm.geom(i).name for i in range(mjm.ngeom) if drawn.geom_group[i] in (0, 1, 2)}
-    assert shown == {"ground", "rug", "skin", "ball", "dot", "bare", "glass"}
-    assert mjm.geom("hull").group == 0
+def test_a_model_keeps_its_groups():
+    """What collides below a skin is hidden in the model that is drawn alone."""
+    geoms = '<geom size=".1"/><geom size=".1" group="1" contype="0" conaffinity="0"/>'
+    mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody><body>{geoms}</body></worldbody></mujoco>")
+    assert drawn_once(mjm).geom_group.tolist() == [5, 1]
+    assert mjm.geom_group.tolist() == [0, 1]
 
 
 def test_cameras_inside_of_what_carries_them_are_known():
