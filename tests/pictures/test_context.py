@@ -9,7 +9,7 @@ from sceniris_gym.pictures.context import Shot, drawn_once, may_be_inside, tile_
 
 
 def test_a_model_keeps_its_groups():
-    """What collides below a skin is hidden in the model that is drawn alone."""
+    """Shapes below a skin are hidden in the model that is drawn alone."""
     geoms = '<geom size=".1"/><geom size=".1" group="1" contype="0" conaffinity="0"/>'
     mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody><body>{geoms}</body></worldbody></mujoco>")
     assert drawn_once(mjm).geom_group.tolist() == [5, 1]
