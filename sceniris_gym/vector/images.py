@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ def _as_shot(words: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
     if "size" not in words:
         raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
     data = words.get("data", ("rgb",))
-    kinds = (data,) if isinstance(data, str) else tuple(data)
+    kinds = tuple(data) if isinstance(data, Collection) and not isinstance(data, str) else (data,)
     for kind in kinds:
         if kind not in CHANNELS:
             raise UnknownNameError("kind of picture", str(kind), f"{where}['data']", CHANNELS)

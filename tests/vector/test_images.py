@@ -219,6 +219,7 @@ def test_returned_images_are_not_written_to_again(make_env):
         ({"overview": {"size": (0, 8)}}, {}, CountError, r"images\['overview'\]\['size'\]\[0\]"),
         ({"overview": {"size": (8, 8), "data": ()}}, {}, ArgumentError, r"at least one of rgb, depth, segm"),
         ({"overview": {"size": (8, 8), "data": "rbg"}}, {}, UnknownNameError, r"'rbg'.*Did you mean 'rgb'"),
+        ({"overview": {"size": (8, 8), "data": None}}, {}, UnknownNameError, r"kind of picture 'None'.*rgb"),
         ({"overview": {"sise": (8, 8)}}, {}, UnknownNameError, r"'sise'.*Did you mean 'size'"),
         ({"overview": {"size": (8, 8), "thin": 1}}, {}, ArgumentTypeError, r"images\['overview'\]\['thin'\] should be"),
         ({"overwiev": {"size": (8, 8)}}, {}, UnknownNameError, r"camera 'overwiev'.*Did you mean 'overview'"),
