@@ -179,6 +179,8 @@ class ModelFields:
         """
         sources = {name for kind in FOLLOWERS for name in kind.SOURCES}
         draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
+        if self._ahead is not None:  # two sources reset these worlds
+            self._written.fill_(1)
         if self._drawer is None or not draws or self.varied or self._ahead is not None:
             return False
 

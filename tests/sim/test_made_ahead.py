@@ -104,6 +104,18 @@ def test_nothing_is_copied_where_a_task_writes(scene: CompiledScene):
     np.testing.assert_allclose(rows["body_subtreemass"].numpy()[:, 0], rows["body_mass"].numpy().sum(axis=1), rtol=1e-5)
 
 
+def test_nothing_is_copied_where_two_sources_reset_the_same_worlds(scene: CompiledScene):
+    """Each with layouts of its own; fields follow what was drawn last."""
+    one = make(scene, prefetch=True)
+    words = {"fields": one.fields, "seed": 70, "prefetch": True}
+    other = ResetRandomizer(scene, one.model, one.data, **words)
+    for randomizer in (one, other, one, other):
+        randomizer.reset()
+        wp.synchronize_device(randomizer.device)
+    rows = one.fields.rows
+    np.testing.assert_allclose(rows["body_subtreemass"].numpy()[:, 0], rows["body_mass"].numpy().sum(axis=1), rtol=1e-5)
+
+
 def test_draws_that_nothing_follows_from_take_no_memory(scene: CompiledScene):
     """Also without layouts that are made ahead."""
     friction = {"objects": {"can": {"randomize": {"friction": {"scale": [0.5, 2.0]}}}}}
