@@ -123,3 +123,20 @@ def test_draws_that_nothing_follows_from_take_no_memory(scene: CompiledScene):
         compiled = compile_scene({"base": "tabletop_lift", "bank": 8, **words}, scene.device)
         assert drawn_fields(compiled.scene.draws)
         assert make(compiled, 2, prefetch=prefetch).fields._ahead is None
+
+
+def test_knobs_narrow_what_is_made_ahead(scene: CompiledScene):
+    """As what is found in place, also in layouts that were made ahead before the knob was set."""
+    name = "objects.can.randomize.mass"
+    one, other = (make(scene, prefetch=prefetch, knobs=(name,)) for prefetch in (True, False))
+    for randomizer in (one, other):
+        for step in range(4):
+            if step == 2:
+                randomizer.set_knob(name, [1.0, 1.1], np.arange(NWORLD) < 3)
+            randomizer.reset()
+            wp.synchronize_device(randomizer.device)
+    for field, array in values(one).items():
+        np.testing.assert_array_equal(array, values(other)[field], err_msg=field)
+    factors = one.fields.parameter("can.mass", "test").numpy()[:, 0]
+    assert ((factors >= 1.0) & (factors <= 1.1))[:3].all()
+    assert not ((factors >= 1.0) & (factors <= 1.1)).all()
