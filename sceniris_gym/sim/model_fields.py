@@ -185,7 +185,7 @@ class ModelFields:
         draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
         if self._ahead is not None:  # two sources reset these worlds
             self._written.fill_(1)
-        if not draws or self.varied or self._ahead is not None:
+        if not draws or self.varied or self._ahead is not None or sources & self.asked:
             return
 
         def make(mask: wp.array, layouts: Layouts) -> None:
