@@ -285,28 +285,40 @@ def _weigh(
     by_rank: bool,
     by_score: bool,
     power: float,
-    # Buffer in: count, filled
-    # Buffer out: weight, total, lowest
+    # Buffer in: count
+    # Buffer out: weight
     buffer: Buffer,
 ):
-    # one lane, from the best bin down; the levels of a bin share their mean rank
+    b = wp.tid()
+    number = buffer.count[b]
+    weight = float(1.0)
+    if by_rank:  # the levels of a bin share their mean rank
+        above = int(0)
+        for other in range(b + 1, _BINS):
+            above += buffer.count[other]
+        weight = wp.pow(float(above) + 0.5 * float(number + 1), -power)
+    if by_score:
+        weight = wp.pow(2.0, power * ((float(b) + 0.5) / _BINS_OF_OCTAVE - _OCTAVES))
+    buffer.weight[b] = weight
+
+
+@wp.kernel
+def _sum_up(
+    # Buffer in: count, weight, filled
+    # Buffer out: total, lowest
+    buffer: Buffer,
+):
+    # one lane, from the best bin down, so that all devices round alike
     above, total = int(0), float(0.0)
     room = buffer.vacant.shape[0] - (buffer.stamp.shape[0] - buffer.filled[0])
     lowest = int(-1)
     for i in range(_BINS):
         b = _BINS - 1 - i
         number = buffer.count[b]
-        if number > 0:
-            weight = float(1.0)
-            if by_rank:
-                weight = wp.pow(float(above) + 0.5 * float(number + 1), -power)
-            if by_score:
-                weight = wp.pow(2.0, power * ((float(b) + 0.5) / _BINS_OF_OCTAVE - _OCTAVES))
-            buffer.weight[b] = weight
-            total += weight * float(number)
-            above += number
-            if lowest < 0 and buffer.filled[0] - above < room:
-                lowest = b
+        total += buffer.weight[b] * float(number)
+        above += number
+        if number > 0 and lowest < 0 and buffer.filled[0] - above < room:
+            lowest = b
     buffer.total[0] = total
     buffer.lowest[0] = lowest
 
@@ -363,7 +375,8 @@ def launch_refresh(buffer: Buffer, levels: Levels) -> None:
     buffer.vacant.fill_(-1)
     wp.launch(_count, capacity, outputs=[buffer], device=device)
     inputs = [levels.priority == "rank", levels.priority == "proportional", 1.0 / levels.temperature]
-    wp.launch(_weigh, 1, inputs=inputs, outputs=[buffer], device=device)
+    wp.launch(_weigh, _BINS, inputs=inputs, outputs=[buffer], device=device)
+    wp.launch(_sum_up, 1, outputs=[buffer], device=device)
     for empty in (True, False):  # empty places come first
         wp.launch(_mark_vacant, capacity, inputs=[empty], outputs=[buffer], device=device)
         array_scan(buffer.cumulative, buffer.cumulative)
