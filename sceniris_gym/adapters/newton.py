@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask, fill_mask
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, refuse_starts
 from sceniris_gym.sim.fit import check_fit, check_model
 
 newton: Any = import_extra("newton", "newton")
@@ -153,6 +153,7 @@ class NewtonRandomizer(StaysHere):
         layout_source: LayoutSource | None = None,
     ) -> None:
         check_type(compiled, CompiledScene, "NewtonRandomizer: compiled")
+        refuse_starts(compiled, "NewtonRandomizer")
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
         if data is None or solver.use_mujoco_cpu or data.nworld != nworld:
             raise ArgumentError(

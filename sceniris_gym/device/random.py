@@ -16,6 +16,7 @@ NAMED_STREAM = 1 << 30  # numbers drawn by name, with the name as their trial
 BANK_STREAM = (1 << STREAM_BITS) - 1
 GROUP_STREAM = (1 << STREAM_BITS) - 2
 REACH_STREAM = (1 << STREAM_BITS) - 3
+START_STREAM = (1 << STREAM_BITS) - 4
 
 _M0 = wp.constant(wp.uint32(0xD2511F53))
 _M1 = wp.constant(wp.uint32(0xCD9E8D57))

@@ -74,15 +74,15 @@ def _find_missing(
 
 @wp.kernel
 def _serve(
-    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
     #   pregrasp_qpos, pending_seed, pending_episode, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
     # Layouts in: rejections, pending_seed, pending_episode, row_rejections
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp,
-    #   grasp_qpos, pregrasp_qpos, rejections, next_episode
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present,
+    #   grasp, grasp_qpos, pregrasp_qpos, rejections, next_episode
     served: LayoutsView,
 ):
     worldid, i = wp.tid()

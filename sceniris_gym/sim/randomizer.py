@@ -35,6 +35,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.grips import GripCloser
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
@@ -172,6 +173,9 @@ class ResetRandomizer(Fixed, StaysHere):
         if compiled.config.variants:
             self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
             self.variant = self.variants.variant
+        self._grips = None
+        if compiled.starts is not None:
+            self._grips = GripCloser(compiled, data.nworld, self._mask, self.fields.rest)
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._split = getattr(layout_source, "split", split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
@@ -302,10 +306,11 @@ class ResetRandomizer(Fixed, StaysHere):
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            seed, episode = layouts.seed, layouts.episode
+            seed, episode, start = layouts.seed, layouts.episode, layouts.start
             if isinstance(layouts, LayoutTable):
                 seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
-            self._launch_write(poses, present, seed, episode, on_device)
+                start = wp.array(start, dtype=int)
+            self._launch_write(poses, present, start, seed, episode, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
@@ -343,7 +348,7 @@ class ResetRandomizer(Fixed, StaysHere):
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode)
+        self._launch_write(_poses(layouts), layouts.present, layouts.start, layouts.seed, layouts.episode)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
@@ -354,7 +359,13 @@ class ResetRandomizer(Fixed, StaysHere):
             stage(self.model, self.data)
 
     def _launch_write(
-        self, poses: Poses, present: Any, seed: wp.array, episode: wp.array, rows: wp.array | None = None
+        self,
+        poses: Poses,
+        present: Any,
+        start: wp.array,
+        seed: wp.array,
+        episode: wp.array,
+        rows: wp.array | None = None,
     ) -> None:
         m, d = self.model, self.data
         drawn = rows
@@ -367,7 +378,10 @@ class ResetRandomizer(Fixed, StaysHere):
             wp.copy(self._nacon, d.nacon)
             mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
-        self._writer.launch(poses, rows)
+        held = None
+        if self._grips is not None:
+            held = self._grips.launch(poses.qpos, start, drawn, rows is drawn)
+        self._writer.launch(poses, rows, held)
         self._launch_stages()
 
 

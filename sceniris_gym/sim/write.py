@@ -58,6 +58,21 @@ def addresses_of(
     return Addresses(qposadr, dofadr, mocapid, np.array(elements, int))
 
 
+@wp.func
+def _at_rest(
+    rest: RestMap,
+    worldid: int,
+    element: int,
+    row: int,
+    qpos: wp.array2d[float],
+    held: wp.array2d[float],
+) -> float:
+    """Return a control or an activation at rest at the positions that a world's controls hold."""
+    if held:
+        return rest_value(rest, worldid, element, held[worldid])
+    return rest_value(rest, worldid, element, qpos[row])
+
+
 @wp.kernel
 def _write_state(
     # Lists of what is written:
@@ -73,6 +88,7 @@ def _write_state(
     rest: RestMap,
     origins: wp.array[wp.vec3],
     mask: wp.array[wp.bool],
+    held: wp.array2d[float],
     rows: wp.array[int],
     # Layouts in:
     qpos_in: wp.array2d[float],
@@ -114,11 +130,11 @@ def _write_state(
     if i < elemid.shape[0]:
         element, nu = elemid[i], ctrl_out.shape[1]
         if element < nu:
-            ctrl_out[worldid, element] = rest_value(rest, worldid, element, qpos_in[row])
+            ctrl_out[worldid, element] = _at_rest(rest, worldid, element, row, qpos_in, held)
         else:
-            act_out[worldid, element - nu] = rest_value(rest, worldid, element, qpos_in[row])
+            act_out[worldid, element - nu] = _at_rest(rest, worldid, element, row, qpos_in, held)
     if i < sampleadr.shape[0]:
-        history_out[worldid, sampleadr[i]] = rest_value(rest, worldid, sampled[i], qpos_in[row])
+        history_out[worldid, sampleadr[i]] = _at_rest(rest, worldid, sampled[i], row, qpos_in, held)
     if i < plastic.shape[0]:
         plastic_out[worldid, i] = plastic[i]
 
@@ -179,15 +195,16 @@ class StateWriter:
         self._outputs = [d.qpos, d.qvel, d.qacc_warmstart, d.mocap_pos, d.mocap_quat, d.ctrl, d.act]
         self._outputs += [getattr(d, name, None) for name in ("history", "plastic")]  # not in all versions
 
-    def launch(self, poses: Poses, rows: wp.array | None = None) -> None:
+    def launch(self, poses: Poses, rows: wp.array | None = None, held: wp.array | None = None) -> None:
         """Write rows of `poses` into the masked worlds.
 
         Args:
             poses: The poses to write.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
+            held: Joint positions that the controls of each world hold, shape (nworld, nq); None holds those of `poses`.
         """
         outputs, device = self._outputs, self._outputs[0].device
-        wp.launch(_write_state, self._dim, inputs=[*self._inputs, rows, *poses], outputs=outputs, device=device)
+        wp.launch(_write_state, self._dim, inputs=[*self._inputs, held, rows, *poses], outputs=outputs, device=device)
 
 
 def _spread(first: np.ndarray, widths: np.ndarray) -> np.ndarray:

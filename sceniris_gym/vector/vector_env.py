@@ -491,6 +491,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        if self.compiled.config.start:
+            info["layout_start"] = s.start.clone()
         if s.variants.names:
             info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
         return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
