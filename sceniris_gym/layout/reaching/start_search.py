@@ -112,6 +112,7 @@ def launch_queue_worlds(work: Workspace, starts: Starts, start_search: StartSear
 
 @wp.kernel
 def _plan_wave(
+    busy: int,
     # StartSearch in: left, source, num
     # StartSearch out: left, source, num, waiting, at_once
     start_search: StartSearch,
@@ -119,11 +120,11 @@ def _plan_wave(
     capacity = start_search.passed.shape[0]
     start_search.waiting[0] = start_search.left[0]
     start_search.num[0] = wp.min(start_search.left[0], capacity)
-    start_search.at_once[0] = wp.clamp(capacity // wp.max(start_search.num[0], 1), 1, wp.static(_AT_ONCE))
+    start_search.at_once[0] = wp.clamp(wp.min(busy, capacity) // wp.max(start_search.num[0], 1), 1, wp.static(_AT_ONCE))
     start_search.source[0] = 1 - start_search.source[0]
     start_search.left[0] = 0
 
 
 def launch_plan_wave(work: Workspace, start_search: StartSearch) -> None:
     """Begin a wave with the queued worlds, with more trials of each if few are left."""
-    work.launch(_plan_wave, 1, [], start_search)
+    work.launch(_plan_wave, 1, [work.size.busy], start_search)

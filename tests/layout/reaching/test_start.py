@@ -7,11 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.device import Program, copied
-from tests.layout.starting import HANDLE, HELD, HOME, LIFT, LIFTED, PREGRASP, STANDING, reset_worlds, starting, stepped
+from tests.layout.starting import (
+    HANDLE,
+    HELD,
+    HOME,
+    LIFT,
+    LIFTED,
+    PREGRASP,
+    SCENE,
+    STANDING,
+    reset_worlds,
+    starting,
+    stepped,
+)
 
 
 def test_what_is_held_stays_in_the_hand():
@@ -79,6 +92,22 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
     for i in fell:
         (entry,) = np.flatnonzero((states == rows["qpos"][i]).all(axis=1))
         assert kinds[entry] == rows["start"][i]
+
+
+@pytest.mark.cuda
+def test_what_is_held_stays_in_the_hand_on_a_gpu():
+    """Layouts of a GPU, stepped by MuJoCo C; a graph and other sizes of the search give the same bits."""
+    compiled = compile_scene(SCENE, "cuda:0")
+    data, layouts = reset_worlds(compiled, 256)
+    found = stepped(compiled, data, layouts)
+    assert {held.kind for held in found} == {STANDING, LIFTED, HELD, HANDLE}
+    assert max(held.drift for held in found) < 2e-3
+    assert sum(held.others for held in found) == 0
+    generator = LayoutGenerator(compiled, 256, size=replace(default_size("cuda:0"), rows=64, grasps=300, busy=500))
+    generator.generate()
+    assert (layouts.status.numpy() == Status.VALID).all()
+    for name, values in _rows(generator).items():
+        np.testing.assert_array_equal(values, getattr(layouts, name).numpy())
 
 
 def _rows(generator: LayoutGenerator) -> dict[str, np.ndarray]:
