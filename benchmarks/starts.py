@@ -82,8 +82,8 @@ def held(compiled: CompiledScene, nworld: int) -> Iterator[dict[str, Any]]:
     drift = np.linalg.norm(_in_hand(compiled, model, data) - before, axis=1)
     kinds = randomizer.layouts.start.numpy()
     for number, kind in enumerate(compiled.config.start):
-        if kind.robot == "grasp":
-            of_kind = drift[kinds == number]
+        of_kind = drift[kinds == number]
+        if kind.robot == "grasp" and len(of_kind):
             yield {
                 "kind": number,
                 "worlds": len(of_kind),

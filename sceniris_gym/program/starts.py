@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
 
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.start import StartConfig
-from sceniris_gym.errors import GraspError, NotSupportedError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.grasps import PREFIX
 from sceniris_gym.grasping.grip import Fingers, Grip
+from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.device_starts import StartPose
-from sceniris_gym.program.placed_object import JointRange
+from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.plan import Plan, joint_range
 from sceniris_gym.program.reach import ReachTarget
+
+_CARRIED = np.zeros((1, 3))
+_ALL_WAYS = np.concatenate([np.eye(3), -np.eye(3)])
+_FITS = {
+    StartPose.STANDING: ("fits", "from both sides"),
+    StartPose.LIFTED: ("lifts", "upright in the air"),
+    StartPose.HELD: ("holds", "whichever way is down"),
+}
+"""The attribute of a Grip that a pose of the arm asks for, in words."""
 
 
 @dataclass(frozen=True)
@@ -53,21 +64,34 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
     if plan.reaching is None:
         return ()
     config = plan.scene.config
-    held = {name for kind in config.start if kind.robot == "grasp" for name in kind.targets(config.groups)}
+    kinds = [(kind, kind.targets(config.groups)) for kind in config.start if kind.robot == "grasp"]
     found: list[Grip] = []
     for target in plan.reaching.targets:
         grasps, one = target.grasp_set.grasps, plan.reaching.arm_of(target)
-        if target.name not in held:
-            found += [Grip(0.0, grasp.pos, False) for grasp in grasps]
+        poses = {_pose(kind) for kind, names in kinds if target.name in names}
+        if not poses:
+            found += [Grip(0.0, grasp.pos) for grasp in grasps]
             continue
         if not len(one.gripper.qposadr):
             raise NotSupportedError(
                 f"{config.where}: start: the tool of '{one.robot}' has no fingers that close on '{target.name}'. Start "
                 "from 'home' or 'pregrasp'."
             )
-        fingers = Fingers(plan.scene.mjm, one.arm, one.gripper, plan.home)
-        found += fingers.grips(plan.scene.subtree(target.name), grasps)
+        fingers, bodies = Fingers(plan.scene.mjm, one.arm, one.gripper, plan.home), plan.scene.subtree(target.name)
+        is_free = plan.objects[target.number].kind == ObjectKind.FREE
+        for i, (grasp, grip) in enumerate(zip(grasps, fingers.grips(bodies, grasps), strict=True)):
+            ways = {"fits": _CARRIED, "lifts": _downs(plan.objects[target.number], target, i), "holds": _ALL_WAYS}
+            asked = {"fits", *(_FITS[pose][0] for pose in poses)} if grip.fits and is_free else ()
+            found.append(replace(grip, **{fit: fingers.hold(bodies, grasp, grip, ways[fit]) for fit in asked}))
     return tuple(found)
+
+
+def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
+    """Return where down is in the frame of an object, for each pose in which a grasp of it is tried, shape (n, 3)."""
+    if placed.orientation == "any":
+        return _ALL_WAYS
+    spans = zip(placed.variants, target.grasp_set.spans, strict=True)
+    return np.array([-matrix(v.quat)[2] for v, (first, num) in spans if first <= grasp < first + num])
 
 
 def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> tuple[StartKind, ...]:
@@ -75,8 +99,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> tuple[StartKind, ...]:
 
     Raises:
         UnknownNameError: A grasp or a joint that does not exist.
-        SceneKeyError: A joint whose object does not draw it.
-        GraspError: No grasp of a target closes on it from both sides.
+        SceneKeyError: A joint whose object does not draw it, or an object that no grasp holds.
     """
     return tuple(_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start))
 
@@ -90,12 +113,15 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
     counts = [_counting(config, target, f"{where}.grasp") & (target.name in names) for target in targets]
     grasps = np.concatenate([np.zeros(0, bool), *counts])
     if config.robot == "grasp":
-        grasps &= np.array([grip.fits for grip in grips], bool)
+        fit, how = _FITS[_pose(config)]
+        grasps &= np.array([getattr(grip, fit) for grip in grips], bool)
         ends = np.cumsum([0, *(len(count) for count in counts)])
-        empty = next((targets[i].name for i in columns if not grasps[ends[i] : ends[i + 1]].any()), None)
-        if empty is not None:
-            opening = max(plan.reaching.arm_of(targets[i]).gripper.opening for i in columns) if plan.reaching else 0.0
-            raise GraspError(f"{where}: objects.{empty}", None, opening)
+        for i in columns:
+            if not grasps[ends[i] : ends[i + 1]].any():
+                raise SceneKeyError(
+                    f"{where}: the gripper should be able to hold '{targets[i].name}' {how}, and none of its grasps "
+                    "that count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
+                )
     arm = targets[columns[0]].arm if columns else -1
     order = {o.name: i for i, o in enumerate(plan.objects)}
     return StartKind(

@@ -20,6 +20,7 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 HOME, PREGRASP, STANDING, LIFTED, HELD, PLACED, HANDLE = range(7)
 """The kinds of `SCENE`."""
 LIFT = (0.05, 0.2)
+_SECONDS = 0.5
 SCENE: dict[str, Any] = {
     "floor": {"size": [1.4, 1.2]},
     "robot": {"asset": "panda", "base": [-0.438, -0.114, 0.0], "joints": {"joint*": {"noise": 0.02}}},
@@ -94,8 +95,11 @@ def reset_worlds(compiled: CompiledScene, nworld: int, seed: int = 0) -> tuple[m
     return data, randomizer.layouts
 
 
-def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, seconds: float = 0.5) -> list[Held]:
-    """Step the worlds in whose start something is held by MuJoCo C, with the controls that the reset wrote."""
+def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, every: int = 1) -> list[Held]:
+    """Step the worlds in whose start something is held by MuJoCo C for half a second, with the controls of the reset.
+
+    Contacts with anything else are looked for in every so manieth step.
+    """
     mjm, scene, found = compiled.sim_mjm, compiled.scene.sim, []
     state = {name: getattr(data, name).numpy() for name in ("qpos", "ctrl", "act", "mocap_pos", "mocap_quat")}
     own = mujoco.MjData(mjm)
@@ -114,8 +118,10 @@ def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, seconds: 
             root = max(thing, key=lambda body: own.model.body_dofnum[body])
         mujoco.mj_forward(mjm, own)
         before, others = _in_hand(own, root, tcp), 0
-        for _ in range(round(seconds / mjm.opt.timestep)):
-            others += any(_strays(mjm, contact, robot, thing, kind.is_held) for contact in own.contact[: own.ncon])
+        for step in range(round(_SECONDS / mjm.opt.timestep)):
+            others += step % every == 0 and any(
+                _strays(mjm, contact, robot, thing, kind.is_held) for contact in own.contact[: own.ncon]
+            )
             mujoco.mj_step(mjm, own)
         mujoco.mj_forward(mjm, own)
         touching = {

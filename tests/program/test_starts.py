@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import GraspError, NotSupportedError, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import NotSupportedError, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.grasping.grip import Grip
 from sceniris_gym.program.device_starts import StartPose
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.starts import plan_grips, plan_starts
@@ -79,8 +80,8 @@ def test_a_tool_without_fingers_is_refused():
 
 
 def test_a_target_on_which_nothing_closes_is_refused():
-    """By its name."""
+    """By its name, and for what it would have to do."""
     plan = plan_of(start=[{"robot": "grasp", "of": "block"}])
-    grips = [grip.__class__(grip.share, grip.pos, False) for grip in plan_grips(plan)]
-    with pytest.raises(GraspError, match=r"start\.0: objects\.block"):
-        plan_starts(plan, tuple(grips))
+    grips = tuple(Grip(grip.share, grip.pos) for grip in plan_grips(plan))
+    with pytest.raises(SceneKeyError, match=r"start\.0: .* hold 'block' from both sides"):
+        plan_starts(plan, grips)
