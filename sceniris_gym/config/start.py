@@ -122,10 +122,8 @@ def _check_target(
             raise SceneKeyError(f"{where}.of: '{of}' may be absent, as it is in a group. Name another object.")
     for name in members:
         part = objects[name]
-        if part.reachable != "clear":
-            raise SceneKeyError(
-                f"{where}.of: '{name}' should be 'reachable: clear', which finds the joints that a start takes."
-            )
+        if not part.reachable:
+            raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', as an arm is to be there at the start.")
         if start.is_held and part.kind != "free":
             raise SceneKeyError(f"{where}: '{name}' is no free object, so it cannot be held in the air.")
         for other, words in objects.items():

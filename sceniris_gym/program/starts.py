@@ -123,6 +123,8 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
                     "that count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
                 )
     arm = targets[columns[0]].arm if columns else -1
+    if plan.reaching is not None and columns and plan.reaching.arms[arm].robot in plan.scene.apart:
+        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
     order = {o.name: i for i, o in enumerate(plan.objects)}
     return StartKind(
         config,

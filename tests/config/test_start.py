@@ -49,7 +49,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a lift and joints": (GRASP | {"lift": [0, 0.1], "robot_joints": {"*": {"noise": 0.1}}}, SceneKeyError, "not both"),
     "a choice": (GRASP | {"robot_joints": {"*": {"choice": [0.1]}}}, SceneKeyError, "should draw joints by"),
     "an unknown object": (GRASP | {"of": "blok"}, UnknownNameError, "start.0.of"),
-    "one that is out of reach": (GRASP | {"of": "apple"}, SceneKeyError, "'apple' should be 'reachable: clear'"),
+    "one that is out of reach": (GRASP | {"of": "apple"}, SceneKeyError, "'apple' should be 'reachable'"),
     "a lifted fixture": (GRASP | {"of": "cabinet", "lift": [0, 0.1]}, SceneKeyError, "'cabinet' is no free object"),
     "no marker": ({"place": {"apple": "block"}}, UnknownNameError, "Valid: goal"),
     "another support": ({"place": {"cabinet": "goal"}}, SceneKeyError, ""),

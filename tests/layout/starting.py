@@ -38,7 +38,7 @@ SCENE: dict[str, Any] = {
             "asset": "block",
             "on": "floor",
             "ratio_on_support": 1,
-            "reachable": "clear",
+            "reachable": "map",
             "region": {"box": [[0.0, -0.4], [0.3, -0.1]]},
         },
         "apple": {"asset": "apple", "on": "floor", "region": {"box": [[0.4, -0.3], [0.65, -0.1]]}},

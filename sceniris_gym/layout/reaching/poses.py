@@ -85,7 +85,7 @@ def _pose_hand(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, grasp, start, failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, qpos, body_pos, body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
@@ -121,7 +121,7 @@ def _pose_arm(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
     #   body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.poses import open_gripper, set_gripper, take_joints
@@ -48,6 +49,37 @@ def _go_home(
 def launch_go_home(work: Workspace, reach: Reach, starts: Starts) -> None:
     """Return an arm to its start pose in all rows of this round."""
     work.launch(_go_home, work.nworld, [work.program, reach, starts], work.layouts, work.search)
+
+
+@wp.kernel
+def _ask_tiers(
+    starts: Starts,
+    reach: Reach,
+    # Layouts in: start
+    # Layouts out: grasp_qpos, pregrasp_qpos
+    layouts: LayoutsView,
+    # Search in: waiting, row_world
+    search: Search,
+    # ReachSearch out: tier
+    reach_search: ReachSearch,
+):
+    row, column = wp.tid()
+    if not search.waiting[row]:
+        return
+    kind = layouts.start[search.row_world[row]]
+    tier = reach.reach_tier[column]
+    if starts.pose[kind] != StartPose.HOME and starts.target[kind, column]:
+        tier = int(Tier.CLEAR)
+    reach_search.tier[row, column] = tier
+    for i in range(MAX_JOINTS):
+        layouts.grasp_qpos[row, column, i] = wp.nan
+        layouts.pregrasp_qpos[row, column, i] = wp.nan
+
+
+def launch_ask_tiers(work: Workspace, starts: Starts, reach_search: ReachSearch) -> None:
+    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier."""
+    dim = (work.nrow, starts.target.shape[1])
+    work.launch(_ask_tiers, dim, [starts, work.reach], work.layouts, work.search, reach_search)
 
 
 @wp.kernel(grid_stride=False)

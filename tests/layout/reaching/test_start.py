@@ -38,7 +38,7 @@ def test_what_is_held_stays_in_the_hand():
 
 
 def test_the_arm_is_where_its_kind_says():
-    """At home within the noise, at the joints of the pre-grasp, or at those of the grasp."""
+    """At home within the noise, at the joints of the pre-grasp, or of the grasp. Only these starts ask for joints."""
     generator = LayoutGenerator(starting(), 128, seed=5)
     rounds = []
     for _ in range(3):  # so that arms have been away in the rows before
@@ -53,6 +53,8 @@ def test_the_arm_is_where_its_kind_says():
         arm, kind = rows["qpos"][:, one.arm.qposadr], rows["start"]
         home = compiled.home_qpos[one.arm.qposadr]
         assert np.abs(arm[kind == HOME] - home).max() <= 0.02 + 1e-6
+        asked = np.isin(kind, (PREGRASP, STANDING, LIFTED, HELD))
+        assert (np.isnan(rows["grasp_qpos"][:, block, 0]) == ~asked).all()
         np.testing.assert_array_equal(arm[kind == PREGRASP], rows["pregrasp_qpos"][kind == PREGRASP, block, :7])
         np.testing.assert_allclose(arm[kind == HANDLE], rows["grasp_qpos"][kind == HANDLE, cabinet, :7], atol=5e-3)
         for held in (LIFTED, HELD):
