@@ -42,11 +42,11 @@ PARTS: dict[str, dict[str, Any]] = {
     "no highlights": {"enable_specular": False, "enable_emission": False},
     "flat faces": {"enable_vertex_normals": False},
     "no ambient light of lamps": {"enable_per_light_ambient": False},
-    "backs of faces": {"enable_backface_culling": False},
+    "no face seen from behind": {"enable_backface_culling": True},
     "shapes for collisions": {"enabled_geom_groups": [0, 3]},
     "the floor alone": {"enabled_geom_groups": [0]},
 }
-"""Options of mujoco_warp's context whose absence tells what a part of a picture costs."""
+"""Options of mujoco_warp's context that tell what a part of a picture costs."""
 
 
 @dataclass(frozen=True)

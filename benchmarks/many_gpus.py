@@ -1,4 +1,4 @@
-"""Training on all GPUs of a host: steps/s, time in the exchange of gradients, layouts that processes share.
+"""Training on all GPUs of a host: steps/s, time of updates and of exchanges in them, layouts that processes share.
 
 torchrun --standalone --nproc-per-node 4 -m benchmarks.many_gpus measure --folder FOLDER
 python -m benchmarks.many_gpus report --folder FOLDER    # ratios of all numbers of GPUs there, and a plot of them
@@ -50,9 +50,9 @@ class _Stopwatch:
         self._function, self._cuda = function, device.type == "cuda"
         self._spans: list[tuple[Any, Any]] = []
 
-    def __call__(self, *args: Any) -> Any:
+    def __call__(self, *args: Any, **words: Any) -> Any:
         start = self._now()
-        found = self._function(*args)
+        found = self._function(*args, **words)
         self._spans.append((start, self._now()))
         return found
 
@@ -94,13 +94,16 @@ def measure(
     torch.manual_seed(rank.number)
     kind = _OnProcessors if place.type == "cpu" else OnPolicyRunner
     runner = kind(envs, {**config.CONFIG, "seed": 0}, log_dir=None, device=str(place))
-    exchange = runner.alg.reduce_parameters = _Stopwatch(runner.alg.reduce_parameters, place)
+    update = runner.alg.update = _Stopwatch(runner.alg.update, place)
+    # of gradients, and of the learning rate that depends on what all of them have seen
+    exchanges = dist.all_reduce, dist.broadcast = [_Stopwatch(f, place) for f in (dist.all_reduce, dist.broadcast)]
     runner.learn(_WARM_UP, init_at_random_ep_len=True)
-    exchange.seconds()
+    for watch in (update, *exchanges):
+        watch.seconds()  # begins anew
     _wait(rank)
     start = time.perf_counter()
     runner.learn(iterations)
-    exchanged = exchange.seconds()
+    updated, exchanged = update.seconds(), sum(exchange.seconds() for exchange in exchanges)
     _wait(rank)
     seconds = time.perf_counter() - start
     steps = rank.size * num_envs * iterations * config.CONFIG["num_steps_per_env"]
@@ -112,6 +115,7 @@ def measure(
         "worlds_each": num_envs,
         "iterations": iterations,
         "steps_per_second": round(steps / seconds),
+        "update_share": round(updated / seconds, 4),
         "exchange_share": round(exchanged / seconds, 4),
         "weights_differ_by": float((weights - _first(weights, rank)).abs().max()),
         "layouts": made,

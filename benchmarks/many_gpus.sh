@@ -13,13 +13,18 @@ mkdir -p "$folder"
 run() { # PROCESSES MODULE ARGUMENT...
   torchrun --standalone --nproc-per-node "$1" -m "${@:2}"
 }
-generate() { # NAME PROCESSES LAYOUTS ARGUMENT...
-  local start end
+seconds() { # COMMAND...: print the seconds that it takes
+  local start
   start=$(date +%s.%N)
-  run "$2" sceniris_gym generate mid -n "$3" --out "$where/$1" --json "${@:4}" >"$folder/$1.log"
-  end=$(date +%s.%N)
-  python3 -c "import json; print(json.dumps({'processes': $2, 'layouts': $3, 'seconds': round($end - $start, 2), \
-'layouts_per_second': round($3 / ($end - $start))}))" | tee "$folder/generated_$1.json"
+  "$@" >&2
+  python3 -c "print(round($(date +%s.%N) - $start, 2))"
+}
+generate() { # NAME PROCESSES LAYOUTS ARGUMENT...: the rate leaves out what a data set of 1,000 layouts takes
+  local start made
+  start=$(seconds run "$2" sceniris_gym generate mid -n 1000 --out "$where/start_$1" --json)
+  made=$(seconds run "$2" sceniris_gym generate mid -n "$3" --out "$where/$1" --json "${@:4}")
+  python3 -c "import json; print(json.dumps({'processes': $2, 'layouts': $3, 'seconds': $made, 'start': $start, \
+'layouts_per_second': round($3 / ($made - $start))}))" | tee "$folder/generated_$1.json"
 }
 
 for number in 1 2 4 8; do

@@ -27,16 +27,12 @@ SCENE = {
 class SlipperyLift(TabletopLift):
     """TabletopLift with a tabletop that is slippery in every second world."""
 
-    def bind(self, s: State) -> None:
-        """Ask for the friction of the tabletop, shape (num_envs, 3)."""
-        super().bind(s)
-        self.top = s.model_field("geom_friction", "table/top")
+    model_fields = ("geom_friction",)
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Draw it, of the worlds that were reset."""
+        """Draw its friction, in the worlds that were reset."""
         super().on_reset(s, mask)
-        drawn = torch.where(s.random("slippery top") < 0.5, 0.2, 0.8)
-        self.top[:, 0] = torch.where(mask, drawn, self.top[:, 0])
+        s.scale_field("geom_friction", "table/top", torch.where(s.random("slippery top") < 0.5, 0.25, 1.0), mask)
 
 
 def main(num_envs: int = 16, device: str | None = None) -> None:
@@ -45,8 +41,8 @@ def main(num_envs: int = 16, device: str | None = None) -> None:
     envs.reset(seed=0)
     factors = envs.state.parameter("can.mass")[:, 0].clone()
     print(f"masses of the can are {factors.min():.2f} to {factors.max():.2f} of the model's")
-    task: Any = envs.task
-    print(f"{int((task.top[:, 0] < 0.5).sum())} of {num_envs} tables are slippery")
+    top = envs.state.model_field("geom_friction", "table/top")
+    print(f"{int((top[:, 0] < 0.5).sum())} of {num_envs} tables are slippery")
     envs.reset(options={"reset_mask": torch.arange(num_envs) < 2})
     kept = envs.state.parameter("can.mass")[:, 0] == factors
     print(f"after a reset of 2 worlds, {int(kept.sum())} keep their masses")

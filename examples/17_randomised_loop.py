@@ -30,19 +30,15 @@ def main(nworld: int = 64, steps: int = 500, device: str | None = None) -> None:
     """
     compiled = compile_scene({"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}, device)
     with wp.ScopedDevice(compiled.device):
-        model = put_model(compiled, nworld, "body_mass", "body_inertia", "geom_friction")  # a row for each world
+        model = put_model(compiled, nworld, "body_mass", "geom_friction")  # a row for each world
         data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=32, njmax=128)
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
-        mass, inertia, friction = (
-            wp.to_torch(randomizer.model_field(name, "block"))
-            for name in ("body_mass", "body_inertia", "geom_friction")
-        )
         randomizer.reset()
-        factor = 0.5 + 2.0 * wp.to_torch(randomizer.random("mass"))  # of this seed and episode
-        mass *= factor
-        inertia *= factor[:, None]
-        friction[:, 0, 0] = 0.1 + 0.6 * wp.to_torch(randomizer.random("friction"))
+        u, v = (wp.to_torch(randomizer.random(name)) for name in ("mass", "friction"))  # of this seed and episode
+        randomizer.scale_field("body_mass", "block", 0.5 + 2.0 * u)
+        randomizer.scale_field("geom_friction", "block", 0.1 + 0.6 * v)
         randomizer.refresh()  # inverse weights follow
+        mass, friction = (wp.to_torch(randomizer.model_field(name, "block")) for name in ("body_mass", "geom_friction"))
         start = wp.to_torch(randomizer.layouts.qpos)[:, 0].clone()
         wp.to_torch(data.qvel)[:, 0] = 1.0  # m/s
         for _ in range(steps):

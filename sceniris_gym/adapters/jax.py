@@ -138,14 +138,15 @@ class FreshAutoReset:
     ) -> None:
         refuse_starts(compiled, "FreshAutoReset")
         self.env, self.layouts, self.full_reset = env, LayoutFunction(compiled, split=split), full_reset
-        cure = "Compile a scene with model: env.mj_model."
-        check_model(compiled, env.mj_model, "FreshAutoReset", cure)
+        check_model(compiled, env.mj_model, "FreshAutoReset", "Compile a scene with model: env.mj_model.")
         self._update = import_extra("mujoco.mjx", "jax", "mujoco-mjx").forward if update is None else update
-        if observe is None and not _takes(getattr(env.unwrapped, "_get_obs", None), "data", "info"):
+        try:
+            inspect.signature(observe or env.unwrapped._get_obs).bind("data", "info")
+        except (AttributeError, TypeError):
             raise ArgumentError(
-                f"FreshAutoReset: observe should be a function of (data, info), since {type(env.unwrapped).__name__} "
-                "has no method _get_obs with these arguments."
-            )
+                "FreshAutoReset: observe should be a function of (data, info). It may be left out only where the "
+                f"environment has a method _get_obs(data, info), which {type(env.unwrapped).__name__} lacks."
+            ) from None
         self._observe, self._place = observe, _placing(compiled)
 
     def __getattr__(self, name: str) -> Any:
@@ -159,12 +160,9 @@ class FreshAutoReset:
         state, worlds = self.env.reset(key), rng.shape[:1]
         episode = jnp.zeros(worlds, jnp.int32)
         data, obs, fallback = self._start(state.data, state.info, _words(seed), episode, jnp.ones(worlds, bool))
-        same = jax.tree.map(lambda a, b: a.shape == b.shape and a.dtype == b.dtype, obs, state.obs)
-        if not jax.tree.all(same):
-            raise ArgumentError(
-                "FreshAutoReset: observe should return observations like those of the environment's reset, "
-                f"{jax.tree.map(jnp.shape, state.obs)}, got {jax.tree.map(jnp.shape, obs)}."
-            )
+        found, wanted = (jax.tree.map(lambda array: f"{array.dtype}{array.shape}", each) for each in (obs, state.obs))
+        if found != wanted:
+            raise ArgumentError(f"FreshAutoReset: observe should return what the reset does, {wanted}, got {found}.")
         info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
         state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})
         state.info.update(layout_seed=_words(seed), layout_episode=episode, layout_fallback=fallback)
@@ -225,10 +223,8 @@ def _placing(compiled: CompiledScene) -> Callable[[Any, FreshLayouts], Any]:
     places = addresses_of(mjm, list(scene.owners), rest)
     is_qpos, is_dof, is_mocap, is_held = (np.zeros(n, bool) for n in (mjm.nq, mjm.nv, mjm.nmocap, mjm.nu + mjm.na))
     is_qpos[places.qposadr] = is_dof[places.dofadr] = is_mocap[places.mocapid] = is_held[places.elements] = True
-    first, coef = rest.rowadr.numpy(), np.zeros((mjm.nu + mjm.na, mjm.nq), np.float32)
-    for element in places.elements:
-        terms = slice(first[element], first[element + 1])
-        coef[element, rest.qposadr.numpy()[terms]] = rest.coef.numpy()[0, terms]
+    coef = np.zeros((len(is_held), mjm.nq), np.float32)
+    coef[np.repeat(np.arange(len(is_held)), np.diff(rest.rowadr.numpy())), rest.qposadr.numpy()] = rest.coef.numpy()[0]
     bias, lower, upper = rest.bias.numpy()[0], rest.lower.numpy(), rest.upper.numpy()
 
     def place(data: Any, fresh: FreshLayouts) -> Any:
@@ -248,15 +244,6 @@ def _placing(compiled: CompiledScene) -> Callable[[Any, FreshLayouts], Any]:
 def _where(mask: Any, new: Any, old: Any) -> Any:
     """Return the leaves of `new` for masked worlds and of `old` for the others."""
     return jax.vmap(lambda one, a, b: jax.tree.map(lambda x, y: jnp.where(one, x, y), a, b))(mask, new, old)
-
-
-def _takes(function: Any, *args: str) -> bool:
-    """Tell whether something is a function that can be called with these arguments."""
-    try:
-        inspect.signature(function).bind(*args)
-    except TypeError:
-        return False
-    return True
 
 
 def _check_device(compiled: CompiledScene) -> None:

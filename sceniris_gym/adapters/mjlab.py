@@ -51,6 +51,7 @@ class PlaceLayouts(ManagerTermBase):
     Attributes:
         compiled: The compiled scene; `compiled.layout_id(seed, episode, cfg.split)` names a layout.
         layouts: The latest layout of each environment, without its origin.
+        split: The split of the layouts.
 
     Raises:
         SceneKeyError: An object of the scene is not the root of an entity.
@@ -62,17 +63,14 @@ class PlaceLayouts(ManagerTermBase):
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
         super().__init__(env)
         config = _as_config(cfg.scene, env)
-        if config.variants:
-            raise NotSupportedError(
-                f"{config.where}: objects.{next(iter(config.variants))}: has variants, and mjlab gives each entity one "
-                "model. Take SceneVectorEnv for the scene, or leave the variants out."
-            )
+        _check_variants(config, env)
         self.compiled: CompiledScene = compile_scene(config, env.device)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
         self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split)
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
+        self.split: str = cfg.split
         self._fits, self._placed, self._kept = False, None, False
 
     @property
@@ -198,7 +196,7 @@ class KeepLayouts:
     _env: Any
 
     def _resample_command(self, env_ids: Tensor) -> None:
-        term = _term(self._env)
+        term = layouts_term(self._env)
         state = None if term is None else term.state(env_ids)
         super()._resample_command(env_ids)  # pyright: ignore[reportAttributeAccessIssue]
         if term is not None and state is not None:
@@ -224,7 +222,7 @@ def keep_layouts(cfg: Any) -> Any:
     return kept
 
 
-def _term(env: Any) -> PlaceLayouts | None:
+def layouts_term(env: Any) -> PlaceLayouts | None:
     """Return the event `PlaceLayouts`, if there is one."""
     manager = env.event_manager
     terms = (manager.get_term_cfg(name).func for names in manager.active_terms.values() for name in names)
@@ -257,6 +255,20 @@ def _as_config(scene: Any, env: Any) -> SceneConfig:
         if part.asset is None and part.body is None and name in env.scene.entities:
             words[f"objects.{name}.body"] = mjm.body(env.scene.entities[name].indexing.root_body_id).name
     return SceneConfig.load(config, {**words, "model": mjm})
+
+
+def _check_variants(config: SceneConfig, env: Any) -> None:
+    """Check that all environments have the same things, which mjlab chooses once, when it is built.
+
+    Raises:
+        NotSupportedError: An object has variants, or is an entity that has.
+    """
+    own = [name for name, entity in env.scene.entities.items() if hasattr(entity.cfg, "variants")]
+    for name in (*config.variants, *(name for name in config.objects if name in own)):
+        raise NotSupportedError(
+            f"{config.where}: objects.{name}: has variants, and a layout would have to be made for the one that mjlab "
+            "has chosen. Take SceneVectorEnv for the scene, or an entity without variants (EntityCfg)."
+        )
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:

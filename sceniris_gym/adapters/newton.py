@@ -58,11 +58,13 @@ def _write_joints(
     x_p: wp.array[wp.transform],
     joint_q: wp.array[float],
     joint_qd: wp.array[float],
+    joint_mask: wp.array[wp.bool],
 ):
     worldid, i = wp.tid()
+    joint = worldid * qposadr.shape[0] + i
+    joint_mask[joint] = mask[worldid]
     if not mask[worldid]:
         return
-    joint = worldid * qposadr.shape[0] + i
     adr, first = qposadr[i], q_start[joint]
     if adr < 0 and mocapid[i] < 0:  # MuJoCo has no position of this joint
         return
@@ -70,18 +72,16 @@ def _write_joints(
         joint_qd[k] = 0.0
     if joint_type[joint] == _BALL:
         x = qpos[worldid]
-        drawn = wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr])
         turn = wp.transform_get_rotation(x_c[joint])
-        rotation = wp.quat_inverse(turn) * drawn * turn
+        rotation = wp.quat_inverse(turn) * wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr]) * turn
         for k in range(4):
             joint_q[first + k] = rotation[k]
         return
     if joint_type[joint] != _FREE and mocapid[i] < 0:
         for k in range(q_start[joint + 1] - first):
-            reference = float(0.0)
+            joint_q[first + k] = qpos[worldid, adr + k]
             if dof_ref:
-                reference = dof_ref[qd_start[joint] + k]
-            joint_q[first + k] = qpos[worldid, adr + k] - reference
+                joint_q[first + k] -= dof_ref[qd_start[joint] + k]
         return
 
     pose = wp.transform_identity()
@@ -97,18 +97,6 @@ def _write_joints(
             joint_q[first + k] = motion[k]
     else:  # a fixed root stands where its parent frame is
         x_p[joint] = pose * x_c[joint]
-
-
-@wp.kernel
-def _mask_articulations(
-    articulation_world: wp.array[int],
-    world_mask: wp.array[wp.bool],
-    # Out:
-    articulation_mask: wp.array[wp.bool],
-):
-    articulation = wp.tid()
-    world = articulation_world[articulation]
-    articulation_mask[articulation] = world >= 0 and world_mask[world]
 
 
 class NewtonRandomizer(StaysHere):
@@ -152,7 +140,10 @@ class NewtonRandomizer(StaysHere):
         split: str = "train",
         layout_source: LayoutSource | None = None,
     ) -> None:
-        check_type(compiled, CompiledScene, "NewtonRandomizer: compiled")
+        arguments = [(compiled, CompiledScene, "compiled"), (model, newton.Model, "model")]
+        arguments += [(state, newton.State, "states") for state in states or (None,)]
+        for argument, kind, name in arguments:
+            check_type(argument, kind, f"NewtonRandomizer: {name}")
         refuse_starts(compiled, "NewtonRandomizer")
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
         if data is None or solver.use_mujoco_cpu or data.nworld != nworld:
@@ -171,7 +162,7 @@ class NewtonRandomizer(StaysHere):
         with wp.ScopedDevice(model.device):
             self._world_mask = wp.zeros(nworld + 1, dtype=wp.bool)  # Newton has a global world, which is the last one
             self._mask = self._world_mask[:nworld]
-            self._articulation_mask = wp.zeros(model.articulation_count, dtype=wp.bool)
+            self._joint_mask = wp.zeros(model.joint_count, dtype=wp.bool)
             self._qposadr = wp.array(solver.mj_q_start.numpy()[: model.joint_count // nworld], dtype=int)
             self._mocapid = wp.array(self._mocap_of_joints(), dtype=int)
         self._check_start()
@@ -194,17 +185,9 @@ class NewtonRandomizer(StaysHere):
         nworld = self.model.world_count
         fill_mask(None if mask is None else as_mask(mask, nworld, self.model.device), self._mask)
         self.layout_source.generate(self._mask)
-        model = self.model
-        wp.launch(
-            _mask_articulations,
-            model.articulation_count,
-            inputs=[model.articulation_world, self._world_mask],
-            outputs=[self._articulation_mask],
-            device=model.device,
-        )
         for state in self.states:
-            self._write(self.layouts.qpos, state.joint_q, state.joint_qd, model.joint_X_p)
-            newton.eval_fk(model, state.joint_q, state.joint_qd, state, mask=self._articulation_mask)
+            self._write(self.layouts.qpos, state.joint_q, state.joint_qd, self.model.joint_X_p)
+            newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, joint_mask=self._joint_mask)
             self.solver.reset(state, self._world_mask, flags=0)
 
     def _write(self, qpos: wp.array, joint_q: wp.array, joint_qd: wp.array, x_p: wp.array) -> None:
@@ -216,15 +199,14 @@ class NewtonRandomizer(StaysHere):
             _write_joints,
             (m.world_count, self._qposadr.shape[0]),
             inputs=[*joints, self._mask, qpos, layouts.mocap_pos, layouts.mocap_quat],
-            outputs=[x_p, joint_q, joint_qd],
+            outputs=[x_p, joint_q, joint_qd, self._joint_mask],
             device=m.device,
         )
 
     def _mocap_of_joints(self) -> np.ndarray:
         """Return the placed mocap body that each joint of a world is the root of; -1 for others."""
-        found, scene = np.full(self._qposadr.shape[0], -1), self.compiled.scene
-        roots = self.solver.mjc_mocap_to_newton_jnt
-        placed = self.compiled.mjm.body_mocapid[list(scene.owners)]
+        found, roots = np.full(self._qposadr.shape[0], -1), self.solver.mjc_mocap_to_newton_jnt
+        placed = self.compiled.mjm.body_mocapid[list(self.compiled.scene.owners)]
         for mocap in placed[placed >= 0]:
             found[roots.numpy()[0, mocap]] = mocap
         return found

@@ -21,7 +21,8 @@ _ENDLESS = shapely.box(-1e4, -1e4, 1e4, 1e4)
 class BalanceAudit:
     """Judges the statics of layouts, level by level: a support carries the weight of everything above it.
 
-    Contacts are rigid here. Whether soft ones hold is for MuJoCo C to say; see `physics`.
+    Contacts are rigid here. Whether soft ones hold is for MuJoCo C to say; see `physics`. Layouts do not tell the
+    masses of their episodes, so objects are left out where `randomize` moves the centre of what they carry.
 
     Args:
         scene: The scene.
@@ -36,7 +37,7 @@ class BalanceAudit:
         filling = {name for heap in scene.config.heaps.values() for name in heap.of}
         objects = {n: p for n, p in scene.placed.items() if p.support is not None and n in scene.config.objects}
         self._owner = {n: self._carrier(p).owner for n, p in objects.items() if p.has_to_stand or n in filling}
-        self._judged = [name for name in self._owner if name not in filling]
+        self._judged = [name for name in self._owner if name not in filling and not self._is_drawn(name)]
 
     def check(
         self, poses: Poses, supporting: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray]
@@ -71,6 +72,15 @@ class BalanceAudit:
     def _carrier(self, part: ObjectConfig) -> Carrier:
         assert part.support is not None
         return self._scene.carrier(part.support.parent)
+
+    def _is_drawn(self, name: str) -> bool:
+        """Return whether draws move the centre of mass of an object with all that it carries."""
+        load = {name}
+        for _ in self._owner:  # no more levels than objects
+            load |= {above for above, below in self._owner.items() if below in load}
+        words = {word for each in load for word in self._scene.config.objects[each].randomize}
+        single = len(load) == 1 and len(subtree(self._scene.mjm, self._scene.bodies[name])) == 1
+        return "ipos" in words or ("mass" in words and not single)
 
     def _weight(self, name: str, poses: Poses) -> np.ndarray:
         """Return the mass that gravity acts on, and its first moment, in each row [kg, kg m], shape (nrow, 4)."""

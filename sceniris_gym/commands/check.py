@@ -58,6 +58,7 @@ def report(found: Mapping) -> str:
 def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
     """Return rejection counts as a table: a row for each object, a column for each cause."""
     causes = list(next(iter(counts.values()), {}))
-    lines = [f"{'rejected':<14}" + "".join(f"{cause:>12}" for cause in causes)]
-    lines += [f"{name:<14}" + "".join(f"{by_cause[c]:>12}" for c in causes) for name, by_cause in counts.items()]
+    width = max([14, *(len(name) + 1 for name in counts)])
+    lines = [f"{'rejected':<{width}}" + "".join(f"{cause:>12}" for cause in causes)]
+    lines += [f"{name:<{width}}" + "".join(f"{by_cause[c]:>12}" for c in causes) for name, by_cause in counts.items()]
     return "\n".join(lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Strict, model_validator
@@ -46,6 +47,14 @@ class GroupConfig(Section):
     def weights_in(self, split: str) -> list[float]:
         """Return the weights of the members in a split, 'train' or 'eval'; 0 for those that are not drawn there."""
         return [self.weights.get(n, 1.0) if self.splits.get(n, split) == split else 0.0 for n in self.of]
+
+    def without(self, names: Collection[str]) -> GroupConfig:
+        """Return the group without some of its members."""
+        words = ("weights", "splits")
+        kept = {word: {n: value for n, value in getattr(self, word).items() if n not in names} for word in words}
+        return GroupConfig(
+            of=tuple(name for name in self.of if name not in names), count=self.count, missing=self.missing, **kept
+        )
 
     @property
     def is_uniform(self) -> bool:

@@ -31,7 +31,7 @@ SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene
 # The longest dotted key of a scene has five.
 _MOST_KEYS = 16
 
-VARIANTS, HOLDOUT = "variants", "holdout"
+VARIANTS, HOLDOUT, TAGS = "variants", "holdout", "tags"
 """Words of an object with variants."""
 # Sets of keys of which only one may be given. When scenes are merged, a later one replaces an earlier one.
 SUPPORT_WORDS = ("on", "inside", "in")

@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from sceniris_gym.config import fields
 from sceniris_gym.config.bounds import STANDING_GAP
 from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
-from sceniris_gym.config.loader import HOLDOUT, JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, VARIANTS
+from sceniris_gym.config.loader import HOLDOUT, JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, TAGS, VARIANTS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
@@ -147,7 +147,7 @@ class ObjectConfig(Section):
 
     @classmethod
     def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
-        return super()._problem(key, valid if key in (VARIANTS, HOLDOUT) else [*valid, VARIANTS, HOLDOUT])
+        return super()._problem(key, valid if key in (VARIANTS, HOLDOUT, TAGS) else [*valid, VARIANTS, HOLDOUT, TAGS])
 
     @model_validator(mode="before")
     @classmethod

@@ -12,12 +12,12 @@ def user_path(text: str | Path, folder: Path, where: str) -> Path:
     """Return a path, relative ones below `folder`, with `~` as the home folder.
 
     Raises:
-        SceneFileError: There is no such user, or no file system accepts such a path.
+        SceneFileError: It is not a path, there is no such user, or no file system accepts such a path.
     """
     try:
         path = folder / Path(text).expanduser()
         path.is_file()
-    except (RuntimeError, ValueError, OSError) as error:
+    except (RuntimeError, ValueError, OSError, TypeError) as error:
         why = "there is no such user" if isinstance(error, RuntimeError) else getattr(error, "strerror", None) or error
         raise SceneFileError(
             f"{where}: {short(str(text))} is not a path: {str(why).lower()}. Give the path of a file."

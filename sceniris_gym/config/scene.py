@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +19,8 @@ from pydantic import (
 )
 
 from sceniris_gym.config.cameras import CameraConfig
-from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, PartName, in_memory, wrong
+from sceniris_gym.config.fields import ROBOT, Extents2, MemberName, Model, ObjectName, PartName, in_memory, wrong
+from sceniris_gym.config.folders import is_pattern
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig, with_places
 from sceniris_gym.config.limits import MOST_ATTEMPTS
@@ -32,7 +33,7 @@ from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig, with_chains, without_chains
 from sceniris_gym.config.start import StartConfig, check_starts
 from sceniris_gym.config.validation import SceneNames, check_names
-from sceniris_gym.config.variants import variants_of, with_members, with_variants
+from sceniris_gym.config.variants import owners_of, variants_of, with_members, with_variants
 
 AUTO = "auto"
 """The value of `attempts` that lets `compile_scene` choose."""
@@ -186,6 +187,24 @@ class SceneConfig(Section):
         with reading(self.where):
             config = SceneConfig(**fields | {"objects": dict(reversed(objects.items())), "groups": groups})
         config._where = self.where
+        return config
+
+    @property
+    def folders(self) -> dict[str, tuple[str, ...]]:
+        """The objects whose variants are the files of a folder, and the names of their members."""
+        written = (self._written or {}).get("objects", {})
+        return {name: of for name, of in self.variants.items() if is_pattern(written.get(name, {}).get("asset"))}
+
+    def without(self, members: Collection[str]) -> SceneConfig:
+        """Return the scene without some of the variants of its objects."""
+        groups = {name: group.without(members) for name, group in self.groups.items()}
+        known = owners_of(self.variants)
+        named = {MemberName(name) if name in known else name: part for name, part in self.objects.items()}
+        objects = {name: part for name, part in named.items() if name not in members}
+        fields = {name: getattr(self, name) for name in self.model_fields_set}
+        with reading(self.where):
+            config = SceneConfig(**fields | {"objects": objects, "groups": groups})
+        config._where, config._written = self.where, self._written
         return config
 
     @property

@@ -166,6 +166,8 @@ def _check_members(scene: SceneNames, where: str) -> None:
         for label, part in parts.items():
             path = f"{where}: {kind}s.{label}.of"
             for name in part.of:
+                if name in scene.variants and label != name:
+                    raise SceneKeyError(f"{path}: '{name}' has variants, so it cannot be in a {kind}. Leave it out.")
                 if name not in scene.objects:
                     raise UnknownNameError("object", name, path, scene.objects)
                 if name in owners:

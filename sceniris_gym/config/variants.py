@@ -9,15 +9,15 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any, NoReturn
 
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
-from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.loader import HOLDOUT, VARIANTS, merge
+from sceniris_gym.config.folders import files_of, is_pattern, with_tags
+from sceniris_gym.config.groups import SPLITS, GroupConfig
+from sceniris_gym.config.loader import HOLDOUT, TAGS, VARIANTS, merge
 
 DRAWN = ("weight", "split")
 """Words of a variant about how it is drawn."""
@@ -68,19 +68,16 @@ def has_variants(part: Any) -> bool:
     return isinstance(part, Mapping) and (
         VARIANTS in part
         or HOLDOUT in part
-        or _is_pattern(part.get("asset"))
+        or TAGS in part
+        or is_pattern(part.get("asset"))
         or any(isinstance(listed(part.get(word)), list | tuple) for word in _LISTS)
     )
-
-
-def _is_pattern(asset: Any) -> bool:
-    return isinstance(asset, str) and "*" in asset
 
 
 def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]:
     """Return the words of each member of an object with variants, and those of their group."""
     at = ("objects", name)
-    shared = {word: value for word, value in part.items() if word not in (VARIANTS, HOLDOUT)}
+    shared = {word: value for word, value in part.items() if word not in (VARIANTS, HOLDOUT, TAGS)}
     variants = _scaled(at, _listed(at, part, shared), shared)
     members: dict[str, dict] = {}
     drawn: dict[str, dict[str, Any]] = {word: {} for word in DRAWN}
@@ -97,19 +94,32 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
                 drawn[word][member] = words[word]
         own = {word: value for word, value in words.items() if word not in DRAWN}
         members[member] = merge({"objects": {name: shared}}, {"objects": {name: own}})["objects"][name]
+    _check_kinds(at, members)
     splits = _held_out(at, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
+    for split in SPLITS:
+        drawable = [name for name in members if group["splits"].get(name, split) == split]
+        if all(drawn["weight"].get(name) == 0 for name in drawable):
+            _refuse((*at, VARIANTS), f"should have one of a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}
+
+
+def _check_kinds(at: tuple[str, ...], members: Mapping[str, dict]) -> None:
+    """Check that all variants are free objects, or all fixtures, as one body is all of them in the simulation."""
+    kinds = {member: words.get("kind", "free") for member, words in members.items()}
+    other = next((member for member, kind in kinds.items() if kind != next(iter(kinds.values()))), None)
+    if other is not None:
+        place = (*at, VARIANTS, other.partition("/")[2], "kind")
+        _refuse(place, "should be the kind of the other variants: one body is all of them", kinds[other])
 
 
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:
     """Return the variants of an object by name, those of a list of assets too, which is taken out of `shared`."""
     assets, variants = listed(part.get("asset")), part.get(VARIANTS)
-    if _is_pattern(assets):
-        found = sorted(path for path in Path(assets).parent.glob(Path(assets).name) if path.suffix == ".xml")
-        if not found:
-            _refuse((*at, "asset"), "should match MJCF files, as `sceniris-gym import` writes them", assets)
-        assets = [str(path) for path in found]
+    if is_pattern(assets):
+        assets = _found(at, assets, part)
+    elif TAGS in part:
+        _refuse((*at, TAGS), "should be beside an 'asset' with a '*', of whose files they choose some", part[TAGS])
     if isinstance(assets, list | tuple):
         if VARIANTS in part:
             _refuse((*at, "asset"), "should be a list, or there should be 'variants', not both", assets)
@@ -127,6 +137,19 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:
     if not variants:
         _refuse((*at, VARIANTS), "should have at least one variant", variants)
     return variants
+
+
+def _found(at: tuple[str, ...], pattern: str, part: Mapping) -> list[str]:
+    """Return the files that a pattern matches, those with the object's `tags` if it has some."""
+    word = "asset"
+    try:
+        files = files_of(pattern)
+        if TAGS in part:
+            word = TAGS
+            files = with_tags(files, part[TAGS])
+    except PydanticCustomError as error:
+        _refuse_as((*at, word), error, part[word])
+    return [str(path) for path in files]
 
 
 def _stem(asset: Any) -> str:

@@ -5,6 +5,8 @@ seed of a world, the counter (episode, stream, trial, draw). So a layout depends
 reset, nor on their order, nor on the number of lanes that share the work.
 """
 
+import hashlib
+
 import warp as wp
 
 # Streams of one seed and episode. The placement of an object uses stream split * 2^24 + object. Streams of tasks have
@@ -17,6 +19,7 @@ BANK_STREAM = (1 << STREAM_BITS) - 1
 GROUP_STREAM = (1 << STREAM_BITS) - 2
 REACH_STREAM = (1 << STREAM_BITS) - 3
 START_STREAM = (1 << STREAM_BITS) - 4
+REDRAW_STREAM = (1 << STREAM_BITS) - 5  # with the number of the redraw as trial: the seed of all its draws
 
 _M0 = wp.constant(wp.uint32(0xD2511F53))
 _M1 = wp.constant(wp.uint32(0xCD9E8D57))
@@ -64,3 +67,13 @@ def uniforms(seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw:
     """Return four independent uniform numbers in [0, 1) for one draw of one trial."""
     words = philox(seed, wp.vec4ui(wp.uint32(episode), stream, wp.uint32(trial), wp.uint32(draw)))
     return wp.vec4(uniform(words[0]), uniform(words[1]), uniform(words[2]), uniform(words[3]))
+
+
+def named_stream(split: str) -> int:
+    """Return the Philox stream of numbers that are drawn by name in a split."""
+    return NAMED_STREAM + (SPLITS[split] << STREAM_BITS)
+
+
+def name_hash(name: str) -> int:
+    """Return the 31 bits that stand for a name."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little") >> 1

@@ -219,6 +219,8 @@ class HomeShape:
 
         It does if the height of the centre of mass above the lowest point rises over each `span` of tilts.
         """
+        if len(degrees) > 2 * span + 2 and not self._comes_back(turn, sides, degrees[-span - 1 :], span):
+            return False  # as most faces do not
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ turn
         tilts = np.radians(degrees)[:, None, None]

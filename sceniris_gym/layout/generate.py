@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,18 +15,20 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches
-from sceniris_gym.errors import ArgumentError, check_type
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.reaching.start import StartStage
+from sceniris_gym.layout.redraw import Redraw
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
+from sceniris_gym.layout.wave.drawn_masses import DrawnMasses
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
@@ -45,9 +47,13 @@ from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.part import chosen_objects, part_of
 
 # With more pieces of regions than this a candidate costs so much that fewer restarts are tried at once.
 _MOST_PIECES = 1024
+# A redraw places few objects, in few worlds at a time: the most candidates of a wave, and how many it is filled up to,
+# which is 25 times as many as it takes where 2% of 4,096 worlds redraw one.
+_MOST_REDRAWN, _BUSY_REDRAWN = 1 << 14, 1 << 11
 
 
 class LayoutGenerator(Fixed, LayoutSource):
@@ -99,11 +105,12 @@ class LayoutGenerator(Fixed, LayoutSource):
         _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
         self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
+        self._masses = DrawnMasses(compiled, nworld, split)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
             compiled.program,
-            compiled.statics,
+            self._masses.statics,
             compiled.related,
             reaches,
             SPLITS[split],
@@ -120,6 +127,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
+        self._redraws: dict[tuple[str, ...], Redraw] = {}
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
         load_kernels(self._work, staged=self._stage is not None, starts=starts is not None)
         if self._stage is not None:
@@ -142,9 +150,16 @@ class LayoutGenerator(Fixed, LayoutSource):
         self.launch_make(mask)
         launch_finish(self._work, mask)
 
-    def launch_make(self, mask: wp.array | None) -> None:
-        """Make the next layouts of the masked worlds, without advancing episodes and counts of rejections yet."""
+    def launch_make(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
+        """Make the next layouts of the masked worlds, without advancing episodes and counts of rejections yet.
+
+        Args:
+            mask: Which worlds, shape (nworld,), bool; all if None.
+            prepare: Launches that fill the rows of these worlds before anything is placed.
+        """
         self._start(mask)
+        if prepare is not None:
+            prepare()
         self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
@@ -155,6 +170,7 @@ class LayoutGenerator(Fixed, LayoutSource):
 
     def _start(self, mask: wp.array | None) -> None:
         launch_start(self._work, mask)
+        self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
         if self._start_stage is not None:
@@ -205,6 +221,41 @@ class LayoutGenerator(Fixed, LayoutSource):
             self._stage.launch_test_hands()
         launch_accept(work, staged)
 
+    @launching
+    def extend(self, layouts: Layouts, objects: str | Sequence[str]) -> Layouts:
+        """Add objects of the scene to finished layouts, or give them new places there; all else stays where it is.
+
+        So a batch grows step by step: groups leave objects out, and each call adds some. A row is a pure function of
+        scene, split, its seed and episode, and its layout. Where nothing fits the row is that of `layouts`, with the
+        status KEPT. Targets that are not added may lose their grasps.
+
+        Args:
+            layouts: As many layouts of this scene, on its device, such as a result of `generate` or of this method.
+            objects: Names of placed objects; supports and anchors before what is placed by them.
+
+        Returns:
+            The layouts with these objects, always in the same arrays for the same objects.
+
+        Raises:
+            ArgumentTypeError, SceneMismatchError: Not as many `Layouts` of this scene.
+            UnknownNameError: Not an object that the scene places.
+            ArgumentError: No objects, or one that carries another in these layouts.
+        """
+        check_type(layouts, Layouts, "extend: layouts")
+        if (layouts.compiled.hash, layouts.nworld) != (self.compiled.hash, self.nworld):
+            raise SceneMismatchError(
+                f"extend: layouts should be {self.nworld} of the scene '{self.compiled.config.name}', got "
+                f"{layouts.nworld} of '{layouts.compiled.config.name}'."
+            )
+        there = layouts.present.numpy().any(axis=0)
+        present = [self.compiled.slots[i] for i in np.flatnonzero(there)]
+        names = chosen_objects(self.compiled, objects, "extend", present)
+        if names not in self._redraws:
+            self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split, adds=True)
+        fill_mask(None, self._mask)
+        self._redraws[names].launch(layouts.view, self._mask, wp.zeros_like(layouts.episode))
+        return self._redraws[names].layouts
+
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return `Layouts.rejections` by name: object (in placement order), then cause in lower case.
 
@@ -221,6 +272,18 @@ class LayoutGenerator(Fixed, LayoutSource):
         return {
             name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(self.compiled.placed)
         }
+
+
+def make_redraw(
+    compiled: CompiledScene, objects: Sequence[str], nworld: int, split: str, *, adds: bool = False
+) -> Redraw:
+    """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
+    size = default_size(compiled.device)
+    # rows of later restarts would need the state as well
+    most, busy = min(size.candidates, _MOST_REDRAWN), min(size.busy, _BUSY_REDRAWN)
+    size = replace(size, rows=0, candidates=most, busy=busy)
+    generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
+    return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 
 
 def _check_memory(compiled: CompiledScene, nworld: int, size: SearchSize) -> None:

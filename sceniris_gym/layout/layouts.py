@@ -25,6 +25,8 @@ class Status(IntEnum):
     """A fresh layout that passed every test."""
     FALLBACK = 2
     """Attempts and restarts ran out: a layout from the split's bank of valid ones in the CompiledScene."""
+    KEPT = 3
+    """Attempts and restarts of a redraw ran out: its objects stay where they were."""
 
 
 @wp.struct
@@ -181,7 +183,8 @@ class Layouts(StaysHere):
         """Return the poses of an object as a torch tensor that shares memory with the layouts.
 
         Args:
-            name: An object of the scene, or "robot".
+            name: An object of the scene, or "robot". The poses of an object with variants are those of the variants
+                that are present, in a tensor of their own.
 
         Returns:
             Position [m] and orientation (wxyz) of its root body in the world frame, shape (nworld, 7).
@@ -190,6 +193,10 @@ class Layouts(StaysHere):
             UnknownNameError: The scene has no such object.
             NotSupportedError: Its root hangs on joints, which determine its pose.
         """
+        variants = self.compiled.config.variants.get(name)
+        if variants is not None:
+            there = wp.to_torch(self.present)[:, [self.compiled.slots.index(member) for member in variants]]
+            return sum(self.pose(member) * there[:, [i]] for i, member in enumerate(variants))
         kind, number = pose_address(self.compiled.scene, name, "Layouts.pose")
         if kind == "qpos":
             return wp.to_torch(self.qpos)[:, number : number + 7]

@@ -74,31 +74,19 @@ class RequestedLayouts(StaysHere):
         wp.synchronize_device(compiled.device)  # the streams of later launches do not wait for this one
 
     @launching
-    def launch(
-        self,
-        seed: wp.array,
-        episode: wp.array,
-        mask: wp.array,
-        qpos_out: wp.array,
-        mocap_pos_out: wp.array,
-        mocap_quat_out: wp.array,
-        fallback_out: wp.array,
-    ) -> None:
+    def launch(self, seed: wp.array, episode: wp.array, mask: wp.array, *outputs: wp.array) -> None:
         """Write the layouts of the masked rows, and the start pose into the others, on the current stream.
 
         Args:
             seed: The high and the low 32 bits of each seed, shape (nworld, 2), uint32.
             episode: Episodes from 0 on, shape (nworld,), int32.
             mask: Rows that get a layout, shape (nworld,), bool.
-            qpos_out: Joint positions [m, rad], quaternions wxyz, shape (nworld, nq).
-            mocap_pos_out: Positions of mocap bodies [m], shape (nworld, nmocap), vec3.
-            mocap_quat_out: Their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap).
-            fallback_out: Rows whose layout came from the bank, shape (nworld,), bool.
+            *outputs: Joint positions [m, rad], quaternions wxyz, shape (nworld, nq); positions of mocap bodies [m],
+                shape (nworld, nmocap), vec3; their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap); and
+                the rows whose layout came from the bank, shape (nworld,), bool.
         """
-        generator, view = self._generator, self._generator.layouts.view
-        nworld, device = generator.nworld, mask.device
-        wp.launch(_request, nworld, inputs=[seed, episode], outputs=[view], device=device)
+        generator, view, device = self._generator, self._generator.layouts.view, mask.device
+        wp.launch(_request, generator.nworld, inputs=[seed, episode], outputs=[view], device=device)
         generator.generate(mask)
-        outputs = [qpos_out, mocap_pos_out, mocap_quat_out, fallback_out]
-        dim = (nworld, max(qpos_out.shape[1], mocap_pos_out.shape[1], 1))
-        wp.launch(_hand_over, dim, inputs=[*self._home, mask, view], outputs=outputs, device=device)
+        dim = (generator.nworld, max(outputs[0].shape[1], outputs[1].shape[1], 1))
+        wp.launch(_hand_over, dim, inputs=[*self._home, mask, view], outputs=list(outputs), device=device)

@@ -205,12 +205,17 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     plan = build_plan(scene)
     for check in CHECKS:
         check(plan)
+    return upload_plan(plan, device)
+
+
+def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScene:
+    """Upload a plan to a device, unchecked and with an empty bank; with the scene's kinds of starts, or without."""
+    scene = plan.scene
     is_visual = scene.config.geometry == "visual"
     colliders = collect_colliders(plan.pieces, is_visual, device)
     lanes = _WARP if wp.get_device(device).is_cuda else 1
     arrays = pack_program(plan, colliders, lanes) | collider_arrays(colliders)
     fill_views(plan, {name: arrays.pop(name) for name in ARM_LISTS}, device)
-    starts = pack_starts(plan, arrays["bound_qpos"], device)
     program = Program()
     program.visual = is_visual
     program.face_vertadr = 0
@@ -225,6 +230,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         "bank_mocap_pos": np.zeros((0, mocap, 3)),
         "bank_mocap_quat": np.zeros((0, mocap, 4)),
     }
+    found = pack_starts(plan, arrays["bound_qpos"], device) if starts else None
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
@@ -238,7 +244,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
         program=program,
         reaching=plan.reaching,
         statics=pack_statics(plan, device),
-        starts=starts,
+        starts=found,
         home_qpos=scene.home_qpos.astype(np.float32),
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),

@@ -6,10 +6,16 @@ which cannot move.
 
 import warp as wp
 
+FEW_CORNERS = 8
+"""A foot with more corners than this is round."""
+
 
 @wp.struct
 class Statics:
-    """The feet, contacts and loads of the objects of a scene; never written after `compile_scene`."""
+    """The feet, contacts and loads of the objects of a scene; never written after `compile_scene`.
+
+    Where the scene draws masses, generators have copies in which bodies have a row for each world.
+    """
 
     direction: wp.array[wp.vec2]  # in which patches are measured, counter-clockwise
 
@@ -20,8 +26,11 @@ class Statics:
     obj_four: wp.array[bool]  # MuJoCo keeps four contacts at most
     obj_spring: wp.array[wp.vec4]  # see `Stance.spring`
     obj_law: wp.array[wp.vec4]  # see `Law`
+    obj_weight: wp.array[float]  # [kg], of the model
+    obj_share: wp.array[float]  # of its own weight in the softness of its contacts; of no object if none is drawn
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
+    variant_box: wp.array[wp.vec4]  # around its foot: low x, y, high x, y
     variant_curved: wp.array[bool]
     variant_holds: wp.array[bool]  # the object stands by itself wherever all of its foot is on its support
     foot_corneradr: wp.array[int]  # a foot has convex parts
@@ -42,5 +51,5 @@ class Statics:
     side: wp.array[wp.vec4]  # from x, y, to x, y, in the frame of the body
 
     # Bodies.
-    body_weight: wp.array[float]  # mass that gravity acts on [kg]
-    body_center: wp.array[wp.vec3]  # of mass, in the body's frame
+    body_weight: wp.array2d[float]  # mass that gravity acts on [kg], a row for all worlds or for each
+    body_center: wp.array2d[wp.vec3]  # of mass, in the body's frame

@@ -28,6 +28,7 @@ from sceniris_gym.program.reach import Reaching, plan_reaching
 from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.standing import Stance, stances
 from sceniris_gym.program.surfaces import may_lean, surfaces_of
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.couplings import free_range
 from sceniris_gym.scene.model import SceneModel
 
@@ -126,7 +127,10 @@ def build_plan(scene: SceneModel) -> Plan:
     mujoco.mj_kinematics(scene.mjm, home)
     mujoco.mj_comPos(scene.mjm, home)
     pieces, heaps = obstacles(scene), heap_poses(scene)
-    objects = [_placed_object(scene, name, pieces, home, heaps.get(name)) for name in placement_order(scene)]
+    objects = []
+    for name in (order := placement_order(scene)):
+        tell("placed objects", len(objects), len(order))
+        objects.append(_placed_object(scene, name, pieces, home, heaps.get(name)))
     slots = slot_names(scene.config)
     variants = scene.config.variants
     standing = [_standing(scene, name, pieces, home) for name in (*slots, *(of[0] for of in variants.values()))]

@@ -53,13 +53,14 @@ def stable_poses(
         SceneKeyError: It has no such pose.
     """
     where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
-    pieces = extract_pieces(scene.mjm, "physics", set(bodies))
+    physics = scene.config.geometry == "physics"
+    pieces = sorted(own, key=lambda p: p.geom) if physics else extract_pieces(scene.mjm, "physics", set(bodies))
     if not (pieces or own):
         raise SceneKeyError(
             f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
             "orientation."
         )
-    rules = ContactRules(scene.mjm, "physics")
+    rules = scene.contact_rules
     touch = [None] * len(pieces) if ground is None else touch_distances(scene.mjm, rules, pieces, ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
     if scene.config.parts[name].kind != "free" or not carried:  # without a carrier it falls in any pose
@@ -69,8 +70,8 @@ def stable_poses(
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
     states = chain([home], _drawn_states(scene, home, drawn, followers))
     shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
-    is_seen = scene.config.geometry == "visual"  # then it stands on visual geometry, whatever carries it
-    kept = [pose for pose in poses if is_seen or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
+    # with visual geometry it stands on that, whatever carries it
+    kept = [pose for pose in poses if not physics or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
     if not kept:
         raise SceneKeyError(
             f"{where}: in no stable pose its lowest part is the one that touches its support first: contact margins or "

@@ -15,8 +15,10 @@ from sceniris_gym.geometry.feet import foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant
 from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.program.device_statics import FEW_CORNERS
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import touch_distances
+from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
 
 # A piece whose top is as near as this [m] to the height of a surface is part of it.
@@ -40,8 +42,9 @@ class Law:
     soft: float
 
 
-BOXES, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.3), Law(0.3, 20.0, 7.0e-3, 2.0)
-"""The laws of boxes on boxes or planes, and of all other contacts, whose points change as they lean.
+BOXES, FLAT, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.3), Law(0.5, 0.0, 9.5e-3, 1.5), Law(0.3, 15.0, 7.0e-3, 2.0)
+"""The laws of boxes on boxes or planes, of flat feet with a few corners on one convex geom, and of all other contacts,
+whose points change as they lean.
 
 With them 2 of 4,752 layouts of 200 random scenes moved by 1 cm in half a second of MuJoCo C (seed 9000 of
 `tests.stress.standing`); of the rejected candidates 66% would have stood.
@@ -74,6 +77,8 @@ class Stance:
             impedance and the depth between them [m], as in MuJoCo's solimp.
         law: The margin that it needs.
         is_whole: Whether all of its foot is on its support.
+        share: The share of the object's own inverse weight in the softness of that spring.
+        is_shifted: Whether draws move its centre of mass.
         has_four: Whether MuJoCo keeps four contacts of it at most: those of two convex shapes which are not both boxes.
         meets: Whether it collides with its support at all.
     """
@@ -85,11 +90,14 @@ class Stance:
     is_whole: bool
     has_four: bool
     meets: bool
+    share: float = 1.0
+    is_shifted: bool = False
 
     @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed, so that only what is put on it needs a test."""
-        return self.carrier is None and self.is_whole and all(f.margin > 0.0 for f in self.feet)
+        certain = self.carrier is None and self.is_whole and not self.is_shifted
+        return certain and all(f.margin > 0.0 for f in self.feet)
 
     @property
     def margin(self) -> float:
@@ -173,15 +181,32 @@ def _stance(around: _Surroundings, o: PlacedObject) -> Stance:
     boxes = {PieceType.BOX, PieceType.PLANE}
     owner = scene.config.objects.get(support.owner or "")
     are_boxes = {p.type for p in (*own, *below)} <= boxes
+    has_four = not are_boxes and len(own) == len(below) == 1
+    is_flat = has_four and all(not f.is_curved and len(f.parts[0]) <= FEW_CORNERS for f in feet)
+    spring, share = _softest(scene, [p.geom for p in own], [p.geom for p in below])
     return Stance(
         carrier=around.number.get(support.owner or "") if owner is not None and owner.has_to_stand else None,
         feet=feet,
-        spring=_softest(scene.mjm, [p.geom for p in own], [p.geom for p in below]),
-        law=BOXES if are_boxes else OTHERS,
+        spring=spring,
+        law=BOXES if are_boxes else FLAT if is_flat else OTHERS,
         is_whole=whole or o.config.ratio_on_support == 1.0 or _lies_inside(o, [f.parts for f in feet]),
-        has_four=not are_boxes and len(own) == len(below) == 1,
+        has_four=has_four,
         meets=bool(own),
+        share=share,
+        is_shifted=_is_shifted(scene, o),
     )
+
+
+def _is_shifted(scene: SceneModel, o: PlacedObject) -> bool:
+    """Return whether draws move the centre of mass of an object; a common factor of all masses does not."""
+    heavy = set(np.flatnonzero(scene.mjm.body_mass)) & set(o.bodies)
+    for draw in scene.draws:
+        drawn = heavy.intersection(draw.rows.tolist())
+        is_common = drawn == heavy and draw.config.scale is not None and not draw.config.each
+        is_mass = draw.word.field == "body_mass" and len(heavy) > 1 and not is_common
+        if drawn and (is_mass or draw.word.field == "body_ipos"):
+            return True
+    return False
 
 
 def _ends_at(piece: Piece, heights: Iterable[float]) -> bool:
@@ -212,14 +237,22 @@ def _lies_inside(o: PlacedObject, feet: list[list[np.ndarray]]) -> bool:
     )
 
 
-def _softest(mjm: mujoco.MjModel, own: list[int], below: list[int]) -> np.ndarray:
-    """Return the spring of the softest contact of two lists of geoms; see `Stance.spring`."""
-    springs = [_spring(mjm, a, b) for a in own for b in below]
-    return max(springs, key=lambda s: s[0], default=np.array([0.0, 0.9, 0.95, 1e-3]))
+def _softest(scene: SceneModel, own: list[int], below: list[int]) -> tuple[np.ndarray, float]:
+    """Return the spring of the softest contact of two lists of geoms, and the first one's share; see `Stance`."""
+    mjm, gravity = scene.mjm, drawn_bounds(scene.draws, scene.mjm, "gravity")
+    pull = float(np.linalg.norm(np.max(np.abs(gravity), axis=0)))
+    springs = [(_spring(mjm, pull, a, b), a, b) for a in own for b in below]
+    if not springs:
+        return np.array([0.0, 0.9, 0.95, 1e-3]), 1.0
+    spring, a, b = max(springs, key=lambda s: s[0][0])
+    weight = mjm.body_invweight0[mjm.geom_bodyid[[a, b]], 0]
+    return spring, float(weight[0] / max(weight.sum(), mujoco.mjMINVAL))
 
 
-def _spring(mjm: mujoco.MjModel, a: int, b: int) -> np.ndarray:
+def _spring(mjm: mujoco.MjModel, gravity: float, a: int, b: int) -> np.ndarray:
     """Return the spring of a contact, by the mixing and the impedance of the chapter "Computation" of MuJoCo's manual.
+
+    Gravity is in m/s^2.
 
     At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
     weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax.
@@ -240,5 +273,4 @@ def _spring(mjm: mujoco.MjModel, a: int, b: int) -> np.ndarray:
         )
         stiff = 1.0 / (most * time * ref[1]) ** 2
     weight = mjm.body_invweight0[mjm.geom_bodyid[[a, b]], 0].sum()
-    gravity = np.linalg.norm(mjm.opt.gravity)
     return np.array([gravity * weight / max(stiff, mujoco.mjMINVAL), least, most, max(imp[2], mujoco.mjMINVAL)])

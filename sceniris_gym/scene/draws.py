@@ -172,13 +172,28 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
 
 def _check_range(draw: FieldDraw, values: np.ndarray, where: str) -> None:
     """Refuse values beyond the bounds of the word; a single number is for all components."""
-    word, config = draw.word, draw.config
-    ends = draw.choice if config.choice is not None else np.array(config.extremes)
-    now = values[draw.rows][:, draw.components % values.shape[1]]
-    if config.scale is not None:
-        ends = np.stack([now * end for end in ends])
-    elif config.add is not None and not draw.is_turn:
-        ends = np.stack([now + end for end in ends])
+    word, config, ends = draw.word, draw.config, _ends(draw, values)
     if ends.min() < word.least or ends.max() > word.most:
         found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
         _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
+
+
+def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
+    """Return the extreme values of a draw, shape (number of them, nrow or 1, ncomponent or 1); of a turn its angles."""
+    config = draw.config
+    ends = draw.choice if config.choice is not None else np.array(config.extremes)
+    now = values[draw.rows][:, draw.components % values.shape[1]]
+    if config.scale is not None:
+        return now * ends[:, None]
+    return now + ends[:, None] if config.add is not None and not draw.is_turn else ends[:, None]
+
+
+def drawn_bounds(draws: tuple[FieldDraw, ...], mjm: mujoco.MjModel, field: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest values that a field can have, shape (n, width) each."""
+    values = nominal_values(mjm, field)
+    low, high = values.copy(), values.copy()
+    for draw in draws:
+        if draw.word.field == field:
+            at, ends = np.ix_(draw.rows, draw.components), _ends(draw, values)
+            low[at], high[at] = ends.min(axis=0), ends.max(axis=0)
+    return low, high

@@ -22,9 +22,11 @@ from sceniris_gym.errors import (
     NotSupportedError,
     SceneFileError,
     SceneKeyError,
+    ScenirisError,
     UnknownNameError,
     check_type,
 )
+from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
@@ -32,6 +34,7 @@ from sceniris_gym.scene.cameras import add_cameras
 from sceniris_gym.scene.couplings import Coupling, driven_by, follow, joint_couplings, turned_round
 from sceniris_gym.scene.draws import FieldDraw, field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
+from sceniris_gym.scene.loadable import without_broken
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
 from sceniris_gym.scene.overview import FOVY, Overview
@@ -150,6 +153,11 @@ class SceneModel:
     def owners(self) -> dict[int, str]:
         """The object or robot that each body belongs to, by body id; bodies of neither are left out."""
         return {body: name for name in self.bodies for body in self.subtree(name)}
+
+    @cached_property
+    def contact_rules(self) -> ContactRules:
+        """MuJoCo's contact rules of the model."""
+        return ContactRules(self.mjm, "physics")
 
     def around(self, support: Support) -> list[int]:
         """Return the bodies that may cover a support: those of the object that it is part of, or its own body."""
@@ -270,7 +278,8 @@ def build_model(config: SceneConfig) -> SceneModel:
     The root body of an object has the object's name, and everything inside it is `name/...`; inside `robot` the prefix
     is the name of the robot's asset, inside one of `robots` its name there. A free object's joint is `name/free`.
     Fixtures and markers are mocap bodies. The user's own `model` keeps its names and options; objects without an asset
-    are bodies of it. A model in memory is copied, and its bodies are not changed.
+    are bodies of it. A model in memory is copied, and its bodies are not changed. Files of a folder that cannot be
+    variants of an object are left out, with a ModelWarning that names them.
 
     Raises:
         ArgumentTypeError: `config` is no SceneConfig, which `SceneConfig.load` makes.
@@ -284,6 +293,17 @@ def build_model(config: SceneConfig) -> SceneModel:
     check_type(config, SceneConfig, "build_model: config")
     if isinstance(config.model, mujoco.MjModel):
         return _taken(config, config.model)
+    try:
+        return _with_shared_bodies(config)
+    except ScenirisError:
+        sound = without_broken(config)
+        if sound is config:
+            raise
+    return _with_shared_bodies(sound)
+
+
+def _with_shared_bodies(config: SceneConfig) -> SceneModel:
+    """Return a scene from files or a MjSpec, with the scene as it is simulated if objects have variants."""
     scene = _built(config)
     if not config.variants:
         return scene

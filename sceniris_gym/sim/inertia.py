@@ -15,7 +15,7 @@ import mujoco_warp as mjw
 import warp as wp
 
 from sceniris_gym.device.transforms import quat_mat
-from sceniris_gym.sim.inertia_tables import DOF, TENDON, Inertia, inertia_tables
+from sceniris_gym.sim.inertia_tables import Inertia, inertia_tables
 from sceniris_gym.sim.rest import RestMap
 
 wp.set_module_options({"enable_backward": False})
@@ -31,11 +31,20 @@ def _inverse(w: Inertia, worldid: int, i: int, j: int) -> float:
     return w.inverse[worldid, block[2] + (i - block[0]) * block[1] + j - block[0]]
 
 
+@wp.func
+def _armature(w: Inertia, worldid: int, tendonid: int, actuatorid: int) -> float:
+    """Return the armature of a tendon, or of an actuator in the units of what it moves."""
+    if tendonid >= 0:
+        return w.tendon_armature[worldid % w.tendon_armature.shape[0], tendonid]
+    gear = w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid][0]
+    return w.actuator_armature[worldid % w.actuator_armature.shape[0], actuatorid] * gear * gear
+
+
 @wp.kernel
 def _mass_matrix(
     mask: wp.array[wp.bool],
-    # Inertia in: block, dof_treeid, xmat, jacp, jacr, pair, pair_armature, armature, armature_factor, body_mass,
-    #   body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear
+    # Inertia in: block, dof_treeid, xmat, jacp, jacr, pair, geared, geared_jac, body_mass, body_inertia, body_ipos,
+    #   body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear
     # Inertia out: matrix
     w: Inertia,
 ):
@@ -56,17 +65,13 @@ def _mass_matrix(
         jacp = wp.dot(w.jacp[bodyid, i] + wp.cross(jacr_i, arm), w.jacp[bodyid, j] + wp.cross(jacr_j, arm))
         total += w.body_mass[worldid % w.body_mass.shape[0], bodyid] * jacp
         total += wp.dot(wp.cw_mul(inertia, turn * jacr_i), turn * jacr_j)
-    for k in range(w.pair_armature[pairid], w.pair_armature[pairid + 1]):
-        source = w.armature[k]
-        value = float(0.0)
-        if source[0] == DOF:
-            value = w.dof_armature[worldid % w.dof_armature.shape[0], source[1]]
-        elif source[0] == TENDON:
-            value = w.tendon_armature[worldid % w.tendon_armature.shape[0], source[1]]
-        else:
-            gear = w.actuator_gear[worldid % w.actuator_gear.shape[0], source[1]][0]
-            value = w.actuator_armature[worldid % w.actuator_armature.shape[0], source[1]] * gear * gear
-        total += w.armature_factor[k] * value
+    if i == j:
+        total += w.dof_armature[worldid % w.dof_armature.shape[0], i]
+    if pair[3] > 0:  # MuJoCo has a place for it in M
+        for k in range(w.geared.shape[0]):
+            square = w.geared_jac[k, i] * w.geared_jac[k, j]
+            if square != 0.0:
+                total += square * _armature(w, worldid, w.geared[k][0], w.geared[k][1])
     block = w.block[w.dof_treeid[i]]
     w.matrix[worldid, block[2] + (i - block[0]) * block[1] + j - block[0]] = total
 
@@ -168,43 +173,31 @@ def _dof_weights(
 
 
 @wp.kernel
-def _tendon_weights(
+def _transmission_weights(
     mask: wp.array[wp.bool],
-    # Inertia in: block, dof_treeid, tendon_jac, inverse
-    # Inertia out: tendon_invweight0
+    # Inertia in: block, dof_treeid, inverse
     w: Inertia,
+    jac: wp.array2d[wp.spatial_vector],
+    gears: wp.array2d[wp.spatial_vector],
+    is_norm: bool,
+    # Out:
+    weight_out: wp.array2d[float],
 ):
-    worldid, tendonid = wp.tid()
+    """J M^-1 J^T of tendons, or the norm of M^-1 J^T of actuators."""
+    worldid, i = wp.tid()
     if not mask[worldid]:
         return
+    gear = gears[worldid % gears.shape[0], i]
     total = float(0.0)
-    for i in range(w.tendon_jac.shape[1]):
-        if w.tendon_jac[tendonid, i] != 0.0:
-            block = w.block[w.dof_treeid[i]]
+    for k in range(jac.shape[1]):
+        moment = wp.dot(gear, jac[i, k])
+        if is_norm or moment != 0.0:
+            acceleration = float(0.0)
+            block = w.block[w.dof_treeid[k]]
             for j in range(block[0], block[0] + block[1]):
-                total += _inverse(w, worldid, i, j) * w.tendon_jac[tendonid, i] * w.tendon_jac[tendonid, j]
-    w.tendon_invweight0[worldid, tendonid] = total
-
-
-@wp.kernel
-def _actuator_accelerations(
-    mask: wp.array[wp.bool],
-    # Inertia in: block, dof_treeid, actuator_jac, inverse, actuator_gear
-    # Inertia out: actuator_acc0
-    w: Inertia,
-):
-    worldid, actuatorid = wp.tid()
-    if not mask[worldid]:
-        return
-    gear = w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid]
-    total = float(0.0)
-    for i in range(w.actuator_jac.shape[1]):
-        acceleration = float(0.0)
-        block = w.block[w.dof_treeid[i]]
-        for j in range(block[0], block[0] + block[1]):
-            acceleration += _inverse(w, worldid, i, j) * wp.dot(gear, w.actuator_jac[actuatorid, j])
-        total += acceleration * acceleration
-    w.actuator_acc0[worldid, actuatorid] = wp.sqrt(total)
+                acceleration += _inverse(w, worldid, k, j) * wp.dot(gear, jac[i, j])
+            total += acceleration * wp.where(is_norm, acceleration, moment)
+    weight_out[worldid, i] = wp.where(is_norm, wp.sqrt(total), total)
 
 
 class InverseWeights:
@@ -234,7 +227,7 @@ class InverseWeights:
         """Bring the inverse weights of the masked worlds up to date; shape (nworld,), bool."""
         m, w = self._model, self._inertia
         for name in self.SOURCES + self.OUTPUTS:
-            if hasattr(m, name):  # some are not in all versions
+            if name in Inertia.vars and hasattr(m, name):  # some are not in all versions
                 setattr(w, name, getattr(m, name))
         steps = (
             (_mass_matrix, len(w.pair)),
@@ -242,9 +235,12 @@ class InverseWeights:
             (_invert, m.nv),
             (_body_weights, m.nbody),
             (_dof_weights, m.nv),
-            (_tendon_weights, m.ntendon),
-            (_actuator_accelerations, w.actuator_jac.shape[0]),
         )
         for kernel, count in steps:
-            if count:
-                wp.launch(kernel, dim=(self._nworld, count), inputs=[mask, w], device=mask.device)
+            wp.launch(kernel, dim=(self._nworld, count), inputs=[mask, w], device=mask.device)
+        for more in (
+            [w.tendon_jac, w.no_gear, False, m.tendon_invweight0],
+            [w.actuator_jac, m.actuator_gear, True, m.actuator_acc0],
+        ):
+            dim = (self._nworld, more[0].shape[0])
+            wp.launch(_transmission_weights, dim, inputs=[mask, w, *more], device=mask.device)

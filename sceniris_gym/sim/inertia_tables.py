@@ -13,8 +13,6 @@ from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.rest import JOINT_TRANSMISSIONS
 from sceniris_gym.sim.versions import actuator_outputs
 
-DOF, TENDON, ACTUATOR = 0, 1, 2
-"""Fields that armature comes from."""
 SLIDES = 2
 """Value of `body_simple` for a lone body on slides, which MuJoCo weighs by its mass alone, without armature."""
 
@@ -36,11 +34,11 @@ class Inertia:
         jacr: Angular velocity of a body, likewise.
         pair: Row and column of a place in the lower half of a tree's matrix, and the first and the last but one body
             that both move, shape (npair,).
-        pair_armature: First armature of a pair, shape (npair + 1,).
-        armature: Field and element of an armature that adds to a pair.
-        armature_factor: Its factor.
-        tendon_jac: Jacobians of tendons, shape (ntendon, nv).
+        geared: Tendon or -1, and actuator or -1, whose armature adds to M, shape (ngeared,).
+        geared_jac: Jacobian of what it moves with, shape (ngeared, nv).
+        tendon_jac: Jacobians of tendons, as moments by the first element of a gear, shape (ntendon, nv).
         actuator_jac: Moment of an actuator by each element of its gear, shape (nactuator, nv).
+        no_gear: The gear of a tendon, shape (1, ntendon).
         matrix: M, and then its Cholesky factor, shape (nworld, size).
         inverse: The inverse of M, likewise.
     """
@@ -55,11 +53,11 @@ class Inertia:
     jacp: wp.array2d[wp.vec3]
     jacr: wp.array2d[wp.vec3]
     pair: wp.array[wp.vec4i]
-    pair_armature: wp.array[int]
-    armature: wp.array[wp.vec2i]
-    armature_factor: wp.array[float]
-    tendon_jac: wp.array2d[float]
+    geared: wp.array[wp.vec2i]
+    geared_jac: wp.array2d[float]
+    tendon_jac: wp.array2d[wp.spatial_vector]
     actuator_jac: wp.array2d[wp.spatial_vector]
+    no_gear: wp.array2d[wp.spatial_vector]
     matrix: wp.array2d[float]
     inverse: wp.array2d[float]
     body_mass: wp.array2d[float]
@@ -72,8 +70,6 @@ class Inertia:
     actuator_gear: wp.array2d[wp.spatial_vector]
     body_invweight0: wp.array2d[wp.vec2]
     dof_invweight0: wp.array2d[float]
-    tendon_invweight0: wp.array2d[float]
-    actuator_acc0: wp.array2d[float]
 
 
 def inertia_tables(mjm: mujoco.MjModel, nworld: int) -> Inertia:
@@ -92,9 +88,8 @@ def inertia_tables(mjm: mujoco.MjModel, nworld: int) -> Inertia:
     widths = np.bincount(mjm.dof_treeid)
     squares = np.cumsum(widths**2)
     pairs = [(i, j) for i in range(mjm.nv) for j in range(i + 1) if mjm.dof_treeid[i] == mjm.dof_treeid[j]]
-    armatures = _armatures(mjm, tendon_jac)
-    of_pairs = [armatures.get(pair, []) for pair in pairs]
-    flat = [armature for each in of_pairs for armature in each]
+    geared, geared_jac = _geared(mjm, tendon_jac)
+    one = np.eye(6)[0]
     t = Inertia()
     t.block = vectors(list(zip(np.cumsum(widths) - widths, widths, squares - widths**2, strict=True)), wp.vec3i)
     t.dof_treeid, t.dof_bodyid, t.body_treeid = (ints(a) for a in (mjm.dof_treeid, mjm.dof_bodyid, mjm.body_treeid))
@@ -102,10 +97,9 @@ def inertia_tables(mjm: mujoco.MjModel, nworld: int) -> Inertia:
     t.xmat = wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
     t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1), dtype=wp.vec3) for j in jac)
     t.pair = vectors([(*pair, *_moved_by_both(mjm, *pair)) for pair in pairs], wp.vec4i)
-    t.pair_armature = ints(np.cumsum([0, *map(len, of_pairs)]))
-    t.armature = vectors([(kind, i) for kind, i, _ in flat], wp.vec2i)
-    t.armature_factor = wp.array([factor for _, _, factor in flat], dtype=float)
-    t.tendon_jac = wp.array(tendon_jac, dtype=float)
+    t.geared, t.geared_jac = vectors(geared, wp.vec2i), wp.array(geared_jac, dtype=float, ndim=2)
+    t.tendon_jac = wp.array(tendon_jac[:, :, None] * one, dtype=wp.spatial_vector)
+    t.no_gear = wp.array(np.tile(one, (1, mjm.ntendon, 1)), dtype=wp.spatial_vector)
     t.actuator_jac = wp.array(np.array(actuator_jac).transpose(1, 2, 0), dtype=wp.spatial_vector)
     t.matrix, t.inverse = (wp.zeros((nworld, int(squares[-1]) if len(squares) else 0), dtype=float) for _ in range(2))
     return t
@@ -145,29 +139,16 @@ def _moved_by_both(mjm: mujoco.MjModel, i: int, j: int) -> tuple[int, int]:
     return body, subtree(mjm, body)[-1] + 1
 
 
-def _armatures(mjm: mujoco.MjModel, tendon_jac: np.ndarray) -> dict[tuple[int, int], list[tuple[int, int, float]]]:
-    """Return field, element and factor of the armatures that add to each place of M, by degrees of freedom."""
-    found: dict[tuple[int, int], list[tuple[int, int, float]]] = {(d, d): [(DOF, d, 1.0)] for d in range(mjm.nv)}
-
-    def add(kind: int, element: int, tendon: int) -> None:
-        tied = np.flatnonzero(tendon_jac[tendon]).tolist()
-        for i in tied:
-            for j in tied[: tied.index(i) + 1]:
-                if not any(_moved_by_both(mjm, i, j)):
-                    continue  # MuJoCo has no place for it in M
-                factor = float(tendon_jac[tendon, i] * tendon_jac[tendon, j])
-                found.setdefault((i, j), []).append((kind, element, factor))
-
-    for tendon in range(mjm.ntendon if hasattr(mjm, "tendon_armature") else 0):
-        add(TENDON, tendon, tendon)
+def _geared(mjm: mujoco.MjModel, tendon_jac: np.ndarray) -> tuple[list[tuple[int, int]], np.ndarray]:
+    """Return what has an armature beside degrees of freedom, as in `Inertia.geared`, and its Jacobian (n, nv)."""
+    found = [((t, -1), tendon_jac[t]) for t in range(mjm.ntendon if hasattr(mjm, "tendon_armature") else 0)]
     for a in range(len(mjm.actuator_trntype) if hasattr(mjm, "actuator_armature") else 0):
         target = int(mjm.actuator_trnid[a, 0])
         if mjm.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
-            add(ACTUATOR, a, target)
+            found.append(((-1, a), tendon_jac[target]))
         elif mjm.actuator_trntype[a] in JOINT_TRANSMISSIONS:
-            for d in np.flatnonzero(mjm.dof_jntid == target).tolist():
-                found[d, d].append((ACTUATOR, a, 1.0))
-    return found
+            found += [((-1, a), np.eye(mjm.nv)[dof]) for dof in np.flatnonzero(mjm.dof_jntid == target)]
+    return [which for which, _ in found], np.reshape([jac for _, jac in found], (-1, mjm.nv))
 
 
 def _parts(mjm: mujoco.MjModel) -> list[tuple[int, int]]:

@@ -2,19 +2,49 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+from typing import Any
+
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.randomize import OBJECT_WORDS
+from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.field_drawer import FieldDrawer, MadeAhead
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls
-from sceniris_gym.sim.field_drawer import FieldDrawer
+from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls, components
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
+
+wp.set_module_options({"enable_backward": False})
+
+_NAMED = "named_by_put_model"
+"""Attribute of a Model with the fields that `put_model` was asked for."""
+_WORDS = {word.field: word for word in OBJECT_WORDS.values()}
+
+
+@wp.kernel
+def _scale(
+    first: int,
+    # In:
+    mask: wp.array[wp.bool],
+    factor: wp.array[float],
+    nominal: wp.array3d[float],
+    # Out:
+    field_out: wp.array3d[float],
+):
+    worldid, i, k = wp.tid()
+    if mask[worldid]:
+        value = nominal[worldid % nominal.shape[0], i, first + k]
+        field_out[worldid, i, first + k] = factor[worldid] * value
 
 
 class ModelFields:
@@ -42,10 +72,14 @@ class ModelFields:
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
         self._followers: dict[type[Follower], Follower] = {}
+        self._ahead: MadeAhead | None = None
+        self._written = wp.zeros(1, dtype=int, device=m.qpos0.device)
         self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
         self._drawer = self._make_drawer() if scene.draws else None
+        for name in getattr(m, _NAMED, ()):
+            self.ask(name, where="put_model")
 
     def ask(self, name: str, of: str | None = None, *, where: str = "model_field") -> wp.array:
         """Return a field with a row for each world, or the part of it that belongs to a name; all views of one array.
@@ -68,7 +102,11 @@ class ModelFields:
                 "in Task.bind, or before the first reset."
             )
         array = self.wide(name, where)
+        for other, _, _ in _followers(name):
+            self.wide(other, where, name)
         self.asked.add(name)
+        if any(name in kind.SOURCES for kind in FOLLOWERS):
+            self._written.fill_(1)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
@@ -78,6 +116,7 @@ class ModelFields:
             made = wp.clone(array[:1]) if array.size else array
             self._nominal[name] = self.varied.get(name, made)
             self._widen(name, source or name, where)
+            self._known[name] = getattr(owner(self._model, name), name)
             for kind in FOLLOWERS:
                 if name in kind.SOURCES and kind not in self._followers:
                     for output in kind.OUTPUTS:
@@ -85,12 +124,35 @@ class ModelFields:
                     self._followers[kind] = kind(self._scene.mjm, self._model, self._data, self.rest)
         return getattr(owner(self._model, name), name)
 
-    def nominal(self, name: str) -> wp.array:
-        """Return the values of the model as it was made, of a field that was asked for, shape (1, ...).
+    def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
+        """Set part of a field to its nominal values times a factor of each world, in the masked worlds.
 
-        Where variants of objects differ, they have a row for each world.
+        As with the word `scale` of a scene file, friction is that of sliding, colours keep their transparency, inertias
+        follow masses, and gains of the bias follow those of actuators.
+
+        Args:
+            name: A field that was asked for.
+            of: An element, object or robot: see `field_rows`.
+            factor: Factors, a Warp array or torch tensor on the device, shape (nworld,), float32.
+            mask: Which worlds, shape (nworld,), bool.
+            where: The caller, for errors.
+
+        Raises:
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors of another shape.
         """
-        return self._nominal[name]
+        if self.ask(name, of, where=where).dtype in (wp.int32, wp.bool):
+            raise ArgumentError(f"{where}: '{name}' has no numbers to scale. Write into model_field('{name}').")
+        factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
+        if factors.shape != (self._nworld,):
+            raise ArgumentError(f"{where}: factor should have shape ({self._nworld},), got {factors.shape}.")
+        rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
+        rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
+        word = _WORDS.get(name)
+        own = (name, 0, None) if word is None else (name, word.first, word.shared or word.width)
+        for field, first, count in (own, *_followers(name)):
+            nominal, array = (components(each)[:, rows] for each in (self._nominal[field], self.wide(field)))
+            dim = (self._nworld, array.shape[1], count or array.shape[2])
+            wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
 
     def parameter(self, name: str, where: str) -> wp.array:
         """Return the numbers that a draw of the scene's `randomize` has taken, shape (nworld, n).
@@ -103,13 +165,62 @@ class ModelFields:
             raise UnknownNameError("parameter", name, where, numbers)
         return numbers[name]
 
+    def make_ahead(self, source: LayoutSource, split: str) -> bool:
+        """Have what follows from the draws of the scene made ahead with the layouts of a source.
+
+        Variants are drawn in place, and so is what follows from a field that somebody asked for.
+
+        Args:
+            source: The source.
+            split: "train" or "eval".
+
+        Returns:
+            True if it will be.
+        """
+        sources = {name for kind in FOLLOWERS for name in kind.SOURCES}
+        draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
+        if self._drawer is None or not draws or self.varied or self._ahead is not None:
+            return False
+
+        def make(mask: wp.array, layouts: Layouts) -> None:
+            twin.launch_draw(mask, layouts.seed, layouts.episode, split)
+
+        in_place = source.make_beside(make)
+        if in_place is None:
+            return False
+        m, d = copy.copy(self._model), copy.copy(self._data)
+        m.opt = copy.copy(m.opt)
+        for name, values in self._nominal.items():
+            setattr(owner(m, name), name, wp.clone(values))
+        for name in ("ctrl", "act", "history"):
+            setattr(d, name, None)
+        twin = ModelFields(dataclasses.replace(self._scene, draws=draws), m, d, grow=True)
+        names = [name for kind in twin._followers for name in kind.OUTPUTS if getattr(m, name).size]
+        copied = [(getattr(self._model, name), getattr(m, name)) for name in names]
+        if HoldingControls in twin._followers:
+            copied += [(getattr(self.rest, name), getattr(twin.rest, name)) for name in ("coef", "bias")]
+        with wp.ScopedDevice(m.qpos0.device):
+            stale = wp.zeros(self._nworld, dtype=wp.bool)
+            self._ahead = MadeAhead(copied, in_place, self._written, stale, wp.zeros(1, dtype=int))
+        self._drawer = self._make_drawer()
+        return True
+
     def launch_draw(
         self, mask: wp.array, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
     ) -> None:
-        """Draw what the scene randomizes in the masked worlds; see `FieldDrawer.launch`."""
-        if self._drawer is not None:
-            self._drawer.launch(mask, seed, episode, split, rows)
+        """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
+        if self._drawer is None:
+            return
+        self._drawer.launch(mask, seed, episode, split, rows)
+        if self._ahead is None or rows is not None:
             self.launch_follow(mask)
+        else:
+            repeat_launches(self._ahead.left, self._launch_left, 1)
+
+    def _launch_left(self) -> None:
+        assert self._ahead is not None
+        self.launch_follow(self._ahead.stale)
+        self._ahead.left.zero_()
 
     def _make_drawer(self) -> FieldDrawer:
         """Return the drawer of the scene, and give all its fields a row for each world."""
@@ -122,7 +233,7 @@ class ModelFields:
                 if draw.word.field == "geom_rgba":
                     nominal[:, draw.rows] = seen[draw.rows]
             self._nominal["geom_rgba"].assign(nominal)
-        return FieldDrawer(draws, arrays, self._nominal, self._nworld)
+        return FieldDrawer(draws, arrays, self._nominal, self._nworld, self._ahead)
 
     @property
     def rows(self) -> dict[str, wp.array]:
@@ -141,10 +252,9 @@ class ModelFields:
         if self._closed:
             return
         self._closed = True
-        names = FIELDS if self._grow else self._nominal
-        self._known = {
-            name: array for name in names if (array := getattr(owner(self._model, name), name, None)) is not None
-        }
+        for name in FIELDS if self._grow else ():
+            if (array := getattr(owner(self._model, name), name, None)) is not None:
+                self._known.setdefault(name, array)
 
     def check(self) -> None:
         """Check that no array of the Model was replaced.
@@ -179,17 +289,24 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
+    named = [*fields, *(other for name in fields for other, _, _ in _followers(name))]
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.sim_mjm)
         for name in fields_of_variants() if compiled.config.variants else ():
             widen(m, name, nworld)
-        for name in (*drawn_fields(compiled.scene.sim.draws), *fields):
+        for name in (*drawn_fields(compiled.scene.sim.draws), *named):
             check_field(name, compiled.sim_mjm, "put_model")
             widen(m, name, nworld)
             for kind in FOLLOWERS:
                 for output in kind.OUTPUTS if name in kind.SOURCES else ():
                     widen(m, output, nworld)
+    setattr(m, _NAMED, fields)
     return m
+
+
+def _followers(name: str) -> tuple[tuple[str, int, int], ...]:
+    """Return the fields that keep their ratio to one that is scaled; see `Word.follow`."""
+    return _WORDS[name].follow if name in _WORDS else ()
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:

@@ -1,10 +1,8 @@
 """Uniform random numbers of worlds outside of layouts: of a step for tasks, or drawn by name for an episode."""
 
-import hashlib
-
 import warp as wp
 
-from sceniris_gym.device.random import NAMED_STREAM, SPLITS, STREAM_BITS, TASK_STREAM, uniforms
+from sceniris_gym.device.random import SPLITS, STREAM_BITS, TASK_STREAM, name_hash, named_stream, uniforms
 from sceniris_gym.errors import ArgumentError
 
 wp.set_module_options({"enable_backward": False})
@@ -15,16 +13,6 @@ def task_stream(split: str, stream: int) -> int:
     if not 0 <= stream < 1 << STREAM_BITS:
         raise ArgumentError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
     return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
-
-
-def named_stream(split: str) -> int:
-    """Return the Philox stream of numbers that are drawn by name in a split."""
-    return NAMED_STREAM + (SPLITS[split] << STREAM_BITS)
-
-
-def name_hash(name: str) -> int:
-    """Return the 31 bits that stand for a name."""
-    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little") >> 1
 
 
 @wp.kernel

@@ -35,10 +35,11 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.fit import check_fit
-from sceniris_gym.sim.grips import GripCloser
+from sceniris_gym.sim.grips import grips_of
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
+from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
 from sceniris_gym.sim.write import Poses, StateWriter
@@ -105,6 +106,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     Attributes:
         fields: Model fields that have a row for each world.
+        replacer: The counts of `replace`: `number` and `status` of each world, and `kept`.
         variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
             the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
 
@@ -117,7 +119,7 @@ class ResetRandomizer(Fixed, StaysHere):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "layout_source", "fields")
+    FIXED = ("compiled", "model", "data", "device", "layout_source", "fields", "replacer")
     ARGUMENTS = ("layouts", "levels", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
@@ -173,11 +175,20 @@ class ResetRandomizer(Fixed, StaysHere):
         if compiled.config.variants:
             self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
             self.variant = self.variants.variant
-        self._grips = None
-        if compiled.starts is not None:
-            self._grips = GripCloser(compiled, data.nworld, self._mask, self.fields.rest)
-        self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
         self._split = getattr(layout_source, "split", split)
+        if origins is not None:
+            origins = as_origins(origins, data.nworld, self.device)
+            warn_of_origins(compiled.scene, origins.numpy(), "ResetRandomizer: origins")
+        self.replacer = Replacer(
+            *(compiled, model, data, self.layouts, self._split),
+            rest=self.fields.rest,
+            origins=origins,
+            refresh=self._launch_stages,
+            graph=graph,
+        )
+        self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
+        if self._whole:
+            self.fields.make_ahead(layout_source, self._split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
@@ -232,11 +243,38 @@ class ResetRandomizer(Fixed, StaysHere):
         self._reset()
         self.layout_source.after_reset()
 
+    @launching
+    def replace(self, objects: str | Sequence[str], mask: Any = None) -> None:
+        """Give objects new places in the masked worlds, in the middle of their episodes.
+
+        All else stays bit for bit as it is in `data`: it is an obstacle, an anchor of relations, and a support if it is
+        level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
+        function of scene, split, seed, episode, number of the redraw since the reset (`replacer.number`) and state.
+        Where nothing fits, the world keeps its state, `replacer.status` is `Status.KEPT`, and `replacer.kept` counts
+        it. `data.contact` is that of the last step, unless `needs` has "contacts".
+
+        Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
+
+        The first call for some objects prepares their search. Later ones launch on the device alone, so they can be
+        captured in a graph.
+
+        Args:
+            objects: Names of placed objects, each with all that the scene puts on it.
+            mask: Booleans, shape (nworld,), as in `reset`; None is all worlds.
+
+        Raises:
+            UnknownNameError: Not an object that the scene places.
+            ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
+            NotSupportedError: A scene in which objects have variants.
+            MaskTypeError, MaskError: As in `reset`.
+        """
+        self.replacer.launch(objects, None if mask is None else as_mask(mask, self.data.nworld, self.device))
+
     def model_field(self, name: str, of: str | None = None) -> wp.array:
         """Return a field of the Model with a row for each world, to write to after a reset.
 
-        Ask for it before the first reset, and call `refresh` after writing to it. The Model has to be made with a row
-        for each world, by `put_model(compiled, nworld, name)`.
+        The Model has to be made with a row for each world, by `put_model(compiled, nworld, name)`. Call `refresh` after
+        writing to it. A field that `put_model` has made for the scene's draws is asked for before the first reset.
 
         Args:
             name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
@@ -252,6 +290,23 @@ class ResetRandomizer(Fixed, StaysHere):
             SceneMismatchError: The Model has one row for all worlds.
         """
         return self.fields.ask(name, of, where="ResetRandomizer.model_field")
+
+    @launching
+    def scale_field(self, name: str, of: str, factor: Any) -> None:
+        """Scale part of a field in the worlds of the latest reset; call `refresh` after the last one.
+
+        Other components and the fields that follow are those of the word `scale` in a scene file: inertias follow
+        masses.
+
+        Args:
+            name: A field that `put_model` or `model_field` was asked for.
+            of: An element of the model, or an object or a robot.
+            factor: Factors of the model's values, a torch tensor or a Warp array, shape (nworld,), float32.
+
+        Raises:
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`; or factors of another shape.
+        """
+        self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
     def random(self, name: str, shape: tuple[int, ...] = ()) -> wp.array:
         """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), float32.
@@ -340,10 +395,9 @@ class ResetRandomizer(Fixed, StaysHere):
         plastic, bodies = keyframe_plastic(mjm, scene.keyframe) if scene.keyframe >= 0 else None, None
         if not self._whole:
             bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
-        if origins is not None:
-            origins = as_origins(origins, d.nworld, self.device)
-            warn_of_origins(self.compiled.scene, origins.numpy(), "ResetRandomizer: origins")
-        return StateWriter(mjm, d, self._mask, self.fields.rest, bodies=bodies, origins=origins, plastic=plastic)
+        words = {"bodies": bodies, "origins": origins, "plastic": plastic, "count": self.replacer.number}
+        words["grips"] = grips_of(self.compiled, self.fields.rest, self.device)
+        return StateWriter(mjm, d, self._mask, self.fields.rest, **words)
 
     def _launch_reset(self) -> None:
         layouts = self.layouts
@@ -378,10 +432,7 @@ class ResetRandomizer(Fixed, StaysHere):
             wp.copy(self._nacon, d.nacon)
             mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
-        held = None
-        if self._grips is not None:
-            held = self._grips.launch(poses.qpos, start, drawn, rows is drawn)
-        self._writer.launch(poses, rows, held)
+        self._writer.launch(poses, rows, start if self.compiled.config.start else None, drawn)
         self._launch_stages()
 
 

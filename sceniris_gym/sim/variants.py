@@ -14,7 +14,7 @@ from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import places_of_geoms
-from sceniris_gym.sim.write import Poses
+from sceniris_gym.sim.write import Poses, row_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -53,9 +53,7 @@ def _find_variants(
     worldid, i = wp.tid()
     if not mask[worldid]:
         return
-    row = int(worldid)
-    if rows:
-        row = rows[worldid]
+    row = row_of(worldid, rows)
     if present[row, column[i]] != 0:
         variant_out[worldid, shared[i]] = number[i]
 
@@ -95,9 +93,7 @@ def _write_variants(
     worldid, lane = wp.tid()
     if not mask[worldid]:
         return
-    row = int(worldid)
-    if rows:
-        row = rows[worldid]
+    row = row_of(worldid, rows)
     for i in range(lane, qpos_adr.shape[0], lanes):
         adr = qpos_adr[i]
         if qpos_shared[i] >= 0:

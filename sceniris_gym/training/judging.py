@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.progress import tell
@@ -36,13 +37,20 @@ TARGETS = {
 
 
 def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnv]:
-    """Return environments to judge a task's policies in: on `valid` layouts, and on `unfiltered` ones."""
+    """Return environments to judge a task's policies in: on `valid` layouts, and on `unfiltered` ones.
+
+    Objects of unfiltered layouts need not be reachable, unless the task asks for their grasps.
+    """
     worlds = layouts + max(1, layouts // SPARE)
-    made = {}
-    for name, reachable, source in (("valid", True, None), ("unfiltered", False, layout_sources.uniform("eval"))):
-        compiled = compile_scene(scene_of(task, reachable=reachable), device)
-        made[name] = RslRlVecEnv(make_env(task, worlds, compiled, split="eval", layout_source=source))
-    return made
+    compiled = compile_scene(scene_of(task, reachable=True), device)
+    anywhere = compile_scene(scene_of(task, reachable=False), device)
+    uniform = {"split": "eval", "layout_source": layout_sources.uniform("eval")}
+    try:
+        unfiltered = make_env(task, worlds, anywhere, **uniform)
+    except UnknownNameError:  # of an object that is to have a grasp
+        unfiltered = make_env(task, worlds, compiled, **uniform)
+    valid = make_env(task, worlds, compiled, split="eval")
+    return {"valid": RslRlVecEnv(valid), "unfiltered": RslRlVecEnv(unfiltered)}
 
 
 def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:

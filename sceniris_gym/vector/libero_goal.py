@@ -10,7 +10,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.importers.libero.kinds import FIXTURES
+from sceniris_gym.importers.libero.kinds import moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.importers.libero.things import INNER
 from sceniris_gym.scene.support import subtree
@@ -61,14 +61,11 @@ class LiberoGoal:
 
     def _test(self, s: State, predicate: Predicate) -> Callable[[State], Tensor]:
         region = self._problem.regions.get(predicate.names[-1])
-        if predicate.word == "On":
-            return self._on_thing(s, *predicate.names) if region is None else self._on_site(s, predicate, region)
-        if predicate.word == "In":
-            if region is None:
-                where = f"{self._problem.where(predicate.line)}: {predicate}"
-                raise UnknownNameError("region", predicate.names[1], where, self._problem.regions)
-            return self._in_site(s, predicate.names[0], region)
-        return self._joints(s, predicate, region)
+        if predicate.word not in ("On", "In"):
+            return self._joints(s, predicate, region)
+        if region is None:
+            return self._on_thing(s, *predicate.names)
+        return (self._on_site if predicate.word == "On" else self._in_site)(s, predicate.names[0], region)
 
     def _on_thing(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
         own, its = self._origin(s, name), self._origin(s, other)
@@ -80,10 +77,8 @@ class LiberoGoal:
 
         return test
 
-    def _on_site(self, s: State, predicate: Predicate, region: Region) -> Callable[[State], Tensor]:
-        name = predicate.names[0]
-        own, site = self._origin(s, name), self._site(s, region)
-        size = torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
+    def _on_site(self, s: State, name: str, region: Region) -> Callable[[State], Tensor]:
+        own, site, size = self._origin(s, name), *self._site(s, region)
         touch = None if region.boxes else self._touch(s, name, region.target)
 
         def test(s: State) -> Tensor:
@@ -97,8 +92,7 @@ class LiberoGoal:
         return test
 
     def _in_site(self, s: State, name: str, region: Region) -> Callable[[State], Tensor]:
-        own, site = self._origin(s, name), self._site(s, region)
-        size = torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
+        own, site, size = self._origin(s, name), *self._site(s, region)
         lower = torch.tensor([0.0, 0.0, _UNDER], device=s.device)
 
         def test(s: State) -> Tensor:
@@ -108,18 +102,9 @@ class LiberoGoal:
         return test
 
     def _joints(self, s: State, predicate: Predicate, region: Region | None) -> Callable[[State], Tensor]:
-        name = predicate.names[0] if region is None else region.target
-        able = {
-            thing: FIXTURES[kind].states[predicate.word]
-            for thing, kind in self._problem.fixtures.items()
-            if kind in FIXTURES and predicate.word in FIXTURES[kind].states
-        }
-        if name not in able:
-            where = f"{self._problem.where(predicate.line)}: {predicate}"
-            raise UnknownNameError(f"thing for {predicate.word}", name, where, able)
-        low, high = able[name]
+        name, (low, high) = moving(self._problem, predicate)
         root = find_body(s, name, self._where)
-        bodies = subtree(s.mjm, root) if region is None else [int(s.mjm.site_bodyid[self._site(s, region)])]
+        bodies = subtree(s.mjm, root) if region is None else [int(s.mjm.site_bodyid[self._site(s, region)[0]])]
         joints = [j for j in range(s.mjm.njnt) if s.mjm.jnt_bodyid[j] in bodies and s.mjm.jnt_type[j] in SCALAR]
         columns = [int(s.mjm.jnt_qposadr[j]) for j in joints]
         tests: dict[str, Callable[[Tensor], Tensor]] = {
@@ -133,12 +118,13 @@ class LiberoGoal:
     def _origin(self, s: State, name: str) -> int:
         return find_body(s, f"{name}/{INNER}", self._where)
 
-    def _site(self, s: State, region: Region) -> int:
+    def _site(self, s: State, region: Region) -> tuple[int, Tensor]:
+        """Return a site and its half sizes [m], shape (3,)."""
         name = f"{region.target}/{region.name}"
         site = mujoco.mj_name2id(s.mjm, mujoco.mjtObj.mjOBJ_SITE, name)
         if site < 0:
             raise UnknownNameError("site", name, self._where, (s.mjm.site(i).name for i in range(s.mjm.nsite)))
-        return site
+        return site, torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
 
     def _touch(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
         """Return the test of any part of one thing against any part of another one."""

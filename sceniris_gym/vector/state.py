@@ -325,9 +325,9 @@ class State:
     def model_field(self, name: str, of: str | None = None) -> Tensor:
         """Return a field of the physics model with a row for each world, to write to in `Task.on_reset`.
 
-        Ask for it in `Task.bind`: steps have all other fields once for all worlds. What follows from the field, such as
-        the inverse weights of bodies, is brought up to date after `on_reset`; other fields do not follow: to make a
-        body heavier, scale "body_mass" and "body_inertia".
+        Name it in `Task.model_fields`, or ask for it in `Task.bind`: steps have all other fields once for all worlds.
+        What follows from the field, such as the inverse weights of bodies, is brought up to date after `on_reset`;
+        other fields do not follow, except by `scale_field`: to make a body heavier, write "body_inertia" as well.
 
         Args:
             name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
@@ -345,6 +345,23 @@ class State:
         return self._once(
             lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of
         )
+
+    def scale_field(self, name: str, of: str, factor: Tensor, mask: Tensor) -> None:
+        """Set part of a model field to the model's values times a factor, in the masked worlds; for `Task.on_reset`.
+
+        As with the word `scale` of a scene file, friction is that of sliding, inertias follow masses, and gains of the
+        bias those of actuators.
+
+        Args:
+            name: A field of `Task.model_fields`, or that was asked for in `Task.bind`.
+            of: An element of the model, or an object or a robot; relative to the present variant of an object.
+            factor: Factors, shape (num_envs,), float32.
+            mask: Which worlds, shape (num_envs,), bool.
+
+        Raises:
+            UnknownNameError, ArgumentError: As in `model_field`; or factors of another shape.
+        """
+        self._batch.fields.scale(name, of, factor, wp.from_torch(mask, dtype=wp.bool), "State.scale_field")
 
     def parameter(self, name: str) -> Tensor:
         """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).

@@ -38,6 +38,8 @@ class Task:
         needs: Quantities that the task reads and kinematics does not update, keys of sceniris_gym.sim.batch.NEEDS.
         substeps: Physics steps in a control step.
         action_size: Length of an action; None is the number of controls of the scene.
+        model_fields: Fields of the physics model that get a row for each world, to write to in `on_reset`; see
+            `State.model_field`.
         options: Fields of MjOption that differ from the scene's in the physics of this task. Layouts do not depend on
             them.
     """
@@ -46,6 +48,7 @@ class Task:
     needs: tuple[str, ...] = ()
     substeps: int = 4
     action_size: int | None = None
+    model_fields: tuple[str, ...] = ()
     options: Mapping[str, Any] = {}
 
     def bind(self, s: State) -> None:

@@ -236,6 +236,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Give the task its state, set the spaces by its first observation, and return that observation flat."""
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
         with self._on_torch_stream():
+            for name in self.task.model_fields:
+                self.batch.fields.ask(name, where="Task.model_fields")
             self.task.bind(self.state)
             self.batch.fields.close()
             self.batch.update()
@@ -315,6 +317,30 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return self._returned(observation), self._returned(self._layout_info())
 
     @exclusive
+    def replace(self, objects: str | Sequence[str], mask: Any = None) -> None:
+        """Give objects new places in the masked worlds, in the middle of their episodes; see `ResetRandomizer.replace`.
+
+        No episode begins, and all else keeps its state, the memory of the task too. From the first call on, `info` has
+        `layout_redraw`, the number of redraws of each world since its reset, and `layout_kept`: nothing fitted in the
+        latest one, so that its objects stay where they were. Seed, episode, that number and the state before determine
+        the new places; the layout id does not name them.
+
+        Args:
+            objects: Names of placed objects, each with all that the scene puts on it.
+            mask: Booleans (torch on the device, numpy or Warp), shape (num_envs,); None is all worlds. It may be false
+                everywhere.
+
+        Raises:
+            ResetNeeded: There was no reset yet.
+            UnknownNameError, ArgumentError, NotSupportedError, MaskTypeError, MaskError: As ResetRandomizer.replace.
+        """
+        self._check_open()
+        if not self._ready:
+            raise gymnasium.error.ResetNeeded("Call reset() before replace().")
+        with self._on_torch_stream():
+            self.randomizer.replace(objects, mask)
+
+    @exclusive
     def snapshot(self, mask: Any = None) -> Snapshot:
         """Copy the state of the masked worlds, for `reset(options={"state": snapshot})`.
 
@@ -339,7 +365,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""
-        memory = {"task": self.task, "sensors": self._sensors}
+        memory = {"task": self.task, "sensors": self._sensors, "redraws": wp.to_torch(self.randomizer.replacer.number)}
         return live_tensors(self.state, self.randomizer.layouts, memory)
 
     def _reseed(
@@ -495,6 +521,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             info["layout_start"] = s.start.clone()
         if s.variants.names:
             info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
+        replacer = self.randomizer.replacer
+        if replacer.prepared:
+            info["layout_redraw"] = wp.to_torch(replacer.number).clone()
+            info["layout_kept"] = wp.to_torch(replacer.status) == Status.KEPT
         return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
 
     def _returned(self, value: Any) -> Any:

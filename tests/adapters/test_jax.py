@@ -393,8 +393,12 @@ def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: 
     """With a word on what would be right."""
     with pytest.raises(SceneMismatchError, match=r"FreshAutoReset: model\.nq is 37 .* model: env\.mj_model"):
         FreshAutoReset(fresh.env, mid)
-    with pytest.raises(ArgumentError, match=r"observe should return observations like .*\(\d+, \d+\).*got \(\d+, 3\)"):
+    with pytest.raises(ArgumentError, match=r"observe should return .*float32\(\d+, \d+\).*got float32\(\d+, 3\)"):
         FreshAutoReset(fresh.env, page["compiled"], observe=lambda data, info: data.qpos[:3]).reset(
+            jax.random.split(jax.random.PRNGKey(3), WORLDS)
+        )
+    with pytest.raises(ArgumentError, match=r"observe should return .*got {'state': 'float32\("):
+        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data, info: {"state": data.qpos}).reset(
             jax.random.split(jax.random.PRNGKey(3), WORLDS)
         )
 
@@ -405,8 +409,11 @@ def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: 
     env = fresh_training(page["compiled"])
     other = object.__new__(Other)
     other.__dict__.update(vars(page["env"]))
-    with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\), since Other"):
+    wrong = r"observe should be a function of \(data, info\)\..* _get_obs\(data, info\), which Other lacks"
+    with pytest.raises(ArgumentError, match=wrong):
         env(other, episode_length=LENGTH, action_repeat=1)
+    with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\)"):
+        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data: data)  # pyright: ignore[reportArgumentType]
 
 
 def test_the_program_of_the_page_trains_ten_iterations(page: dict[str, Any]):

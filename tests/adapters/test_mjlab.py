@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentError, SceneKeyError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, SceneMismatchError
 
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
-from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
+from mjlab.entity import EntityCfg, VariantEntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp  # pyright: ignore[reportMissingImports]
 from mjlab.envs.mdp import dr  # pyright: ignore[reportMissingImports]
 from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
@@ -91,6 +91,14 @@ def local(env: ManagerBasedRlEnv, entity: str) -> np.ndarray:
     """Return where a free entity is in each environment, relative to its origin [m]."""
     adr = env.scene[entity].indexing.free_joint_q_adr[:3]
     return (env.sim.data.qpos[:, adr] - env.scene.env_origins).cpu().numpy()
+
+
+def test_entities_with_variants_are_refused():
+    """Mjlab chooses their variants when the environment is built; the error says what redraws them."""
+    variants = {f"cube_{size}": get_cube_spec for size in (1, 2)}
+    scene = {"objects": {"thing": {"on": "terrain", "region": NEAR}}, "bank": 4}
+    with pytest.raises(NotSupportedError, match=r"objects\.thing: has variants.*SceneVectorEnv.*EntityCfg"):
+        ManagerBasedRlEnv(plain_cfg(scene, thing=VariantEntityCfg(variants=variants)), "cpu")
 
 
 def test_entities_start_apart_at_their_origins():

@@ -1,6 +1,6 @@
 """Layouts in Newton's states: the poses that plain MuJoCo-Warp has, no contacts, and nothing else is touched.
 
-Newton needs MuJoCo 3.17, so this runs in a venv of its own: `make test-newton`.
+Newton needs MuJoCo 3.17, so this runs in a venv of its own, on a GPU if there is one: `make test-newton`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, MaskError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -24,6 +24,7 @@ newton: Any = pytest.importorskip("newton", reason="needs Newton: make test-newt
 from sceniris_gym.adapters.newton import NewtonRandomizer  # noqa: E402
 
 PAGE = Path(__file__).parents[2] / "docs" / "newton.md"
+DEVICE = str(wp.get_preferred_device())
 WORLDS = 5
 DT = 0.005
 REGION = {"box": [[-0.25, -0.25], [0.25, 0.25]]}
@@ -87,7 +88,7 @@ def room(worlds: int = WORLDS, **spread: Any) -> tuple[Any, Any]:
     world.add_articulation([joint])
     builder = newton.ModelBuilder()
     builder.replicate(world, worlds, **spread)
-    model = builder.finalize(device="cpu")
+    model = builder.finalize(device=DEVICE)
     return model, newton.solvers.SolverMuJoCo(model)
 
 
@@ -95,7 +96,7 @@ def room(worlds: int = WORLDS, **spread: Any) -> tuple[Any, Any]:
 def parts() -> tuple[Any, Any, CompiledScene]:
     """A room, its solver and its scene."""
     model, solver = room()
-    return model, solver, compile_scene({"model": solver.mj_model, **SCENE}, "cpu")
+    return model, solver, compile_scene({"model": solver.mj_model, **SCENE}, DEVICE)
 
 
 def poses(model: Any, solver: Any, state: Any) -> np.ndarray:
@@ -195,38 +196,58 @@ def part(d: Any) -> Any:
     return type("Part", (), {name: wp.array(getattr(d, name).numpy()[[1, 4]]) for name in ("xpos", "xquat")})
 
 
-def test_a_captured_reset_gives_the_same_states(parts: tuple[Any, Any, CompiledScene]):
-    """In one graph with the step, with a mask that changes between replays."""
+def played(parts: tuple[Any, Any, CompiledScene], captured: bool) -> np.ndarray:
+    """Return the poses of all bodies after each reset and after the steps that follow, in one graph or without.
+
+    The first axis is the replay, the second before a reset, after it, and after the steps.
+    """
     model, solver, compiled = parts
-    masks = [[True, False, True, False, False], [False, False, True, True, False]]
-    found = []
-    for captured in (False, True):
-        states, control = (model.state(), model.state()), model.control()
-        randomizer = NewtonRandomizer(compiled, model, solver, *states, seed=4)
-        randomizer.reset()
-        mask, rows = wp.zeros(WORLDS, dtype=wp.bool, device="cpu"), []
+    states, control = (model.state(), model.state()), model.control()
+    randomizer = NewtonRandomizer(compiled, model, solver, *states, seed=4)
+    randomizer.reset()
+    mask, start, rows = wp.zeros(WORLDS, dtype=wp.bool, device=DEVICE), wp.clone(states[0].body_q), []
 
-        def turn(randomizer: Any = randomizer, mask: Any = mask, states: Any = states, control: Any = control) -> None:
-            randomizer.reset(mask)
-            solver.step(states[0], states[1], control, None, DT)
-            solver.step(states[1], states[0], control, None, DT)
+    def turn() -> None:
+        randomizer.reset(mask)
+        wp.copy(start, states[0].body_q)
+        solver.step(states[0], states[1], control, None, DT)
+        solver.step(states[1], states[0], control, None, DT)
 
-        if captured:
-            with wp.ScopedCapture("cpu") as capture:
-                turn()
-        for values in masks:
-            mask.assign(values)
-            wp.capture_launch(capture.graph) if captured else turn()
-            rows.append(states[0].body_q.numpy().copy())
-        assert randomizer.layouts.episode.numpy().tolist() == [1, 0, 2, 1, 0]
-        found.append(rows)
-    assert np.array_equal(found[0], found[1])
+    if captured:
+        with wp.ScopedCapture(DEVICE) as capture:
+            turn()
+    for values in MASKS:
+        mask.assign(values)
+        before = states[0].body_q.numpy().copy()
+        wp.capture_launch(capture.graph) if captured else turn()
+        rows.append([before, start.numpy().copy(), states[0].body_q.numpy().copy()])
+    assert randomizer.layouts.episode.numpy().tolist() == [1, 0, 2, 1, 0]
+    return np.reshape(rows, (len(MASKS), 3, WORLDS, -1))
+
+
+MASKS = [[True, False, True, False, False], [False, False, True, True, False]]
+
+
+def test_a_captured_reset_gives_the_same_states(parts: tuple[Any, Any, CompiledScene]):
+    """In one graph with the step, with a mask that changes between replays.
+
+    Resets have the same bits with a graph and without, and leave those of other worlds. So have steps on a CPU; on a
+    GPU, where steps sum in any order, they are as near each other as those of two runs without a graph.
+    """
+    plain, captured = played(parts, captured=False), played(parts, captured=True)
+    for values, rows, others in zip(np.array(MASKS), plain, captured, strict=True):
+        assert np.array_equal(rows[1][values], others[1][values])
+        for before, start, _ in (rows, others):
+            assert np.array_equal(before[~values], start[~values])
+            assert not np.array_equal(before[values], start[values])
+    spread = 0.0 if DEVICE == "cpu" else max(1e-6, 10.0 * np.abs(plain - played(parts, captured=False)).max())
+    np.testing.assert_allclose(captured, plain, rtol=0.0, atol=spread)
 
 
 def test_other_models_are_refused():
-    """Worlds that differ, worlds apart, a solver on MuJoCo C, a start that the scene does not know, a wrong mask."""
+    """Worlds that differ or are apart, a solver on MuJoCo C, an unknown start, and arguments of other types."""
     model, solver = room()
-    compiled = compile_scene({"model": solver.mj_model, **SCENE}, "cpu")
+    compiled = compile_scene({"model": solver.mj_model, **SCENE}, DEVICE)
     apart, apart_solver = room(spacing=(2.0, 0.0, 0.0))
     with pytest.raises(SceneMismatchError, match=r"NewtonRandomizer: model\.body_pos of .*without spacing"):
         NewtonRandomizer(compiled, apart, apart_solver, apart.state())
@@ -241,13 +262,16 @@ def test_other_models_are_refused():
     start[int(model.joint_q_start.numpy()[model.joint_label.index("worldbody/chest/door/hinge")])] = 0.5
     model.joint_q.assign(start)
     without = {name: words for name, words in SCENE["objects"].items() if name in ("worldbody_ball", "puck")}
-    small = compile_scene({"model": solver.mj_model, "objects": without, "bank": 2}, "cpu")
+    small = compile_scene({"model": solver.mj_model, "objects": without, "bank": 2}, DEVICE)
     with pytest.raises(SceneMismatchError, match=r"joint 'worldbody/chest/door/hinge' starts at \[0\.5\].* \[0\.0\]"):
         NewtonRandomizer(small, model, solver, model.state())
     on_cpu = newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True, separate_worlds=True)
     with pytest.raises(ArgumentError, match="use_mujoco_cpu=False"):
         NewtonRandomizer(compiled, model, on_cpu, model.state())
     model, solver = room()
+    for args, name in (((model, solver), "states"), ((solver, model, model.state()), "model")):
+        with pytest.raises(ArgumentTypeError, match=rf"NewtonRandomizer: {name} should be a"):
+            NewtonRandomizer(compiled, *args)
     with pytest.raises(MaskError, match=r"shape \(5,\)"):
         NewtonRandomizer(compiled, model, solver, model.state()).reset(np.ones(3, bool))
 

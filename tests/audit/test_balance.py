@@ -76,6 +76,13 @@ def test_legs_over_an_edge_carry_nothing(x: float, falls: list[str]):
     assert judged(things) == (falls, falls)
 
 
+def test_drawn_masses_are_left_to_the_test_of_standing():
+    """A brick that tips the stool by the masses of the model may not do so by those of its episode."""
+    things = {"stool": (STOOL, "floor", (0.0, 0.0, GAP)), "brick": (BRICK, "stool", (0.09, 0.0, 0.12 + 2 * GAP))}
+    assert judged(things, brick={"randomize": {"mass": {"scale": [0.1, 1.0]}}})[0] == []
+    assert judged(things, brick={"randomize": {"friction": {"scale": [0.1, 1.0]}}})[0] == ["stool"]
+
+
 def test_what_rolls_stands_and_what_stands_on_its_tip_too():
     """Neutral or not, the centre of mass is over the patch; MuJoCo C has the last word."""
     assert judged({"ball": (BALL, "floor", (0.0, 0.0, GAP))}) == ([], [])

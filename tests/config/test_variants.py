@@ -117,7 +117,19 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no weights": (
         {"objects.target.variants.can.weight": 0, "objects.target.variants.mug.weight": 0},
-        "at least 1 members of a weight above 0",
+        r"objects\.target\.variants: .*a 'weight' above 0 in the split 'train'",
+    ),
+    "no weights in a split": (
+        {"objects.target.variants.can.split": "eval", "objects.target.variants.mug.split": "eval"},
+        r"objects\.target\.variants: .*in the split 'train'",
+    ),
+    "two kinds": (
+        {"objects.target.variants.mug.kind": "fixture"},
+        r"objects\.target\.variants\.mug\.kind: .*the kind of",
+    ),
+    "in a heap": (
+        {"heaps.pile": {"of": ["target"], "fill": "can"}},
+        r"heaps\.pile\.of: 'target' has variants, so it cannot be in a heap",
     ),
     "a negative weight": ({"objects.target.variants.can.weight": -1}, "at least 0"),
     "no split": ({"objects.target.variants.can.split": "test"}, "should be 'train' or 'eval'"),

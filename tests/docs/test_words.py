@@ -45,7 +45,7 @@ MODELS: dict[str, type[BaseModel]] = {
 FIELDS = {(place, field.alias or name): field for place, m in MODELS.items() for name, field in m.model_fields.items()}
 READ_BEFORE = {
     ("scene", "base"),
-    *(("object", word) for word in (loader.VARIANTS, loader.HOLDOUT)),
+    *(("object", word) for word in (loader.VARIANTS, loader.HOLDOUT, loader.TAGS)),
     *(("variant", word) for word in variants.DRAWN),
     *(("orientation", word) for word in orientation._WORDS),
     *(("reachable", word) for word in objects._REACH_WORDS),

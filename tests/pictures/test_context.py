@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 
-from sceniris_gym.pictures.context import Shot, drawn_once, tile_rays
+from sceniris_gym.pictures.context import Shot, drawn_once, may_be_inside, tile_rays
 
 
 def test_nothing_is_drawn_twice():
@@ -23,6 +23,21 @@ def test_nothing_is_drawn_twice():
     shown = {mjm.geom(i).name for i in range(mjm.ngeom) if drawn.geom_group[i] in (0, 1, 2)}
     assert shown == {"ground", "rug", "skin", "ball", "dot", "bare", "glass"}
     assert mjm.geom("hull").group == 0
+
+
+def test_cameras_inside_of_what_carries_them_are_known():
+    """Those in the box or ball of their own hand are; those beside it, in other bodies or in hidden geoms are not."""
+    mjm = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody>
+        <geom type="plane" size="1 1 1"/><camera name="above" pos="0 0 2"/><camera name="floor" pos="0 0 0"/>
+        <body pos="0 0 1"><freejoint/><geom type="box" size=".1 .1 .2"/><camera name="in box" pos="0 .05 .15"/>
+          <camera name="on box" pos="0 .15 0"/>
+          <body euler="0 0 45" pos=".5 0 0"><geom size=".1"/><camera name="in ball" pos=".05 0 0"/>
+            <camera name="in hull" pos=".3 0 0"/><geom pos=".3 0 0" size=".1" group="3"/></body>
+          <body pos="0 0 0"><joint/><geom size=".01" pos="1 0 0"/><camera name="apart"/></body></body>
+        </worldbody></mujoco>"""
+    )
+    assert [mjm.camera(i).name for i in range(mjm.ncam) if may_be_inside(mjm, i)] == ["in box", "in ball"]
 
 
 def test_rays_of_a_tile_follow_each_other():

@@ -24,4 +24,6 @@ def test_statics_are_kept_with_a_compiled_scene(tmp_path: Path):
         field, other = getattr(compiled.statics, name), getattr(again, name)
         assert isinstance(field, wp.array)
         np.testing.assert_array_equal(field.numpy(), other.numpy())
-    assert compiled.statics.body_weight.numpy()[1:].tolist() == compiled.mjm.body_mass[1:].astype(np.float32).tolist()
+    assert (
+        compiled.statics.body_weight.numpy()[0, 1:].tolist() == compiled.mjm.body_mass[1:].astype(np.float32).tolist()
+    )

@@ -54,6 +54,17 @@ def test_what_shapes_layouts_is_part_of_the_hash(folder: Path, before: str, afte
     assert chest_hash(folder, before, after) != chest_hash(folder)
 
 
+@pytest.mark.parametrize("name", LOOKS)
+def test_looks_are_part_of_the_hash_where_something_is_drawn(folder: Path, name: str):
+    """As one id then stands for pictures as well: cameras and lights, but no sensors, comments and solvers."""
+
+    def hashed(chest: str) -> str:
+        (folder / "chest.xml").write_text(chest)
+        return build(folder, {"a": {**CABINET["a"], "randomize": {"friction": {"scale": [0.5, 1.0]}}}}).hash
+
+    assert (hashed(CHEST.replace(*LOOKS[name], 1)) != hashed(CHEST)) == (name in ("a camera", "a light"))
+
+
 def test_files_count_by_what_is_in_them(folder: Path):
     """Included files count as if they were written in place; names and folders of files do not matter."""
     whole = chest_hash(folder)
@@ -131,6 +142,30 @@ def test_a_model_in_memory_is_known_by_its_arrays(change: Callable[[mujoco.MjSpe
     assert hashed(spec.compile()) == before
     change(spec)
     assert hashed(spec) != before
+
+
+PHYSICS: dict[str, Callable[[mujoco.MjSpec], object]] = {
+    "friction": lambda spec: setattr(spec.geom("ledge"), "friction", [0.3, 0.01, 0.001]),
+    "frictionloss": lambda spec: setattr(spec.joint("turn"), "frictionloss", 0.2),
+    "gains": lambda spec: spec.actuator("turn").set_to_position(kp=7),
+    "a camera": lambda spec: spec.worldbody.add_camera(name="eye"),
+    "a light": lambda spec: spec.worldbody.add_light(name="lamp", pos=[0, 0, 3]),
+}
+
+
+@pytest.mark.parametrize("change", PHYSICS.values(), ids=PHYSICS.keys())
+def test_physics_in_memory_is_part_of_the_hash_where_something_is_drawn(change: Callable[[mujoco.MjSpec], object]):
+    """And of no other."""
+
+    def hashed(spec: mujoco.MjSpec, **words: Any) -> str:
+        scene = {"model": spec, "objects": cubes_on("ground", ratio_on_support=1), "home": "init_state"}
+        return build_model(SceneConfig.load({**scene, **words})).hash
+
+    before, after = spec_of(), spec_of()
+    change(after)
+    draws = {"gravity": {"add": [[0, 0, -0.1], [0, 0, 0.1]]}}
+    assert hashed(after) == hashed(before)
+    assert hashed(after, randomize=draws) != hashed(before, randomize=draws)
 
 
 TABLE = {"desk": {"kind": "static"}}

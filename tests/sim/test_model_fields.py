@@ -14,7 +14,7 @@ import warp as wp
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.sim.derived import FOLLOWERS
-from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.model_fields import put_model, widen
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
 NWORLD = 5
@@ -37,7 +37,7 @@ def make(small_scene, rows) -> Callable[..., ResetRandomizer]:
 def scaled(randomizer: ResetRandomizer, name: str, mask: np.ndarray) -> None:
     """Scale a field in the masked worlds by numbers drawn by its name."""
     array, factor = randomizer.model_field(name).numpy(), 0.5 + randomizer.random(name).numpy()
-    nominal = randomizer.fields.nominal(name).numpy()
+    nominal = np.reshape(getattr(randomizer.compiled.mjm, name), (1, *array.shape[1:]))
     values = nominal * factor.reshape(-1, *[1] * (array.ndim - 1))
     array[mask] = values[mask]  # NumPy's view of the memory of a CPU
 
@@ -117,8 +117,8 @@ def test_a_model_with_one_row_is_refused_with_the_line_that_mends_it(make, make_
     """Also where a field that follows has one row."""
     with pytest.raises(SceneMismatchError, match=r'put_model\(compiled, 4, "body_mass"\)'):
         make_randomizer(4).model_field("body_mass")
-    randomizer = make("body_mass")
-    randomizer.model.body_subtreemass = wp.clone(randomizer.model.body_subtreemass[:1])
+    randomizer = make()
+    widen(randomizer.model, "body_mass", NWORLD)
     with pytest.raises(SceneMismatchError, match=r'put_model\(compiled, 5, "body_mass"\)'):
         randomizer.model_field("body_mass")
 
@@ -129,12 +129,47 @@ def test_late_requests_and_replaced_arrays_are_errors(make, small_scene):
     randomizer.model_field("body_mass", "block")
     randomizer.reset()
     assert randomizer.model_field("body_mass").shape == (NWORLD, small_scene.mjm.nbody)
+    assert randomizer.model_field("geom_friction").shape[0] == NWORLD  # named to put_model
     with pytest.raises(ArgumentError, match="asked for too late"):
-        randomizer.model_field("geom_friction")
-    randomizer.model.body_mass = wp.clone(randomizer.model.body_mass)
-    for call in (randomizer.reset, randomizer.refresh):
-        with pytest.raises(FixedError, match="Write into its array"):
-            call()
+        randomizer.model_field("dof_damping")
+    for each in (randomizer, make("body_mass")):  # also before the first reset
+        each.model.body_mass = wp.clone(each.model.body_mass)
+        for call in (each.reset, each.refresh):
+            with pytest.raises(FixedError, match="Write into its array"):
+                call()
+
+
+def test_factors_are_of_the_values_of_the_model(make, small_scene):
+    """In the worlds of the latest reset alone, as often as it is; inertias follow, friction is that of sliding."""
+    wanted = np.ones(NWORLD, np.float32)
+    randomizer, block = make("body_mass", "geom_friction"), small_scene.mjm.body("block").id
+    geom, factors = small_scene.mjm.body_geomadr[block], np.array([0.5, 1.0, 2.0, 3.0, 4.0], np.float32)
+    for mask in (np.ones(NWORLD, bool), np.array([True, False, True, False, False])):
+        randomizer.reset(mask)
+        for name in ("body_mass", "geom_friction"):
+            randomizer.scale_field(name, "block", wp.array(factors, dtype=float))
+            randomizer.scale_field(name, "block", wp.to_torch(wp.array(factors, dtype=float)))
+        randomizer.refresh()
+        wanted, factors = np.where(mask, factors, wanted), factors[::-1].copy()
+    m, mjm = randomizer.model, small_scene.mjm
+    np.testing.assert_allclose(m.body_mass.numpy()[:, block], wanted * mjm.body_mass[block], rtol=1e-6)
+    np.testing.assert_allclose(m.body_inertia.numpy()[:, block], np.outer(wanted, mjm.body_inertia[block]), rtol=1e-6)
+    np.testing.assert_allclose(m.body_invweight0.numpy()[0, block, 0] * m.body_mass.numpy()[0, block], 1.0, rtol=1e-5)
+    friction = m.geom_friction.numpy()[:, geom]
+    np.testing.assert_allclose(friction[:, 0], wanted * mjm.geom_friction[geom, 0], rtol=1e-6)
+    np.testing.assert_allclose(friction[:, 1:], np.tile(mjm.geom_friction[geom, 1:], (NWORLD, 1)), rtol=1e-6)
+    others = np.delete(m.body_mass.numpy(), block, axis=1)
+    np.testing.assert_array_equal(others, np.tile(others[0], (NWORLD, 1)))
+
+
+def test_factors_of_another_shape_or_of_no_numbers_are_errors(make):
+    """Named by the method that was called."""
+    randomizer = make("body_mass", "geom_matid")
+    randomizer.reset()
+    with pytest.raises(ArgumentError, match=r"scale_field: factor should have shape \(5,\), got \(2,\)"):
+        randomizer.scale_field("body_mass", "block", wp.ones(2, dtype=float))
+    with pytest.raises(ArgumentError, match=r"'geom_matid' has no numbers to scale"):
+        randomizer.scale_field("geom_matid", "block", wp.ones(NWORLD, dtype=float))
 
 
 def test_fields_of_the_options_have_rows_too(make):

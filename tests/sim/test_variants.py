@@ -143,6 +143,24 @@ def test_stored_layouts_bring_their_variants(compiled: CompiledScene):
     assert all(before[name][1].tobytes() == values[1].tobytes() for name, values in state(batch).items())
 
 
+def test_layouts_have_the_pose_of_the_variant_that_is_there(compiled: CompiledScene):
+    """By the name of the object, free or fixture: where its body is simulated."""
+    batch, randomizer = simulated(compiled)
+    for name in ("target", "stand"):
+        pose, body = randomizer.layouts.pose(name).numpy(), compiled.scene.sim.bodies[name]
+        np.testing.assert_allclose(pose[:, :3], batch.data.xpos.numpy()[:, body], atol=1e-6)
+        np.testing.assert_allclose(
+            np.abs((pose[:, 3:] * batch.data.xquat.numpy()[:, body]).sum(axis=1)), 1.0, atol=1e-6
+        )
+
+
+def test_rejections_are_told_by_variant(compiled: CompiledScene):
+    """Each of them has counts of its own."""
+    _, randomizer = simulated(compiled)
+    counts = randomizer.rejection_counts()
+    assert set(counts) >= {f"target/{name}" for name in THINGS} | {f"stand/{name}" for name in STANDS}
+
+
 def test_one_world_has_one_variant_at_a_time(compiled: CompiledScene):
     """A single world, whose model has one row anyway, rests on the table with whatever it gets."""
     batch, randomizer = simulated(compiled, 1)
@@ -240,3 +258,45 @@ def test_a_loop_with_one_model_for_all_worlds_is_refused(compiled: CompiledScene
     """By adapters whose libraries write no fields of the model."""
     with pytest.raises(SceneMismatchError, match=r"loop: objects\.\w+ has variants.*or leave the variants out"):
         check_model(compiled, compiled.sim_mjm, "loop", "")
+
+
+@pytest.mark.cuda
+def test_a_gpu_writes_the_bits_of_a_cpu(compiled: CompiledScene):
+    """Layouts, variants, states and fields of the model, after resets of all worlds and of some; with a graph."""
+    worlds = {"cpu": compiled, "cuda:0": compile_scene(compiled.config, "cuda:0")}
+    found: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in worlds}
+    for name, scene in worlds.items():
+        batch = Batch(scene.scene, NWORLD, name)
+        randomizer = ResetRandomizer(scene, batch.model, batch.data)
+        for mask in (None, np.arange(NWORLD) % 3 == 0, np.arange(NWORLD) % 2 == 0):
+            randomizer.reset(mask)
+            told = {"variant": randomizer.variant, "layout": randomizer.layouts.qpos}
+            told |= {field: getattr(batch.data, field) for field in ("qpos", "mocap_pos", "mocap_quat")}
+            told |= {field: getattr(batch.model, field) for field in fields_of_variants()}
+            found[name].append({field: array.numpy().copy() for field, array in told.items()})
+    for one, other in zip(*found.values(), strict=True):
+        for field, values in one.items():
+            assert values.tobytes() == other[field].tobytes(), field
+
+
+@pytest.mark.cuda
+def test_worlds_on_a_gpu_move_as_models_of_their_own_variants(compiled: CompiledScene):
+    """As far apart as two runs of one and the same model, whose contacts come in another order."""
+    scene = compile_scene(compiled.config, "cuda:0")
+    batch = Batch(scene.scene, NWORLD, "cuda:0")
+    randomizer = ResetRandomizer(scene, batch.model, batch.data)
+    randomizer.reset()
+    start = [getattr(batch.data, name).numpy().copy() for name in ("qpos", "mocap_pos", "mocap_quat")]
+    drawn, nq = randomizer.variant.numpy(), scene.sim_mjm.nq
+    ours = np.hstack([values[:, :nq] for values in stepped(batch, 30)])
+    for pair in sorted(set(map(tuple, drawn))):
+        own = SceneConfig.load(words({"asset": THINGS[pair[1]]}, {"asset": STANDS[pair[0]]}))
+        runs = []
+        for _ in range(2):
+            alone = Batch(build_model(own), NWORLD, "cuda:0")
+            for name, values in zip(("qpos", "mocap_pos", "mocap_quat"), start, strict=True):
+                getattr(alone.data, name).assign(values)
+            runs.append(np.hstack([values[:, :nq] for values in stepped(alone, 30)]))
+        rows = (drawn == pair).all(axis=1)
+        spread = np.abs(runs[0][rows] - runs[1][rows]).max()
+        assert np.abs(ours[rows] - runs[0][rows]).max() <= 4.0 * spread + 1e-6

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from types import SimpleNamespace
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -13,6 +15,7 @@ pytest.importorskip("rsl_rl")
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.registration import ENTRY_POINTS
 from sceniris_gym.training import judging, task_scenes
 from tests.training.scenes import reach_scene
 
@@ -51,3 +54,23 @@ def test_a_scene_without_free_objects_has_no_things():
     bare = SimpleNamespace(num_envs=3, device=envs.device, scene=SimpleNamespace(config=SimpleNamespace(objects=parts)))
     things, nearest = judging.density("module:Own-v0", bare, torch.ones(3, 1))  # type: ignore[arg-type]
     assert (things.tolist(), nearest.tolist()) == ([0] * 3, [np.inf] * 3)
+
+
+def test_a_task_that_asks_for_grasps_is_judged_where_objects_have_some(monkeypatch):
+    """Unfiltered layouts of it may collide, but its objects are reachable; those of other tasks need not be."""
+    base: Any = importlib.import_module("sceniris_gym.envs.tabletop_reach").TabletopReach
+
+    class Grasp(base):
+        def observe(self, s: Any) -> dict[str, dict[str, torch.Tensor]]:
+            return {"policy": {"grasp": s.grasp("can")}}
+
+    gymnasium.register("Grasp-v0", **ENTRY_POINTS, max_episode_steps=2, kwargs={"task": Grasp})  # type: ignore[arg-type]
+    monkeypatch.setattr(
+        judging,
+        "compile_scene",
+        lambda scene, device: reach_scene(reachable=any(part.reachable for part in scene.objects.values())),
+    )
+    for task, reachable in (("Grasp-v0", True), ("TabletopReach-v0", False)):
+        made = {name: env.unwrapped.compiled for name, env in judging.judges_of(task, 2, "cpu").items()}
+        assert [bool(scene.config.objects["can"].reachable) for scene in made.values()] == [True, reachable]
+    del gymnasium.registry["Grasp-v0"]

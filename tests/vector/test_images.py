@@ -11,6 +11,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, CountError, UnknownNameError
+from sceniris_gym.pictures import context
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.stepping import actions
 
@@ -65,6 +66,17 @@ def test_images_show_what_the_rays_of_mujoco_meet(make_env):
     rgb = observation["images"]["overview"]["rgb"].int()
     block = observation["images"]["overview"]["segmentation"][..., 0] == envs.images.names.index("block")
     assert (rgb[block][:, 0] > 2 * rgb[block][:, 1]).all()
+
+
+def test_backs_of_faces_change_no_picture_from_outside(make_env, monkeypatch: pytest.MonkeyPatch):
+    """Pictures are the same bytes if every hit is asked whether it is the back of a face, as for cameras inside."""
+    seen = []
+    for asked in (False, True):
+        monkeypatch.setattr(context, "may_be_inside", lambda *_, asked=asked: asked)
+        observation, _ = make_env(3, images=IMAGES).reset(seed=0)
+        seen.append({kind: np.asarray(pictures) for kind, pictures in observation["images"]["overview"].items()})
+    for kind in KINDS:
+        np.testing.assert_array_equal(seen[0][kind], seen[1][kind], err_msg=kind)
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))

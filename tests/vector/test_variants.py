@@ -13,6 +13,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
+from sceniris_gym.vector.touch import Touch
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
@@ -109,6 +110,20 @@ def test_the_grasp_is_that_of_the_variant(envs: SceneVectorEnv, compiled: Compil
     assert (grasp[:, 2] - middle).abs().max() < 0.03
 
 
+def test_contacts_are_those_of_the_variant(envs: SceneVectorEnv):
+    """Whichever it is, it stands on the floor, and it touches the cube in the world where that was put against it."""
+    envs.reset(seed=3)
+    s, touch = envs.state, Touch(envs.state, ("thing",), ("world", "other"))
+    pose = s.pose("thing")
+    pose[:, 0] += 0.0395  # both are 4 cm wide
+    s.put_pose("other", pose, torch.arange(NWORLD) == 1)
+    for _ in range(10):
+        envs.step(torch.zeros(NWORLD, 1))
+    found = touch(s)[:, 0]
+    assert found[:, 0].all()
+    assert found[:, 1].tolist() == [world == 1 for world in range(NWORLD)]
+
+
 def test_an_unknown_object_is_named_with_those_that_there_are(envs: SceneVectorEnv):
     """An object without variants, and a variant instead of its object."""
     with pytest.raises(UnknownNameError, match=r"object with variants 'other'.*thing"):
@@ -139,3 +154,24 @@ def test_a_snapshot_brings_its_variants_back(envs: SceneVectorEnv):
     assert torch.equal(first, again)
     assert torch.equal(envs.state.pose("thing")[-5:], poses)
     np.testing.assert_array_equal(envs.batch.model.geom_size.numpy()[-5:], sizes)
+
+
+def test_factors_are_of_the_variant_that_a_world_has(compiled: CompiledScene):
+    """Masses of boxes of two heights, scaled in every episode anew; inertias too."""
+
+    class Heavy(Look):
+        model_fields = ("body_mass",)
+
+        def on_reset(self, s: State, mask: torch.Tensor) -> None:
+            s.scale_field("body_mass", "thing", 1.0 + s.random("thing"), mask)
+
+    envs = SceneVectorEnv(Heavy, NWORLD, scene=compiled)
+    envs.reset(seed=0)
+    for mask in (np.arange(NWORLD) % 2 == 0, np.arange(NWORLD) % 3 == 0):
+        envs.reset(options={"reset_mask": mask})
+        s = envs.state
+        bodies = np.array([compiled.scene.bodies[f"thing/{name}"] for name in HEIGHTS])[s.variant("thing").numpy()]
+        factor, mjm = 1.0 + s.random("thing").numpy(), compiled.mjm
+        mass, inertia = (s.model_field(f"body_{name}", "thing").numpy() for name in ("mass", "inertia"))
+        np.testing.assert_allclose(mass, factor * mjm.body_mass[bodies], rtol=1e-6)
+        np.testing.assert_allclose(inertia, factor[:, None] * mjm.body_inertia[bodies], rtol=1e-6)

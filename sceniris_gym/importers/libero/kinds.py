@@ -10,18 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.importers.libero.problem import Predicate, Problem
+
 Vec3 = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Moving:
-    """The joint of a box: its name, 'slide' or 'hinge', axis, range [m or rad] and anchor [m]."""
-
-    name: str
-    type: str
-    axis: Vec3
-    range: tuple[float, float]
-    anchor: Vec3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -33,7 +25,9 @@ class Box:
         size: Full edges [m].
         open: The side that is left out of its walls, such as '-y' or '+z'; '' for a solid box.
         inside, top: The sites inside of it and on top of it; '' for none.
-        joint: Its joint, if it moves.
+        joint: The name of its joint, if it moves: it slides along y, or turns about z if it has an anchor.
+        range: Range of the joint [m or rad].
+        anchor: A point of the axis that it turns about [m].
     """
 
     pos: Vec3
@@ -41,7 +35,9 @@ class Box:
     open: str = ""
     inside: str = ""
     top: str = ""
-    joint: Moving | None = None
+    joint: str = ""
+    range: tuple[float, float] = (0.0, 0.0)
+    anchor: Vec3 | None = None
 
 
 @dataclass(frozen=True)
@@ -95,21 +91,19 @@ WORKSPACES = {
 _BACK, _ACROSS, _MUG, _BOOK = (180.0, 180.0), (90.0, 90.0), (-90.0, -90.0), (-135.0, -90.0)
 
 
-def _drawer(level: str, height: float) -> Box:
-    joint = Moving(f"{level}_level", "slide", (0.0, 1.0, 0.0), (-0.16, 0.01))
-    return Box((0.003, -0.01, height), (0.214, 0.19, 0.06), "+z", f"{level}_region", joint=joint)
-
-
 _CABINET = Kind(
     (0.254, 0.221, 0.218),
     boxes=(
         Box((0.003, 0.0, 0.114), (0.254, 0.221, 0.218), "-y", top="top_side"),
-        *(_drawer(level, z) for level, z in (("top", 0.18), ("middle", 0.11), ("bottom", 0.04))),
+        *(
+            Box((0.003, -0.01, z), (0.214, 0.19, 0.06), "+z", f"{level}_region", "", f"{level}_level", (-0.16, 0.01))
+            for level, z in (("top", 0.18), ("middle", 0.11), ("bottom", 0.04))
+        ),
     ),
     states={"Open": (-0.16, -0.14), "Close": (0.0, 0.005)},
 )
-_DOOR = Moving("microjoint", "hinge", (0.0, 0.0, 1.0), (-2.094, 0.0), (-0.172, -0.1, 0.094))
-_KNOB = Moving("button", "hinge", (0.0, 0.0, 1.0), (-0.005, 2.1))
+_DOOR = {"joint": "microjoint", "range": (-2.094, 0.0), "anchor": (-0.172, -0.1, 0.094)}
+_KNOB = {"joint": "button", "range": (-0.005, 2.1), "anchor": (0.0, 0.0, 0.0)}
 
 FIXTURES = {
     "wooden_cabinet": _CABINET,
@@ -118,7 +112,7 @@ FIXTURES = {
         (0.345, 0.225, 0.187),
         boxes=(
             Box((0.0, 0.01, 0.094), (0.345, 0.2, 0.187), "-y", "heating_region", "top_side"),
-            Box((-0.043, -0.105, 0.094), (0.255, 0.02, 0.18), joint=_DOOR),
+            Box((-0.043, -0.105, 0.094), (0.255, 0.02, 0.18), **_DOOR),
         ),
         states={"Open": (-2.094, -1.3), "Close": (-0.005, 0.0)},
     ),
@@ -126,7 +120,7 @@ FIXTURES = {
         (0.285, 0.19, 0.045),
         boxes=(
             Box((0.15, 0.0, 0.002), (0.19, 0.19, 0.045), top="cook_region"),
-            Box((0.0, 0.0, 0.0), (0.08, 0.09, 0.04), joint=_KNOB),
+            Box((0.0, 0.0, 0.0), (0.08, 0.09, 0.04), **_KNOB),
         ),
         states={"Turnon": (0.5, 2.1), "Turnoff": (-0.005, 0.0)},
     ),
@@ -181,3 +175,19 @@ OBJECTS = {
 """Objects that are free to move, by their class."""
 TURN = {"z": (1.0, 0.0, 0.0, 0.0), "y": (0.5**0.5, 0.5**0.5, 0.0, 0.0)}
 """Turn (wxyz) that lets an axis of a model point up."""
+
+
+def moving(problem: Problem, predicate: Predicate) -> tuple[str, tuple[float, float]]:
+    """Return the fixture that a predicate such as `Open` is about, and the joint positions [m or rad] it draws.
+
+    Raises:
+        UnknownNameError: The predicate does not apply to the thing.
+    """
+    region, states = problem.regions.get(predicate.names[0]), {}
+    name = predicate.names[0] if region is None else region.target
+    for thing, kind in problem.fixtures.items():
+        if kind in FIXTURES and predicate.word in FIXTURES[kind].states:
+            states[thing] = FIXTURES[kind].states[predicate.word]
+    if name not in states:
+        raise UnknownNameError(f"thing for {predicate.word}", name, predicate.where, states)
+    return name, states[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any
 
 import mujoco
@@ -14,7 +15,7 @@ from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import level_surfaces
-from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, WORKSPACES, Kind, Workspace
+from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, WORKSPACES, Kind, Workspace, moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.importers.libero.things import INNER
 from sceniris_gym.scene.assemble import compile_spec
@@ -30,13 +31,12 @@ _RADIUS = 0.025  # radius [m] by which most of LIBERO's objects keep from the ed
 def kinds_of(problem: Problem) -> dict[str, Kind]:
     """Return the class of everything but the work surface, checked."""
     found = {}
-    for things, table, word in ((problem.fixtures, FIXTURES, "fixture"), (problem.objects, OBJECTS, "object")):
-        for name, kind in things.items():
-            if kind in table:
-                found[name] = table[kind]
-            elif word == "object" or kind not in WORKSPACES:
-                valid = [*table, *WORKSPACES] if word == "fixture" else table
-                raise UnknownNameError(f"class of {word}", kind, problem.where(problem.lines[name]), valid)
+    for name, kind in problem.things.items():
+        word, table = ("object", OBJECTS) if name in problem.objects else ("fixture", {**FIXTURES, **WORKSPACES})
+        if kind not in table:
+            raise UnknownNameError(f"class of {word}", kind, problem.places[name], table)
+        if kind not in WORKSPACES:
+            found[name] = table[kind]
     return found
 
 
@@ -50,7 +50,10 @@ class Places:
 
     def __init__(self, problem: Problem, surface: str, space: Workspace, spec: mujoco.MjSpec, widen: float) -> None:
         self._problem, self._surface, self._space, self._spec, self._widen = problem, surface, space, spec, widen
-        self._kinds = kinds_of(problem)
+        self._yaw = {name: np.array(kind.yaw) for name, kind in kinds_of(problem).items()}
+        for word, (name, *names) in ((predicate.word, predicate.names) for predicate in problem.init):
+            if word == "On" and name in problem.fixtures and (region := problem.regions.get(names[0])):
+                self._yaw[name] = np.degrees(region.yaw)
         self._mjm = compile_spec(spec, str(problem.path))
         self._data = mujoco.MjData(self._mjm)
         mujoco.mj_kinematics(self._mjm, self._data)
@@ -60,33 +63,32 @@ class Places:
 
     def words(self, added: list[str]) -> dict[str, Any]:
         """Return the words of all objects by name; those of `added` stand anywhere around the rectangles."""
-        found: dict[str, dict[str, Any]] = {}
+        placing = [predicate for predicate in self._problem.init if predicate.word in ("On", "In")]
+        count = Counter(predicate.names[0] for predicate in placing)
+        for name in self._yaw:
+            if count[name] != 1 and name not in added:
+                raise SceneKeyError(
+                    f"{self._problem.places[name]}: '{name}' should have one place in ':init', such as (On {name} "
+                    f"REGION); has {count[name]}."
+                )
+        found = {predicate.names[0]: self._place(predicate) for predicate in placing}
         for predicate in self._problem.init:
-            if predicate.word in ("On", "In"):
-                found[predicate.names[0]] = self._place(predicate)
-        for predicate in self._problem.init:
-            if predicate.word not in ("On", "In"):
+            if predicate not in placing:
                 name, joints = self._state(predicate)
-                found.get(name, {}).setdefault("joints", {}).update(joints)
+                found[name].setdefault("joints", {}).update(joints)
         regions = self._problem.regions.values()
         boxes = [box for r in regions for box in r.boxes if r.target == self._surface] or [_EVERYWHERE]
         for name in added:
             low, high = np.min(boxes, axis=0)[:2] - _AROUND, np.max(boxes, axis=0)[2:] + _AROUND
-            found[name] = self._on_surface(name, np.array([low, high]), self._kinds[name].yaw) | {"ratio_on_support": 1}
-        for name in self._kinds:
-            if name not in found:
-                line = self._problem.where(self._problem.lines[name])
-                raise SceneKeyError(f"{line}: '{name}' should have a place in ':init', such as (On {name} REGION).")
+            found[name] = self._on_surface(name, np.array([low, high])) | {"ratio_on_support": 1}
         return found
 
     def _place(self, predicate: Predicate) -> dict[str, Any]:
         """Return the words of the thing that an `On` or `In` of the start places."""
-        name, target = predicate.names
-        where = f"{self._problem.where(predicate.line)}: {predicate}"
-        if name not in self._kinds:
-            raise UnknownNameError("thing", name, where, self._kinds)
+        (name, target), where = predicate.names, predicate.where
+        if name not in self._yaw:
+            raise UnknownNameError("thing", name, where, self._yaw)
         region = self._problem.regions.get(target)
-        yaw = self._kinds[name].yaw if region is None or name in self._problem.objects else np.degrees(region.yaw)
         if region is not None and region.target == self._surface:
             if len(region.boxes) != 1:
                 raise SceneKeyError(
@@ -95,7 +97,7 @@ class Places:
                 )
             low, high = np.reshape(region.boxes[0], (2, 2))
             half = np.maximum(0.5 * self._widen * (high - low), _POINT)
-            return self._on_surface(name, 0.5 * (low + high) + np.array([-half, half]), tuple(yaw))
+            return self._on_surface(name, 0.5 * (low + high) + np.array([-half, half]))
         if name in self._problem.fixtures:
             raise SceneKeyError(f"{where}: a fixture should be on a rectangle of the work surface '{self._surface}'.")
         if region is not None:
@@ -104,79 +106,66 @@ class Places:
             raise UnknownNameError("object or region", target, where, [*self._problem.objects, *self._problem.regions])
         return self._on_thing(name, target)
 
-    def _on_surface(self, name: str, corners: np.ndarray, yaw: tuple[float, float]) -> dict[str, Any]:
+    def _on_surface(self, name: str, corners: np.ndarray) -> dict[str, Any]:
         """Return the words of a thing whose origin is in a rectangle, shape (2, 2), as far as the surface reaches."""
         origin = np.array(self._space.origin[:2])
         inside = np.clip(corners, self._space.low - origin, self._space.high - origin)
-        box = _rounded(inside + self._pivot(name, yaw))
-        return self._words(name, yaw) | {"on": self._surface, "region": {"box": box}}
+        return {"on": self._surface, **self._within(name, self._yaw[name], inside)}
 
     def _on_thing(self, name: str, target: str) -> dict[str, Any]:
         """Return the words of a thing over the middle of another one, above its rim, or anywhere on the surface."""
-        yaw = self._kinds[name].yaw
         if target == self._surface:
-            return self._words(name, yaw) | {"on": target}
-        yaw, support = self._relative(yaw, target), self._mjm.body(f"{target}/{INNER}").id
+            return {"on": target, **self._within(name, self._yaw[name])}
+        yaw, support = self._relative(name, target), self._mjm.body(f"{target}/{INNER}").id
         point = self._pivot(name, yaw)
         pieces = [p for p in self._pieces if p.body == support]
         levels = level_surfaces(support, pieces, open_above=True)
         carrying = [level.height for level in levels if level.region.intersects(Point(point))]
         top = max(piece.bounds()[1][2] for piece in pieces)
         gap = {"gap": round(top - carrying[-1] + _GAP, 6)} if carrying else {}
-        support_words = {"on": f"{target}/{INNER}", "region": {"points": _rounded([point])}}
-        return self._words(name, yaw) | support_words | gap
+        middle = {"region": {"points": _rounded([point])}}
+        return {"on": f"{target}/{INNER}", **self._within(name, yaw), **middle, **gap}
 
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
         """Return the words of a thing on or in a site, which keeps its radius from the edge of half of it."""
         site = self._site(region, where)
-        yaw = self._relative(self._kinds[name].yaw, region.target)
         radius = self._spec.site(f"{name}/horizontal_radius_site")
         turned = np.abs(matrix(np.asarray(site.quat)) @ site.size)
         away = radius.pos[0] if radius is not None else _RADIUS
         half = np.abs(0.5 * turned[:2] - away)
-        middle = site.pos[:2] + self._pivot(name, yaw)
-        support = {"On": "on", "In": "in"}[word]
-        box = _rounded([middle - half, middle + half])
-        return self._words(name, yaw) | {support: site.parent.name, "region": {"box": box}}
+        corners = site.pos[:2] + np.array([-half, half])
+        return {word.lower(): site.parent.name, **self._within(name, self._relative(name, region.target), corners)}
 
-    def _words(self, name: str, yaw: tuple[float, float]) -> dict[str, Any]:
+    def _within(self, name: str, yaw: np.ndarray, corners: np.ndarray | None = None) -> dict[str, Any]:
+        """Return the words of a thing with these headings, whose origin is in a rectangle, shape (2, 2)."""
         kind = {"kind": "fixture"} if name in self._problem.fixtures else {}
-        return {**kind, "orientation": {"yaw": _rounded(yaw)}}
+        region = {} if corners is None else {"region": {"box": _rounded(corners + self._pivot(name, yaw))}}
+        return {**kind, "orientation": {"yaw": _rounded(yaw)}, **region}
 
-    def _relative(self, yaw: tuple[float, float], target: str) -> tuple[float, float]:
-        """Return a heading in the world as one relative to a thing, in the middle of its own headings."""
-        its = self._kinds[target].yaw
-        for predicate in self._problem.init:
-            if predicate.names[0] == target and target in self._problem.fixtures and predicate.word == "On":
-                region = self._problem.regions.get(predicate.names[1])
-                its = (0.0, 0.0) if region is None else tuple(np.degrees(region.yaw))
-        turn = math.remainder(0.5 * sum(yaw) - 0.5 * sum(its), 360.0)
-        half = 0.5 * (yaw[1] - yaw[0])
-        return turn - half, turn + half
+    def _relative(self, name: str, target: str) -> np.ndarray:
+        """Return the headings of a thing relative to another one in the middle of its own headings."""
+        yaw = self._yaw[name]
+        return yaw - yaw.mean() + math.remainder(yaw.mean() - self._yaw[target].mean(), 360.0)
 
-    def _pivot(self, name: str, yaw: tuple[float, float]) -> np.ndarray:
+    def _pivot(self, name: str, yaw: np.ndarray) -> np.ndarray:
         """Return where the pivot is, from the origin that LIBERO places, in the middle of the headings [m]."""
         root = self._mjm.body(name).id
         inside = subtree(self._mjm, root)
         shape = HomeShape(self._data, root, [p for p in self._pieces if p.body in inside])
         x, y = shape.variant(np.array([1.0, 0.0, 0.0, 0.0])).pivot[:2]
-        angle = math.radians(0.5 * sum(yaw))
+        angle = math.radians(yaw.mean())
         return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
 
     def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
         """Return the thing and the joints that a predicate such as `Open` moves."""
-        where = f"{self._problem.where(predicate.line)}: {predicate}"
+        name, positions = moving(self._problem, predicate)
         region = self._problem.regions.get(predicate.names[0])
-        name = predicate.names[0] if region is None else region.target
-        kind = self._kinds.get(name)
-        if kind is None or predicate.word not in kind.states:
-            can = [n for n, k in self._kinds.items() if predicate.word in k.states]
-            raise UnknownNameError(f"thing for {predicate.word}", predicate.names[0], where, can)
-        body = self._spec.body(name) if region is None else self._site(region, where).parent
-        found = body.find_all("joint") if region is None else list(body.joints)
-        return name, {
-            joint.name.removeprefix(f"{name}/"): {"range": list(kind.states[predicate.word])} for joint in found
-        }
+        found = self._spec.body(name).find_all("joint")
+        if region is not None:
+            found = self._site(region, predicate.where).parent.joints
+        if not found:
+            raise SceneKeyError(f"{predicate.where}: '{predicate.names[0]}' should be a part that moves, or '{name}'.")
+        return name, {joint.name.removeprefix(f"{name}/"): {"range": list(positions)} for joint in found}
 
     def _site(self, region: Region, where: str) -> mujoco.MjsSite:
         site = self._spec.site(f"{region.target}/{region.name}")

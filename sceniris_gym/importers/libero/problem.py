@@ -1,11 +1,11 @@
-"""A BDDL problem file as it is written: regions, things and predicates, each with its line."""
+"""A BDDL problem file as it is written: regions, things and predicates, each with its place in the file."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sceniris_gym.config.messages import short
@@ -20,15 +20,18 @@ _ATTRIBUTES = (":target", ":ranges", ":yaw_rotation", ":rgba")
 
 
 class Word(str):
-    """A word of the file that knows its line."""
+    """A word of the file that knows its place there, 'FILE:LINE'."""
 
-    line = 0
+    where = ""
 
 
 class Group(list):
-    """A parenthesis of the file, of words and other groups, that knows its line."""
+    """A parenthesis of the file, of words and other groups, that knows where it opens, 'FILE:LINE'."""
 
-    line = 0
+    where = ""
+
+    def __repr__(self) -> str:
+        return f"({' '.join(str(part) for part in self)})"
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,12 @@ class Predicate:
     Attributes:
         word: A key of `PREDICATES`.
         names: The things or regions.
-        line: Its line in the file.
+        where: Its place, 'FILE:LINE: (On ...)'.
     """
 
     word: str
     names: tuple[str, ...]
-    line: int = 0
+    where: str = field(default="", compare=False)
 
     def __str__(self) -> str:
         return f"({self.word} {' '.join(self.names)})"
@@ -59,14 +62,14 @@ class Region:
         boxes: Rectangles (low x, low y, high x, high y) [m] relative to the origin of the work surface; none for a
             site.
         yaw: Least and greatest heading [rad] of a fixture that is placed there.
-        line: Its line in the file.
+        where: Its place, 'FILE:LINE'.
     """
 
     target: str
     name: str
     boxes: tuple[tuple[float, ...], ...]
     yaw: tuple[float, float]
-    line: int
+    where: str
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ class Problem:
         fixtures, objects: The class of each thing by its name.
         of_interest: Things and regions that the task is about.
         init, goal: Predicates of the start, and those that all hold at the end.
-        lines: The line of each thing.
+        places: The place of each thing in the file, 'FILE:LINE'.
     """
 
     path: Path
@@ -91,16 +94,12 @@ class Problem:
     of_interest: tuple[str, ...]
     init: tuple[Predicate, ...]
     goal: tuple[Predicate, ...]
-    lines: Mapping[str, int]
+    places: Mapping[str, str]
 
     @property
     def things(self) -> dict[str, str]:
         """The class of each fixture and object by its name."""
         return {**self.fixtures, **self.objects}
-
-    def where(self, line: int) -> str:
-        """Return the place of a line, for messages."""
-        return f"{self.path}:{line}"
 
 
 def read_problem(path: str | Path) -> Problem:
@@ -118,53 +117,55 @@ def read_problem(path: str | Path) -> Problem:
         why = "it does not exist" if not file.is_file() else str(error)
         raise SceneFileError(f"read_bddl: '{file}' cannot be read: {why}. Give a problem file (.bddl).") from None
     sections = _sections(_parsed(text, file), file)
-    regions = {f"{r.target}_{r.name}": r for r in (_region(group, file) for group in sections["regions"])}
-    fixtures, objects = (list(_typed(sections[key], file)) for key in ("fixtures", "objects"))
-    lines: dict[str, int] = {}
-    for name, _ in (*fixtures, *objects):
-        if name in lines:
-            raise SceneKeyError(f"{file}:{name.line}: '{name}' should be another name: line {lines[name]} has it, too.")
-        lines[str(name)] = name.line
+    regions = {f"{r.target}_{r.name}": r for r in map(_region, sections["regions"])}
+    things: dict[str, dict[str, str]] = {"fixtures": {}, "objects": {}}
+    places: dict[str, str] = {}
+    for key, found in things.items():
+        for name, kind in _typed(sections[key]):
+            if name in places:
+                raise SceneKeyError(f"{name.where}: '{name}' should be another name: {places[name]} has it, too.")
+            found[str(name)], places[str(name)] = kind, name.where
     problem = Problem(
         file,
-        " ".join(_words(sections["language"], file)),
+        " ".join(_words(sections["language"])),
         regions,
-        {str(name): kind for name, kind in fixtures},
-        {str(name): kind for name, kind in objects},
-        tuple(_words(sections["obj_of_interest"], file)),
-        tuple(_predicate(group, file) for group in sections["init"]),
-        tuple(_goal(sections["goal"], file)),
-        lines,
+        **things,
+        of_interest=tuple(_words(sections["obj_of_interest"])),
+        init=tuple(map(_predicate, sections["init"])),
+        goal=tuple(_goal(sections["goal"])),
+        places=places,
     )
-    known = [*problem.things, *regions]
     for predicate in (*problem.init, *problem.goal):
-        for name in predicate.names:
-            if name not in known:
-                raise UnknownNameError("thing or region", name, f"{problem.where(predicate.line)}: {predicate}", known)
-            if name in regions and (target := regions[name].target) not in problem.things:
-                raise UnknownNameError("thing", target, f"{problem.where(regions[name].line)}: :target", problem.things)
+        for i, name in enumerate(predicate.names):
+            if predicate.word == "In" and i == 1 and name not in regions:
+                raise UnknownNameError("region", name, predicate.where, regions)
+            if name not in {**places, **regions}:
+                raise UnknownNameError("thing or region", name, predicate.where, [*places, *regions])
+            if name in regions and regions[name].target not in places:
+                raise UnknownNameError("thing", regions[name].target, f"{regions[name].where}: :target", places)
     return problem
 
 
 def _parsed(text: str, file: Path) -> Group:
-    """Return the first group of a text; words keep their lines."""
-    top, stack = Group(), []
-    stack.append(top)
-    for found in _TOKEN.finditer(text):
-        token, line = found[0], text.count("\n", 0, found.start()) + 1
-        if token == "(":
-            stack[-1].append(group := Group())
-            group.line = line
-            stack.append(group)
-        elif token == ")":
-            if len(stack) == 1:
-                raise SceneFileError(f"{file}:{line}: this ')' should be left out: it closes nothing.")
-            stack.pop()
-        elif not token.startswith(";"):
-            stack[-1].append(word := Word(token))
-            word.line = line
+    """Return the first group of a text; words and groups keep their places."""
+    top = Group()
+    stack = [top]
+    for number, line in enumerate(text.split("\n"), 1):
+        for token in _TOKEN.findall(line):
+            where = f"{file}:{number}"
+            if token == "(":
+                stack.append(Group())
+                stack[-1].where = where
+                stack[-2].append(stack[-1])
+            elif token == ")":
+                if len(stack) == 1:
+                    raise SceneFileError(f"{where}: this ')' should be left out: it closes nothing.")
+                stack.pop()
+            elif not token.startswith(";"):
+                stack[-1].append(word := Word(token))
+                word.where = where
     if len(stack) > 1:
-        raise SceneFileError(f"{file}:{stack[-1].line}: the '(' of this line should be closed by a ')'.")
+        raise SceneFileError(f"{stack[-1].where}: the '(' of this line should be closed by a ')'.")
     if not top or not isinstance(top[0], Group) or top[0][:1] != ["define"]:
         raise SceneFileError(f"{file}: should be a problem file that begins with '(define (problem NAME) ...'.")
     return top[0]
@@ -176,7 +177,7 @@ def _sections(group: Group, file: Path) -> dict[str, Group]:
     for part in group[1:]:
         head = str(part[0]) if isinstance(part, Group) and part else str(part)
         if head not in ("problem", *(f":{name}" for name in _SECTIONS)):
-            raise UnknownNameError("section", head, f"{file}:{part.line}", [f":{name}" for name in _SECTIONS])
+            raise UnknownNameError("section", head, part.where, [f":{name}" for name in _SECTIONS])
         found.setdefault(head.removeprefix(":"), Group()).extend(part[1:])
     for name in ("fixtures", "init", "goal"):
         if not found[name]:
@@ -184,8 +185,7 @@ def _sections(group: Group, file: Path) -> dict[str, Group]:
     return found
 
 
-def _region(group: Group, file: Path) -> Region:
-    where = f"{file}:{group.line}"
+def _region(group: Group) -> Region:
     try:
         name, *parts = group
         given = {str(part[0]): part[1:] for part in parts}
@@ -197,12 +197,12 @@ def _region(group: Group, file: Path) -> Region:
             raise ValueError
     except (KeyError, TypeError, ValueError):
         raise SceneKeyError(
-            f"{where}: {short(group)} should be a region: a name, '(:target THING)', and for one on the work surface "
-            "'(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', with '(:yaw_rotation ((LEAST GREATEST)))' if it is turned."
+            f"{group.where}: {short(group)} should be a region: a name, '(:target THING)', and for one on the work "
+            "surface '(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', with '(:yaw_rotation ((LEAST GREATEST)))' if it turns."
         ) from None
     for word in given:
-        raise UnknownNameError("attribute of a region", word, f"{where}: {name}", _ATTRIBUTES)
-    return Region(str(target), name, tuple(boxes), (min(low, high), max(low, high)), group.line)
+        raise UnknownNameError("attribute of a region", word, f"{group.where}: {name}", _ATTRIBUTES)
+    return Region(str(target), name, tuple(boxes), (min(low, high), max(low, high)), group.where)
 
 
 def _rows(value: list, size: int) -> list[tuple[float, ...]]:
@@ -213,45 +213,45 @@ def _rows(value: list, size: int) -> list[tuple[float, ...]]:
     return found
 
 
-def _typed(group: Group, file: Path) -> Iterator[tuple[Word, str]]:
+def _typed(group: Group) -> Iterator[tuple[Word, str]]:
     """Yield each name of `a b - class c - class` with its class."""
     names: list[Word] = []
-    words = iter(_words(group, file))
+    words = iter(_words(group))
     for word in words:
-        kind = str(next(words, "")) if word == "-" else None
-        if kind is None:
+        if word != "-":
             names.append(word)
-        elif kind and names:
-            yield from ((name, kind) for name in names)
-            names = []
-        else:
-            raise SceneKeyError(f"{file}:{word.line}: '-' should stand between names and their class.")
+            continue
+        kind = next(words, None)
+        if kind is None or not names:
+            raise SceneKeyError(f"{word.where}: '-' should stand between names and their class.")
+        yield from ((name, str(kind)) for name in names)
+        names = []
     for name in names:
-        raise SceneKeyError(f"{file}:{name.line}: '{name}' should be followed by '- CLASS'.")
+        raise SceneKeyError(f"{name.where}: '{name}' should be followed by '- CLASS'.")
 
 
-def _words(group: Group, file: Path) -> list[Word]:
+def _words(group: Group) -> list[Word]:
     for part in group:
         if not isinstance(part, Word):
-            raise SceneKeyError(f"{file}:{part.line}: {short(part)} should be a word without parentheses.")
-    return list(group)
+            raise SceneKeyError(f"{part.where}: {short(part)} should be a word without parentheses.")
+    return group
 
 
-def _goal(groups: Group, file: Path) -> Iterator[Predicate]:
+def _goal(groups: Group) -> Iterator[Predicate]:
     """Yield the predicates of a goal, of one that has `And` those inside."""
     for group in groups:
         if isinstance(group, Group) and group and str(group[0]).lower() == "and":
-            yield from _goal(Group(group[1:]), file)
+            yield from _goal(Group(group[1:]))
         else:
-            yield _predicate(group, file)
+            yield _predicate(group)
 
 
-def _predicate(group: Group | Word, file: Path) -> Predicate:
-    where = f"{file}:{group.line}"
-    head, *names = [str(word) for word in group] if isinstance(group, Group) and group else [str(group)]
+def _predicate(group: Group | Word) -> Predicate:
+    head, *names = map(str, group if isinstance(group, Group) and group else [group])
     word = {name.lower(): name for name in PREDICATES}.get(head.lower())
     if word is None:
-        raise UnknownNameError("predicate", head, where, [*PREDICATES, "And"])
+        raise UnknownNameError("predicate", head, group.where, [*PREDICATES, "And"])
     if len(names) != PREDICATES[word] or not isinstance(group, Group):
-        raise SceneKeyError(f"{where}: {short(group)} should be ({word}) with {PREDICATES[word]} things or regions.")
-    return Predicate(word, tuple(names), group.line)
+        count = "a thing or region" if PREDICATES[word] == 1 else "a thing, and a thing or region"
+        raise SceneKeyError(f"{group.where}: {short(group)} should be ({word} ...) with {count}.")
+    return Predicate(word, tuple(names), f"{group.where}: ({word} {' '.join(names)})")

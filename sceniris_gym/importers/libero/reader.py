@@ -95,7 +95,7 @@ def read_bddl(
         words["groups"] = {_CLUTTER: {"of": list(added), "count": clutter}}
     place_on(spec, words)
     if robot is not None:
-        words["robot"] = {"base": space.base, **({"asset": robot} if isinstance(robot, str) else robot)}
+        words["robot"] = {"base": space.base, **(robot if isinstance(robot, Mapping) else {"asset": robot})}
     return LiberoTask(SceneConfig.load({"name": problem.path.stem, "model": spec, **words}), problem)
 
 
@@ -109,7 +109,7 @@ def _workspace(problem: Problem) -> tuple[str, Workspace]:
         )
     name, kind = found[0], problem.fixtures[found[0]]
     if (name == FLOOR) != (kind == FLOOR):
-        where = problem.where(problem.lines[name])
+        where = problem.places[name]
         raise SceneKeyError(f"{where}: '{name} - {kind}' should be named 'floor' if it is the floor, and only then.")
     return name, WORKSPACES[kind]
 
@@ -127,7 +127,7 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
     boxes = {}
     for name, kind in kinds_of(problem).items():
         word = problem.things[name]
-        where = f"{problem.where(problem.lines[name])}: {name}" if name in problem.lines else f"read_bddl: {name}"
+        where = f"{problem.places.get(name, 'read_bddl')}: {name}"
         child = None if assets is None else load_thing(word, kind, assets, where)
         if child is None:
             child, boxes[word] = stand_in(kind), kind

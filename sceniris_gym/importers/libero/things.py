@@ -23,6 +23,7 @@ _FILES = (
 _HIDDEN = 3  # group of geoms that collide and are not drawn, which is 0 in LIBERO's models
 _WALL = 0.004  # thickness of walls [m]
 _DENSITY = 300.0  # kg/m^3
+_COLOUR = [0.7, 0.6, 0.5, 1.0]
 _SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
@@ -53,16 +54,13 @@ def stand_in(kind: Kind) -> mujoco.MjSpec:
     whole = Box((0.0, 0.0, 0.5 * kind.size[2]), kind.size, "+z" if kind.inside else "", kind.inside)
     for box in kind.boxes or (whole,):
         body, at = inner, np.array(box.pos)
-        if box.joint is not None:
-            body, at = inner.add_body(name=box.joint.name, pos=box.joint.anchor), at - box.joint.anchor
-            body.add_joint(
-                name=box.joint.name,
-                type=getattr(mujoco.mjtJoint, f"mjJNT_{box.joint.type.upper()}"),
-                axis=box.joint.axis,
-                range=box.joint.range,
-                limited=True,
-                damping=1.0,
-            )
+        if box.joint:
+            body = inner.add_body(name=box.joint)
+            joint = body.add_joint(name=box.joint, range=box.range, limited=True, damping=1.0)
+            if box.anchor is None:
+                joint.type, joint.axis = mujoco.mjtJoint.mjJNT_SLIDE, [0.0, 1.0, 0.0]
+            else:
+                joint.pos = box.anchor
         _add_walls(body, at, 0.5 * np.array(box.size), box.open)
         half = 0.5 * np.array(box.size) - _WALL
         for site, pos, size in ((box.inside, at, half), (box.top, at + [0.0, 0.0, half[2]], [*half[:2], 0.001])):
@@ -73,25 +71,22 @@ def stand_in(kind: Kind) -> mujoco.MjSpec:
 
 def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: str) -> None:
     """Add a solid box, or five walls inside of its bounds."""
-    for side in _SIDES if opening else ("",):
-        if side == opening != "":
-            continue
+    for i, side in enumerate(_SIDES if opening else ("",)):
         pos, size = at.copy(), half.copy()
         if side:
-            axis, sign = "xyz".index(side[1]), 1.0 if side[0] == "+" else -1.0
-            size[axis] = 0.5 * _WALL
-            pos[axis] += sign * (half[axis] - 0.5 * _WALL)
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=pos, size=size, density=_DENSITY, rgba=[0.7, 0.6, 0.5, 1.0])
+            size[i // 2] = 0.5 * _WALL
+            pos[i // 2] += (2 * (i % 2) - 1) * (half[i // 2] - 0.5 * _WALL)
+        if side != opening or not side:
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=pos, size=size, density=_DENSITY, rgba=_COLOUR)
 
 
 def _with_unique_names(text: str) -> str:
     """Return MJCF in which no two elements of one kind in `<asset>` have one name: MuJoCo reads no such file."""
     root = ElementTree.fromstring(text)
     seen: Counter[tuple[str, str]] = Counter()
-    for element in (element for asset in root.iter("asset") for element in asset):
-        name = element.get("name")
-        if name is not None:
-            seen[element.tag, name] += 1
-            if (number := seen[element.tag, name]) > 1:
-                element.set("name", f"{name}_{number}")
+    for element in (element for asset in root.iter("asset") for element in asset if element.get("name")):
+        key = element.tag, element.attrib["name"]
+        seen[key] += 1
+        if seen[key] > 1:
+            element.set("name", f"{key[1]}_{seen[key]}")
     return ElementTree.tostring(root, encoding="unicode")

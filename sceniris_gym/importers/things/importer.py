@@ -132,6 +132,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
             "mass_kg": round(sum(link.inertia.mass for link in asset.links if link.inertia), 6),
             **_findings(thing, solids, cut, rests),
             "grasps": len(grasps),
+            "tags": _tags(asset, grasps, rests),
             "files": {file.name: _hash(file) for file in files},
         }
         text = json.dumps(manifest, indent=1)
@@ -211,6 +212,16 @@ def _findings(
         ],
         "notes": notes,
     }
+
+
+def _tags(asset: Thing, grasps: list[GraspSite], rests: list[Rest]) -> list[str]:
+    """Return the tags by which a scene can choose the thing from its folder."""
+    tags = {
+        "graspable": bool(grasps),
+        "rigid": len(asset.links) == 1,
+        "stands": bool(stands(rests, np.array([0.0, 0.0, 1.0]))),
+    }
+    return [tag for tag, holds in tags.items() if holds]
 
 
 def _hash(path: Path) -> str:

@@ -5,14 +5,16 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.collision import collides_alone
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.standing import (
-    MOST_DIRECTIONS,
+    MOST_CORNERS,
     Level,
     find_patch,
     lies_on_a_part,
     loads_stand,
     measure,
+    softness_of,
     weigh,
 )
 from sceniris_gym.program.device import Cause, Program
@@ -47,24 +49,26 @@ def _level_of(
 ) -> Level:
     """Return level `number` of `Statics`, on which `above` stands, without what its patch says."""
     obj = statics.level_obj[number]
+    worldid = search.row_world[row]
     level = Level()
     own = wp.vec4(0.0)
     if obj == search.obj[c]:
         place = search.place[c]
         level.pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
-        own = weigh(program, statics, obj, search.body_pos[c], search.body_quat[c], level.pivot)
+        own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], level.pivot)
     else:
         place = layouts.place[row, program.obj_slot[obj]]
         level.pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
-        own = weigh(program, statics, obj, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
+        own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
     for i in range(statics.level_loadnum[number]):
         other = statics.load[statics.level_loadadr[number] + i]
         if layouts.present[row, program.obj_slot[other]] != 0:
-            own += weigh(program, statics, other, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
+            own += weigh(program, statics, other, worldid, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
     level.own = _around(own)
     level.load = _around(own + _moments(above.load, level.pivot - above.pivot))
     level.gap = program.obj_gap[obj]
     level.law = statics.obj_law[obj]
+    level.soft = softness_of(program, statics, obj, worldid)
     return level
 
 
@@ -86,7 +90,7 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate stands, and all levels below it with it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
-    patch = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=wp.vec2)
+    patch = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
     num = statics.obj_levelnum[search.obj[c]]
     above = Level()
@@ -102,13 +106,24 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         above = _level_of(program, statics, layouts, search, c, row, adr + j, above)
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - above.pivot, layouts.body_quat[row, body])
-        if not find_patch(statics, obj, variant, heading, surface, ground, patch):
+        corners = find_patch(statics, obj, variant, heading, surface, ground, patch)
+        if corners == 0:
             return False
-        above = measure(statics, above, obj, variant, patch)
+        above = measure(statics, above, obj, variant, patch, corners)
         if above.margin <= 0.0:
             return False
         levels[j] = above
     return loads_stand(levels, num)
+
+
+@wp.func
+def _test(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int):
+    """Reject a candidate that would fall, or make what it is put on fall."""
+    if search.cause[c] == Cause.NONE:
+        if statics.obj_levelnum[search.obj[c]] > 0:
+            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
+                if not _stands(program, statics, layouts, search, c, search.row[c]):
+                    search.cause[c] = Cause.FALLS
 
 
 @wp.kernel(grid_stride=False)
@@ -118,18 +133,44 @@ def _test_standing(
     lanes: int,
     # Layouts in: present, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos, body_quat
+    # Search in: row_world, row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos,
+    #   body_quat
     # Search out: cause
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
-            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
-                if not _stands(program, statics, layouts, search, c, search.row[c]):
-                    search.cause[c] = Cause.FALLS
+        _test(program, statics, layouts, search, c)
+
+
+# Most waves have nothing to test here, so that a launch of its own for either test would cost more than the tests do.
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False, module_options={"fuse_fp": False})
+def _test_overflowed_and_standing(
+    program: Program,
+    statics: Statics,
+    lanes: int,
+    # Layouts in: present, place, body_pos, body_quat
+    layouts: LayoutsView,
+    # Search in: row_world, row_surface, row_variant, candidates, any_overflowed, row, obj, cause, turn, surface, place,
+    #   overflowed, body_pos, body_quat
+    # Search out: cause
+    search: Search,
+):
+    for c in range(wp.tid(), candidate_num(search), lanes):
+        if search.any_overflowed[0] != 0:
+            if search.cause[c] == Cause.NONE and search.overflowed[c] != 0:
+                if collides_alone(program, layouts, search, c):
+                    search.cause[c] = Cause.COLLISION
+        _test(program, statics, layouts, search, c)
 
 
 def launch_test_standing(work: Workspace) -> None:
     """Reject candidates that would fall, or make what they are put on fall."""
-    lanes = work.size.lanes
-    work.launch(_test_standing, lanes, [work.program, work.statics, lanes, work.layouts, work.search])
+    kernel = _test_overflowed_and_standing if work.repeats_while_standing else _test_standing
+    work.launch(kernel, work.size.lanes, [work.program, work.statics, work.size.lanes, work.layouts, work.search])
+
+
+def lane_kernels(work: Workspace) -> tuple[wp.Kernel, ...]:
+    """Return the kernels that are launched with independent lanes: one, or none where nothing can fall."""
+    if work.statics is None:
+        return ()
+    return (_test_overflowed_and_standing if work.repeats_while_standing else _test_standing,)

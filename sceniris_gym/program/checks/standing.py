@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 
 import mujoco
 import numpy as np
@@ -15,6 +16,8 @@ from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight
 from sceniris_gym.program.standing import Stance, levels_of
 from sceniris_gym.program.surfaces import UPRIGHT
+from sceniris_gym.scene.draws import drawn_bounds
+from sceniris_gym.scene.model import SceneModel
 
 # Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds things there.
 _TILT = 1.0
@@ -37,38 +40,43 @@ def check_standing(plan: Plan) -> None:
             support does not carry, too many objects on each other, or a joint that gives way.
     """
     config, mjm, found = plan.scene.config, plan.scene.mjm, plan.stances
-    loads = [weights(mjm)[o.bodies].sum() for o in plan.objects]
+    heaviest = drawn_bounds(plan.scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
+    # of the model, and of what is drawn at most
+    loads = [np.array([(weights(mjm) * ratio)[o.bodies].sum() for ratio in (1.0, heaviest)]) for o in plan.objects]
     for number in reversed([i for i, stance in enumerate(found) if stance is not None]):
         o, stance = plan.objects[number], found[number]
         assert o.config is not None and o.config.support is not None and stance is not None
         where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
-        _check_gravity(mjm, where)
+        _check_gravity(plan.scene, where)
         if not stance.meets:
             raise SceneKeyError(
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
                 f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
             )
         check_weight(mjm, o.bodies, where)
-        _check_foot(stance, float(loads[number]), f"{where}: '{o.name}'")
+        _check_foot(stance, float(loads[number][0]), f"{where}: '{o.name}'")
         levels = len(levels_of(found, number))
         if levels > MAX_LEVELS:
             raise SceneKeyError(
                 f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
                 "another stack."
             )
-        _check_joints(plan, o, float(loads[number]), where)
+        _check_joints(plan, o, float(loads[number][1]), where)
         if stance.carrier is not None:
             loads[stance.carrier] += loads[number]
 
 
-def _check_gravity(mjm: mujoco.MjModel, where: str) -> None:
-    """Refuse a model in which nothing can stand."""
-    pull, bits = mjm.opt.gravity, mujoco.mjtDisableBit
-    if -pull[2] < np.linalg.norm(pull) * np.cos(np.radians(_TILT)):
-        raise SceneKeyError(
-            f"{where}: gravity is {pull.tolist()}, and should point down the z axis to {_TILT:g} degree for what "
-            f"stands. Correct it, {_ANYWAY}."
-        )
+def _check_gravity(scene: SceneModel, where: str) -> None:
+    """Refuse a model in which nothing can stand, or gravity is drawn with too much of a tilt."""
+    mjm, bits = scene.mjm, mujoco.mjtDisableBit
+    low, high = (bound[0] for bound in drawn_bounds(scene.draws, mjm, "gravity"))
+    for pull in itertools.product(*zip(low.tolist(), high.tolist(), strict=True)):
+        if -pull[2] < np.linalg.norm(pull) * np.cos(np.radians(_TILT)):
+            drawn = "may be drawn as" if (low != high).any() else "is"
+            raise SceneKeyError(
+                f"{where}: gravity {drawn} {list(pull)}, and should point down the z axis to {_TILT:g} degree for "
+                f"what stands. Correct it, {_ANYWAY}."
+            )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
         raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
 

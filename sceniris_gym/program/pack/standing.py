@@ -17,6 +17,7 @@ from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, carrier_of, levels_of
+from sceniris_gym.scene.draws import drawn_fields
 
 _DIRECTIONS = 32
 
@@ -38,6 +39,8 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     corner, of_feet = addressed("foot_corner", foot)
     parts, of_surfaces = addressed("surface_part", (_convex_parts(s) for s in surfaces_of_regions(objects)))
     side, of_parts = addressed("part_side", parts)
+    shifted = [s.is_shifted for o, s in zip(objects, known, strict=True) for _ in o.variants]
+    drawn = {"body_mass", "body_ipos"}.intersection(drawn_fields(plan.scene.draws))
     statics = Statics()
     arrays = {
         **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
@@ -46,17 +49,25 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_four": np.array([s.has_four for s in known], bool),
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
         "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
+        "variant_box": np.reshape([_box(np.concatenate(f.parts)) for f in feet], (-1, 4)),
         "variant_curved": np.array([f.is_curved for f in feet], bool),
-        "variant_holds": np.array([f.margin > 0.0 for f in feet], bool),
+        "obj_weight": np.array([weights(mjm)[o.bodies].sum() for o in objects]),
+        "obj_share": np.array([s.share for s in known if drawn]),
+        "variant_holds": np.array([f.margin > 0.0 and not x for f, x in zip(feet, shifted, strict=True)], bool),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),
         "side": np.reshape(side, (-1, 4)),
-        "body_weight": weights(mjm),
-        "body_center": mjm.body_ipos,
+        "body_weight": weights(mjm)[None],
+        "body_center": mjm.body_ipos[None],
     }
     fill_struct(Statics, statics, arrays, device)
     return statics
+
+
+def _box(points: np.ndarray) -> np.ndarray:
+    """Return the least and the greatest coordinates of points [m] of shape (n, 2), shape (4,)."""
+    return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:

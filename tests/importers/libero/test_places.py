@@ -178,10 +178,19 @@ def test_fixtures_stand_on_the_work_surface(tmp_path: Path):
         read_bddl(write(tmp_path, **{place: "(On flat_stove_1 plate_1)"}))
 
 
-def test_a_thing_without_a_place_is_an_error(tmp_path: Path):
+def test_a_part_that_does_not_move_cannot_be_opened(tmp_path: Path):
+    """The top of a cabinet has no joint."""
+    with pytest.raises(SceneKeyError, match=r"bddl:\d+: \(Open .*side\): '.*side' should be a part that moves, or 'wo"):
+        read_bddl(write(tmp_path, **{"(Open wooden_cabinet_1_top_region)": "(Open wooden_cabinet_1_top_side)"}))
+
+
+def test_a_thing_without_one_place_is_an_error(tmp_path: Path):
     """With the predicate that would give it one; a region of the table needs a rectangle."""
-    with pytest.raises(SceneKeyError, match=r"'plate_1' should have a place in ':init', such as \(On plate_1 REGION"):
-        read_bddl(write(tmp_path, **{"(On plate_1 kitchen_table_plate_region)": ""}))
+    place = "(On plate_1 kitchen_table_plate_region)"
+    for places, count in (("", 0), (f"{place} (On plate_1 akita_black_bowl_1)", 2)):
+        wanted = rf"'plate_1' should have one place in ':init', such as \(On plate_1 REGION\); has {count}\."
+        with pytest.raises(SceneKeyError, match=wanted):
+            read_bddl(write(tmp_path, **{place: places}))
     with pytest.raises(SceneKeyError, match=r"region 'plate_region' should have one rectangle .* has 0"):
         read_bddl(write(tmp_path, **{"(:ranges ((0.02 0.1 0.06 0.14)))": ""}))
     with pytest.raises(SceneKeyError, match=r"region 'plate_region' should have one rectangle .* has 2"):

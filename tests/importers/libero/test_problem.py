@@ -22,9 +22,9 @@ def test_a_problem_is_read_as_it_is_written(tmp_path: Path):
     assert problem.language == "put the bowl on the plate and close the top drawer"
     assert problem.objects["akita_black_bowl_2"] == "akita_black_bowl"
     assert list(problem.fixtures.values()) == ["kitchen_table", "wooden_cabinet", "flat_stove"]
-    line = line_of("(cabinet_region")
-    yaw = (3.141592653589793, 3.141592653589793)
-    cabinet = Region("kitchen_table", "cabinet_region", ((0.0, -0.31, 0.02, -0.29),), yaw, line)
+    file, yaw = tmp_path / "problem.bddl", (3.141592653589793, 3.141592653589793)
+    where = f"{file}:{line_of('(cabinet_region')}"
+    cabinet = Region("kitchen_table", "cabinet_region", ((0.0, -0.31, 0.02, -0.29),), yaw, where)
     assert problem.regions["kitchen_table_cabinet_region"] == cabinet
     assert problem.regions["wooden_cabinet_1_top_region"].boxes == ()
     assert len(problem.init) == 7
@@ -32,9 +32,10 @@ def test_a_problem_is_read_as_it_is_written(tmp_path: Path):
         "(On akita_black_bowl_1 plate_1)",
         "(Close wooden_cabinet_1_top_region)",
     ]
-    assert problem.init[-1] == Predicate("Turnon", ("flat_stove_1",), line_of("(Turnon flat"))
+    assert problem.init[-1] == Predicate("Turnon", ("flat_stove_1",))
+    assert problem.init[-1].where == f"{file}:{line_of('(Turnon flat')}: (Turnon flat_stove_1)"
     assert problem.of_interest == ("akita_black_bowl_1", "plate_1")
-    assert problem.lines["plate_1"] == line_of("plate_1 - plate")
+    assert problem.places["plate_1"] == f"{file}:{line_of('plate_1 - plate')}"
 
 
 def test_predicates_are_read_in_any_case(tmp_path: Path):
@@ -42,14 +43,25 @@ def test_predicates_are_read_in_any_case(tmp_path: Path):
     changes = {"(Turnon flat": "(TURNON flat", "(And (On akita_black_bowl_1 plate_1)": "(and (turnOff flat_stove_1)"}
     problem = read_problem(write(tmp_path, **changes))
     assert problem.init[-1].word == "Turnon"
-    assert problem.goal[0] == Predicate("Turnoff", ("flat_stove_1",), problem.goal[0].line)
+    assert problem.goal[0] == Predicate("Turnoff", ("flat_stove_1",))
 
 
 WRONG = [
     ("(On plate_1 kitchen", "(Onto plate_1 kitchen", UnknownNameError, "unknown predicate 'Onto'. Did you mean 'On'?"),
     ("(Turnon flat", "(Not flat", UnknownNameError, "unknown predicate 'Not'"),
     ("kitchen_table_plate_region)", "kitchen_table_plat_region)", UnknownNameError, "'kitchen_table_plate_region'?"),
-    ("(Open wooden_cabinet_1_top_region)", "(Open wooden_cabinet_1 top)", SceneKeyError, "with 1 things or regions"),
+    (
+        "(Open wooden_cabinet_1_top_region)",
+        "(Open wooden_cabinet_1 top)",
+        SceneKeyError,
+        "(Open ...) with a thing or region",
+    ),
+    (
+        "(On akita_black_bowl_1 plate_1)",
+        "(In akita_black_bowl_1 plate_1)",
+        UnknownNameError,
+        "unknown region 'plate_1'",
+    ),
     ("(:target flat_stove_1)", "(:goal flat_stove_1)", SceneKeyError, "should be a region: a name, '(:target"),
     ("(:rgba (0 0 1 0))", "(:colour (0 0 1 0))", UnknownNameError, "unknown attribute of a region ':colour'"),
     ("(0.02 0.1 0.06 0.14)", "(0.06 0.1 0.02 0.14)", SceneKeyError, "(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))"),
@@ -57,7 +69,7 @@ WRONG = [
     ("(0.02 0.1 0.06 0.14)", "(0.02 0.1 0.06)", SceneKeyError, "should be a region"),
     ("plate_1 - plate", "plate_1 -", SceneKeyError, "should stand between names and their class"),
     ("plate_1 - plate\n", "plate_1\n", SceneKeyError, "'plate_1' should be followed by '- CLASS'"),
-    ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "'flat_stove_1' should be another name: line"),
+    ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "'flat_stove_1' should be another name: "),
     ("(:obj_of_interest", "(:objekt", UnknownNameError, "unknown section ':objekt'. Did you mean ':objects'?"),
     ("(:language put", "(:language (put)", SceneKeyError, "should be a word without parentheses"),
     ("(top_region (:target wooden_cabinet_1))", "(top_region (:target wooden_1))", UnknownNameError, "region"),

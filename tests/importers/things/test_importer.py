@@ -38,6 +38,7 @@ def test_a_mesh_is_placed_in_a_scene_by_one_line(tmp_path: Path):
         write(box(), tmp_path / "box.stl"), tmp_path / "assets" / "crate.xml", Options(density=1000.0)
     )
     assert manifest["mass_kg"] == pytest.approx(0.24)
+    assert manifest["tags"] == ["graspable", "rigid", "stands"]
     line = "  crate: {asset: assets/crate.xml, on: floor}"
     (tmp_path / "scene.yaml").write_text(f"floor: {{size: [1, 1]}}\nobjects:\n{line}\n")
     mjm = build_model(SceneConfig.load(tmp_path / "scene.yaml")).mjm

@@ -96,6 +96,19 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
         assert kinds[entry] == rows["start"][i]
 
 
+def test_objects_are_redrawn_beside_an_arm_that_holds_something():
+    """A redraw begins no episode, so the arm and what it holds stay where they are."""
+    generator = LayoutGenerator(starting(), 40, seed=6)
+    generator.generate()
+    before = _rows(generator)
+    extended = generator.extend(generator.layouts, ["apple"])
+    adr = starting().mjm.joint("apple/free").qposadr[0]
+    after, kept = extended.qpos.numpy(), np.ones(before["qpos"].shape[1], bool)
+    kept[adr : adr + 7] = False
+    np.testing.assert_array_equal(after[:, kept], before["qpos"][:, kept])
+    assert (after[:, adr] != before["qpos"][:, adr]).mean() > 0.9
+
+
 @pytest.mark.cuda
 def test_what_is_held_stays_in_the_hand_on_a_gpu():
     """Layouts of a GPU, stepped by MuJoCo C; a graph and other sizes of the search give the same bits."""

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.quaternions import mul_quat
-from sceniris_gym.device.random import uniforms
+from sceniris_gym.device.random import name_hash, named_stream, uniforms
 from sceniris_gym.scene.draws import FieldDraw
-from sceniris_gym.sim.named_random import name_hash, named_stream
 
 wp.set_module_options({"enable_backward": False})
 
-_SCALE, _ADD, _ABS, _CHOICE, _TURN = (wp.constant(i) for i in range(5))
-"""Forms of a draw."""
+_SCALE, _ADD, _ABS, _CHOICE, _TURN, _COPY = (wp.constant(i) for i in range(6))
+"""Forms of a draw; a copy takes the nominal value."""
 _UNIFORM, _LOG_UNIFORM, _NORMAL = (wp.constant(i) for i in range(3))
 _FLOAT, _INT, _BOOL = (wp.constant(i) for i in range(3))
 _FORMS = {"scale": _SCALE, "add": _ADD, "abs": _ABS, "choice": _CHOICE}
 _DISTRIBUTIONS = {"uniform": _UNIFORM, "log_uniform": _LOG_UNIFORM, "normal": _NORMAL}
 _KINDS = {wp.bool: _BOOL, wp.int32: _INT}
 _DEVIATIONS = wp.constant(DEVIATIONS)
+LANES = 128
+"""Threads that draw a world."""
 _RADIANS = wp.constant(float(np.pi / 180.0))
 
 
@@ -76,6 +79,24 @@ class Fields:
     kind: wp.array[int]
 
 
+class MadeAhead(NamedTuple):
+    """Fields that follow from drawn ones, of the next layouts of all worlds.
+
+    Attributes:
+        copied: Pairs of arrays, shape (nworld, ...): of the Model, and of the next layouts.
+        in_place: Worlds whose present layouts were not made ahead, shape (nworld,), bool.
+        written: 1 if somebody else writes to fields that others follow from, shape (1,), int32.
+        stale: Worlds of the latest draw in which these fields are to be found anew, shape (nworld,), bool.
+        left: 1 if there are such worlds, shape (1,), int32.
+    """
+
+    copied: list[tuple[wp.array, wp.array]]
+    in_place: wp.array
+    written: wp.array
+    stale: wp.array
+    left: wp.array
+
+
 @wp.func
 def _nominal(fields: Fields, field: int, worldid: int, offset: int) -> float:
     """Return a number of the model as it was made."""
@@ -111,30 +132,16 @@ def _number(distribution: int, low: float, high: float, u: wp.vec4) -> float:
     return low + (high - low) * u[0]
 
 
-@wp.kernel
-def _draw_fields(
-    # In:
-    mask: wp.array[wp.bool],
-    rows: wp.array[int],
-    seed: wp.array[wp.uint64],
-    episode: wp.array[int],
-    stream: wp.uint32,
-    items: wp.array[Item],
-    choices: wp.array[float],
-    fields: Fields,
-):
-    worldid, i = wp.tid()
-    if not mask[worldid]:
-        return
-    row = int(worldid)
-    if rows:
-        row = rows[worldid]
-    if episode[row] < 0:
-        return
-    item = items[i]
-    u = uniforms(seed[row], episode[row], stream, item.name, item.number)
-    number = _number(item.distribution, item.low[0], item.high[0], u)
+@wp.func
+def _value(
+    item: Item, fields: Fields, choices: wp.array[float], worldid: int, seed: wp.uint64, episode: int, stream: wp.uint32
+) -> float:
+    """Return what an item writes."""
     nominal = _nominal(fields, item.drawn, worldid, item.drawn_offset)
+    if item.form == _COPY:
+        return nominal
+    u = uniforms(seed, episode, stream, item.name, item.number)
+    number = _number(item.distribution, item.low[0], item.high[0], u)
     value = number
     if item.form == _SCALE:
         value = nominal * number
@@ -145,7 +152,7 @@ def _draw_fields(
     elif item.form == _TURN:
         turn = wp.vec3()
         for k in range(3):
-            v = uniforms(seed[row], episode[row], stream, item.name, item.number + k)
+            v = uniforms(seed, episode, stream, item.name, item.number + k)
             turn[k] = 0.5 * _RADIANS * _number(item.distribution, item.low[k], item.high[k], v)
         half = wp.length(turn)
         axis = wp.normalize(turn) * wp.sin(half)
@@ -157,7 +164,45 @@ def _draw_fields(
         value = turned[item.drawn_offset % 4]
     if item.field != item.drawn:
         value = value / nominal * _nominal(fields, item.field, worldid, item.offset)
-    _put(fields, item.field, worldid, item.offset, value)
+    return value
+
+
+@wp.kernel
+def _draw_fields(
+    lanes: int,
+    # In:
+    mask: wp.array[wp.bool],
+    rows: wp.array[int],
+    seed: wp.array[wp.uint64],
+    episode: wp.array[int],
+    stream: wp.uint32,
+    items: wp.array[Item],
+    choices: wp.array[float],
+    fields: Fields,
+    in_place: wp.array[wp.bool],
+    written: wp.array[int],
+    # Out:
+    stale_out: wp.array[wp.bool],
+    left_out: wp.array[int],
+):
+    worldid, lane = wp.tid()
+    if stale_out:
+        if lane == 0:
+            stale_out[worldid] = mask[worldid] and (in_place[worldid] or written[0] != 0)
+            if stale_out[worldid]:
+                left_out[0] = 1
+    if mask:
+        if not mask[worldid]:
+            return
+    row = int(worldid)
+    if rows:
+        row = rows[worldid]
+    if episode[row] < 0:
+        return
+    for i in range(lane, items.shape[0], lanes):
+        item = items[i]
+        value = _value(item, fields, choices, worldid, seed[row], episode[row], stream)
+        _put(fields, item.field, worldid, item.offset, value)
 
 
 class FieldDrawer:
@@ -168,6 +213,7 @@ class FieldDrawer:
         arrays: The fields that they write, each with a row for each world, by name.
         nominal: The values of the model for these fields, with one row or a row for each world.
         nworld: Number of worlds.
+        ahead: What else to copy into the same worlds; None copies nothing.
 
     Attributes:
         numbers: The drawn numbers of each draw, by its name, shape (nworld, number of them): factors of `scale`, terms
@@ -180,14 +226,17 @@ class FieldDrawer:
         arrays: Mapping[str, wp.array],
         nominal: Mapping[str, wp.array],
         nworld: int,
+        ahead: MadeAhead | None = None,
     ) -> None:
         names, device = list(arrays), next(iter(arrays.values())).device
         first = np.cumsum([0, *(draw.width for draw in draws)]).tolist()
+        copied = [] if ahead is None else ahead.copied
         with wp.ScopedDevice(device):
             numbers = wp.zeros((nworld, first[-1]), dtype=float)
-            written, made = [*arrays.values(), numbers], [*(nominal[name] for name in names), numbers]
-            sizes = [a[:1].numpy().size // (a.shape[1] if a.ndim > 1 else 1) for a in written]
-            widths = [size * (a.shape[1] if a.ndim > 1 else 1) for size, a in zip(sizes, written, strict=True)]
+            written = [*arrays.values(), numbers, *(array for array, _ in copied)]
+            made = [*(nominal[name] for name in names), numbers, *(array for _, array in copied)]
+            widths = [a[:1].numpy().size for a in written]
+            sizes = [width // (a.shape[1] if a.ndim > 1 else 1) for width, a in zip(widths, written, strict=True)]
             self._kept, self._nworld, self._fields = (written, made), nworld, Fields()
             self._fields.address, self._fields.nominal = (
                 wp.array([a.ptr for a in each], dtype=wp.uint64) for each in (written, made)
@@ -196,23 +245,27 @@ class FieldDrawer:
             self._fields.width = wp.array(widths, dtype=int)
             self._fields.kind = wp.array([_KINDS.get(a.dtype, _FLOAT) for a in written], dtype=int)
             items, choices = _items(draws, {name: (k, sizes[k]) for k, name in enumerate(names)})
+            for field in range(len(names) + 1, len(written)):
+                items += [_copy(field, offset) for offset in range(widths[field])]
             self._items, self._choices = wp.array(items, dtype=Item), wp.array(choices, dtype=float)
+            self._ahead = [None] * 4 if ahead is None else [*ahead[1:]]
         self.numbers = {draw.name: numbers[:, first[k] : first[k + 1]] for k, draw in enumerate(draws)}
 
     def launch(
-        self, mask: wp.array, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
+        self, mask: wp.array | None, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
     ) -> None:
         """Draw the fields of the masked worlds; those of an unknown episode, below 0, keep theirs.
 
         Args:
-            mask: Which worlds, shape (nworld,), bool.
+            mask: Which worlds, shape (nworld,), bool; all if None.
             seed: Seeds, shape (nrow,), uint64.
             episode: Episodes, shape (nrow,), int32.
             split: "train" or "eval".
             rows: Row of each world, shape (nworld,); None gives world i row i.
         """
-        inputs = [mask, rows, seed, episode, wp.uint32(named_stream(split)), self._items, self._choices, self._fields]
-        wp.launch(_draw_fields, dim=(self._nworld, len(self._items)), inputs=inputs, device=mask.device)
+        inputs = [LANES, mask, rows, seed, episode, wp.uint32(named_stream(split)), self._items, self._choices]
+        dim, inputs, outputs = (self._nworld, LANES), [*inputs, self._fields, *self._ahead[:2]], self._ahead[2:]
+        wp.launch(_draw_fields, dim, inputs=inputs, outputs=outputs, device=seed.device)
 
 
 def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) -> tuple[list[Item], list[float]]:
@@ -224,44 +277,40 @@ def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) 
     """
     items, choices, column = [], [], 0
     for draw in draws:
+        config, (field, size), several = draw.config, places[draw.word.field], draw.choice.shape[1] > 1
+        new, form = partial(_item, draw, len(choices)), _TURN if draw.is_turn else _FORMS[config.form]
         for element, numbers in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
-            items += _of_element(draw, places, element, numbers, len(choices))
-        several = draw.choice.shape[1] > 1
+            components = range(4) if draw.is_turn else draw.components.tolist()
+            drawn = [(field, size * element + c) for c in components]
+            if draw.is_turn:  # three numbers make all of a quaternion
+                numbers = numbers[:1] * 4
+            items += [new(number, k, form, at) for k, (number, at) in enumerate(zip(numbers, drawn, strict=True))]
+            for name, first, count in draw.word.follow:
+                other, wide = places[name]
+                written = [(other, wide * element + k) for k in range(first, first + count)]
+                items += [new(numbers[0], 0, form, drawn[0], at) for at in written]
+        width = draw.width // (len(draw.rows) if config.each else 1)
         for number in range(draw.width):  # a value of several numbers is told by its place in the list
-            component = (
-                draw.choice.shape[1]
-                if several
-                else number % (draw.width // (len(draw.rows) if draw.config.each else 1))
-            )
-            form = _CHOICE if draw.config.choice else _ABS
-            items.append(_item(draw, number, component, form, len(choices), (len(places), column)))
-            column += 1
+            component = draw.choice.shape[1] if several else number % width
+            items.append(new(number, component, _CHOICE if config.choice else _ABS, (len(places), column + number)))
+        column += draw.width
         choices += [*draw.choice.T.ravel().tolist(), *range(len(draw.choice) if several else 0)]
     return items, choices
 
 
-def _of_element(
-    draw: FieldDraw, places: Mapping[str, tuple[int, int]], element: int, numbers: list[int], choices: int
-) -> list[Item]:
-    """Return the numbers of an element of the field, and of the fields that follow it."""
-    field, size = places[draw.word.field]
-    if draw.is_turn:
-        return [_item(draw, numbers[0], 0, _TURN, choices, (field, 4 * element + k)) for k in range(4)]
-    form, drawn = _FORMS[draw.config.form], [(field, size * element + int(c)) for c in draw.components]
-    items = [_item(draw, number, k, form, choices, drawn[k]) for k, number in enumerate(numbers)]
-    for name, first, count in draw.word.follow:
-        other, wide = places[name]
-        written = [(other, wide * element + k) for k in range(first, first + count)]
-        items += [_item(draw, numbers[0], 0, form, choices, drawn[0], place) for place in written]
-    return items
+def _copy(field: int, offset: int) -> Item:
+    """Return an item that copies a number."""
+    item = Item()
+    item.form, item.field, item.offset, item.drawn, item.drawn_offset = _COPY, field, offset, field, offset
+    return item
 
 
 def _item(
     draw: FieldDraw,
+    choices: int,
     number: int,
     component: int,
     form: int,
-    choices: int,
     drawn: tuple[int, int],
     written: tuple[int, int] | None = None,
 ) -> Item:

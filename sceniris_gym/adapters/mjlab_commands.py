@@ -1,0 +1,98 @@
+"""`ReplaceObjects`: a command term of mjlab that gives entities new places in the middle of episodes, on a timer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.adapters.mjlab import layouts_term
+from sceniris_gym.errors import ArgumentError, import_extra
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.sim.replacing import Replacer
+from sceniris_gym.sim.rest import scene_rest
+
+_COMMANDS: Any = import_extra("mjlab.managers.command_manager", "mjlab", "mjlab")
+
+
+class ReplaceObjects(_COMMANDS.CommandTerm):
+    """Gives entities new places among everything else as it is, whenever its timer runs out.
+
+    The entities are objects of the scene of `PlaceLayouts`, which places them in resets; this command leaves resets
+    alone, and begins its count there. `env.extras` then has `layout_redraw`, the number of redraws of each environment
+    since its reset, and `layout_kept`: nothing fitted in the latest one, so that its objects stayed where they were.
+
+    Attributes:
+        command: The number of redraws since the reset, shape (num_envs, 1), float32.
+
+    Raises:
+        ArgumentError: There is no event `PlaceLayouts`.
+        UnknownNameError, ArgumentError: Objects that cannot be redrawn, see `chosen_objects`; raised as the first timer
+            runs out.
+    """
+
+    def __init__(self, cfg: ReplaceObjectsCfg, env: Any) -> None:
+        super().__init__(cfg, env)
+        term = layouts_term(env)
+        if term is None:
+            raise ArgumentError("ReplaceObjects: cfg.events should have a PlaceLayoutsCfg with the scene.")
+        self._replacer = Replacer(
+            *(term.compiled, env.sim.wp_model, env.sim.wp_data, term.layouts, term.split),
+            rest=scene_rest(term.compiled.scene, term.layouts.qpos.device),
+            origins=wp.from_torch(env.scene.env_origins.contiguous(), dtype=wp.vec3),
+            refresh=lambda: None,
+            graph=True,
+        )
+        self._number = wp.to_torch(self._replacer.number)
+        self._resets = self._moved = False
+
+    @property
+    def command(self) -> Tensor:
+        """See the class."""
+        return self._number[:, None].float()
+
+    def reset(self, env_ids: Tensor) -> dict[str, float]:
+        """Draw the timers of these environments anew, and begin their counts."""
+        self._resets = True
+        extras = super().reset(env_ids)
+        self._resets = False
+        self._number[env_ids] = 0
+        return extras
+
+    def _resample_command(self, env_ids: Tensor) -> None:
+        if self._resets:
+            return
+        due = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
+        due[env_ids] = True
+        self._replacer.launch(self.cfg.objects, wp.from_torch(due, dtype=wp.bool))
+        self._moved = True
+
+    def _update_metrics(self) -> None:
+        pass
+
+    def _update_command(self, env_ids: Tensor | None) -> None:
+        if self._moved:
+            self._moved = False
+            self._env.sim.forward()
+            self._env.extras["layout_redraw"] = self._number.long()
+            self._env.extras["layout_kept"] = wp.to_torch(self._replacer.status) == Status.KEPT
+
+
+@dataclass(kw_only=True)
+class ReplaceObjectsCfg(_COMMANDS.CommandTermCfg):
+    """A command that gives entities new places on a timer, for `cfg.commands`.
+
+    Attributes:
+        objects: The objects to redraw together, by their names in the scene of `PlaceLayoutsCfg`, each with all that
+            the scene puts on it.
+        resampling_time_range: Least and greatest time between two redraws, and from a reset to the first [s].
+    """
+
+    objects: tuple[str, ...]
+
+    def build(self, env: Any) -> ReplaceObjects:
+        """Return the command of an environment."""
+        return ReplaceObjects(self, env)

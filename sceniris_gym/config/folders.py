@@ -1,0 +1,66 @@
+"""Files of a folder, of which each is a variant of an object; tags in their manifests choose among them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from sceniris_gym.config.fields import listed, wrong
+
+MANIFEST = "manifest.json"
+"""The file that `sceniris-gym import` writes into the folder of an asset's meshes."""
+
+
+def is_pattern(asset: Any) -> bool:
+    """Return whether an asset is a pattern of file names."""
+    return isinstance(asset, str) and "*" in asset
+
+
+def files_of(pattern: str) -> list[Path]:
+    """Return the MJCF files that a pattern matches, in the order of their names.
+
+    Raises:
+        PydanticCustomError: There is none.
+    """
+    found = sorted(path for path in Path(pattern).parent.glob(Path(pattern).name) if path.suffix == ".xml")
+    if not found:
+        raise wrong("should match MJCF files, as `sceniris-gym import` writes them")
+    return found
+
+
+def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
+    """Return the files whose manifests have all of some tags.
+
+    Raises:
+        PydanticCustomError: The tags are not names, no manifest has one of them, or none has all of them.
+    """
+    tags = [tags] if isinstance(tags, str) else listed(tags)
+    if not isinstance(tags, list | tuple) or not tags or not all(isinstance(tag, str) for tag in tags):
+        raise wrong("should be a list of tags, as in [graspable]")
+    tags_of = {path: _tags(path) for path in files}
+    known = sorted(set().union(*tags_of.values()))
+    for tag in tags:
+        if tag not in known:
+            has = f"have {', '.join(known)}" if known else f"name no 'tags': their {MANIFEST} should"
+            raise wrong(f"should be tags of the folder's things, which {has}", tag, known)
+    found = [path for path, own in tags_of.items() if own.issuperset(tags)]
+    if not found:
+        raise wrong("should be tags that one of the folder's things has all of")
+    return found
+
+
+def _tags(asset: Path) -> set[str]:
+    """Return the tags in the manifest of an asset; none if it has no manifest."""
+    path = asset.with_suffix("") / MANIFEST
+    try:
+        told = json.loads(path.read_text(encoding="utf-8")).get("tags", ())
+        return {str(tag) for tag in told}
+    except FileNotFoundError:
+        return set()
+    except (OSError, ValueError, AttributeError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise wrong(
+            f"should have manifests as `sceniris-gym import` writes them, but {path} is none: {reason}"
+        ) from None

@@ -1,0 +1,229 @@
+"""`Redraw`: new places for some objects of a scene, while all else stays where it is.
+
+Rows begin with a state: its positions, the poses of bodies that follow, as `mj_kinematics` has them, and what relations
+see of these. The poses of bodies in a state may be one step older than its positions, so they are not read. A state is
+a LayoutsView, of which `seed`, `episode`, `present`, `qpos`, `mocap_pos` and `mocap_quat` are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.variants import with_variants
+from sceniris_gym.device.angles import unit_circle
+from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
+from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
+from sceniris_gym.device.transforms import quat_mat, quat_z
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
+from sceniris_gym.layout.wave.search import numbered_stream
+from sceniris_gym.placement.kinematics import pose_body
+from sceniris_gym.placement.measure import bounds_of
+from sceniris_gym.placement.orientations import heading_of
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import OrientationType, Program
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@wp.func
+def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int, body: int):
+    """Pose a body of a row by its joints or its mocap pose; its parent is posed. `adr` is as in `_read_state`."""
+    qpos = layouts.qpos[row]
+    k = wp.where(adr[0] >= 0, adr[0] + 3, adr[1])
+    if adr[0] >= 0:
+        layouts.body_pos[row, body] = wp.vec3(qpos[k - 3], qpos[k - 2], qpos[k - 1])
+        layouts.body_quat[row, body] = wp.normalize(wp.vec4(qpos[k], qpos[k + 1], qpos[k + 2], qpos[k + 3]))
+    elif adr[1] >= 0:
+        parent = program.body_parent[body]
+        turn = layouts.body_quat[row, parent]
+        anchor = program.jnt_pos[program.body_jntadr[body]]
+        quat = mul_quat(turn, program.body_quat[body])
+        pivot = layouts.body_pos[row, parent] + rot_vec_quat(program.body_pos[body], turn) + rot_vec_quat(anchor, quat)
+        quat = mul_quat(quat, wp.normalize(wp.vec4(qpos[k], qpos[k + 1], qpos[k + 2], qpos[k + 3])))
+        layouts.body_pos[row, body] = pivot - rot_vec_quat(anchor, quat)
+        layouts.body_quat[row, body] = quat
+    elif adr[2] >= 0:
+        q = layouts.mocap_quat[row, adr[2]]
+        layouts.body_pos[row, body] = layouts.mocap_pos[row, adr[2]]
+        layouts.body_quat[row, body] = wp.vec4(q[0], q[1], q[2], q[3])
+    else:
+        pose_body(program, body, qpos, layouts.body_pos[row], layouts.body_quat[row])
+
+
+@wp.func
+def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
+    """Write the place and the bounds of an object as it is: its pivot is that of the pose which it is turned to."""
+    root = program.obj_body[obj]
+    quat = layouts.body_quat[row, root]
+    place = layouts.place[row, program.obj_place[obj]]
+    variant = program.obj_variantadr[obj]
+    if program.obj_variantnum[obj] > 0:
+        heading = heading_of(quat)
+        flat = mul_quat(quat_z(-heading), quat)
+        for v in range(variant, program.obj_variantadr[obj] + program.obj_variantnum[obj]):
+            if wp.abs(wp.dot(program.variant_quat[v], flat)) > wp.abs(wp.dot(program.variant_quat[variant], flat)):
+                variant = v
+        at = layouts.body_pos[row, root] + quat_mat(quat) * program.variant_pivot[variant]
+        place = wp.vec4(at[0], at[1], at[2], heading)
+    bounds = wp.vec4(0.0)
+    if program.obj_piecenum[obj] > 0:
+        bounds = bounds_of(program, obj, place, layouts.body_pos[row], layouts.body_quat[row])
+    if program.obj_orientation[obj] == OrientationType.ANY:
+        x = 0.5 * (bounds[0] + bounds[2])
+        y = 0.5 * (bounds[1] + bounds[3])
+        to = unit_circle(place[3])
+        place += wp.vec4(x * to[0] - y * to[1], x * to[1] + y * to[0], 0.0, 0.0)
+        bounds -= wp.vec4(x, y, x, y)
+    layouts.place[row, program.obj_place[obj]] = place
+    layouts.bounds[row, program.obj_place[obj]] = bounds
+
+
+@wp.kernel
+def _read_state(
+    program: Program,
+    mask: wp.array[bool],
+    split: wp.uint32,
+    # Of bodies: addresses in qpos of a freejoint and of a ball joint, and the number of a mocap body; -1 for none
+    body_adr: wp.array[wp.vec3i],
+    # Elements of qpos that are not read, placed objects that redrawn ones refer to, and slots that become present:
+    is_redrawn: wp.array[bool],
+    anchor: wp.array[int],
+    added: wp.array[int],
+    # In:
+    number: wp.array[int],
+    origins: wp.array[wp.vec3],
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present
+    state: LayoutsView,
+    # Layouts in: qpos, mocap_pos, mocap_quat, present, place, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, present, pending_seed, pending_episode, place, bounds, body_pos,
+    #   body_quat
+    layouts: LayoutsView,
+):
+    worldid = wp.tid()
+    if not mask[worldid]:
+        return
+    episode, stream = state.episode[worldid], numbered_stream(split, wp.static(REDRAW_STREAM))
+    counter = wp.vec4ui(wp.uint32(episode), stream, wp.uint32(number[worldid]), wp.uint32(0))
+    words = philox(state.seed[worldid], counter)
+    layouts.pending_seed[worldid] = wp.uint64(words[0]) | (wp.uint64(words[1]) << wp.uint64(32))
+    layouts.pending_episode[worldid] = episode
+    for i in range(layouts.present.shape[1]):
+        layouts.present[worldid, i] = state.present[worldid, i]
+    for i in range(added.shape[0]):
+        layouts.present[worldid, added[i]] = 1
+    for i in range(layouts.qpos.shape[1]):
+        layouts.qpos[worldid, i] = wp.where(is_redrawn[i], program.home_qpos[i], state.qpos[worldid, i])
+    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused one where there is none
+        layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
+        layouts.mocap_quat[worldid, i] = wp.normalize(state.mocap_quat[worldid, i])
+    for body in range(1, program.body_parent.shape[0]):
+        adr = body_adr[body]
+        if origins:
+            if adr[2] >= 0:
+                layouts.mocap_pos[worldid, adr[2]] -= origins[worldid]
+            elif adr[0] >= 0:
+                for i in range(3):
+                    layouts.qpos[worldid, adr[0] + i] -= origins[worldid][i]
+        _pose_given(program, adr, layouts, worldid, body)
+    for i in range(anchor.shape[0]):
+        if layouts.present[worldid, program.obj_slot[anchor[i]]] != 0:
+            _place_anchor(program, layouts, worldid, anchor[i])
+
+
+@wp.kernel
+def _finish(
+    mask: wp.array[bool],
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present
+    state: LayoutsView,
+    # Layouts in: status
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present
+    layouts: LayoutsView,
+    # Out:
+    placed_out: wp.array[bool],
+):
+    worldid = wp.tid()
+    placed_out[worldid] = False
+    if not mask[worldid]:
+        return
+    layouts.seed[worldid] = state.seed[worldid]
+    layouts.episode[worldid] = state.episode[worldid]
+    if layouts.status[worldid] == Status.VALID:
+        placed_out[worldid] = True
+        return
+    layouts.status[worldid] = Status.KEPT
+    for i in range(layouts.present.shape[1]):
+        layouts.present[worldid, i] = state.present[worldid, i]
+    for i in range(layouts.qpos.shape[1]):
+        layouts.qpos[worldid, i] = state.qpos[worldid, i]
+    for i in range(state.mocap_pos.shape[1]):
+        layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
+        layouts.mocap_quat[worldid, i] = state.mocap_quat[worldid, i]
+
+
+class Redraw(StaysHere):
+    """A search for new places of some objects among everything else, which it reads from a state.
+
+    A redraw is a pure function of scene, split, seed, episode, number of the redraw and state. Everything but the named
+    objects is an obstacle, a support if it is level, and an anchor of relations. Absent objects stay so unless they are
+    added.
+
+    Args:
+        compiled: The scene.
+        objects: The objects, as from `chosen_objects`.
+        split: "train" or "eval".
+        layouts: Layouts of the part of the scene that places these objects alone; see `part_of`.
+        make: Launches that make them for the masked worlds, after others that fill their rows.
+        adds: Make the objects present that are not.
+
+    Attributes:
+        bodies: Ids of the bodies of the objects.
+        layouts: The worlds after their latest redraw. `status` is VALID, or KEPT where nothing fitted.
+        placed: The worlds of the latest redraw in which all objects have new places, shape (nworld,), bool.
+    """
+
+    def __init__(
+        self,
+        compiled: CompiledScene,
+        objects: Sequence[str],
+        split: str,
+        layouts: Layouts,
+        make: Callable[[wp.array, Callable[[], None]], None],
+        *,
+        adds: bool = False,
+    ) -> None:
+        mjm, config = compiled.mjm, compiled.config
+        self.bodies = [body for name in objects for body in compiled.scene.subtree(name)]
+        self.layouts, self._make = layouts, make
+        self._program, self._split, self._device = compiled.program, SPLITS[split], compiled.device
+        adr = np.full((mjm.nbody, 3), -1)
+        for i, kind in enumerate((mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)):
+            joints = mjm.jnt_type == kind
+            adr[mjm.jnt_bodyid[joints], i] = mjm.jnt_qposadr[joints]
+        adr[:, 2] = mjm.body_mocapid
+        owner = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))
+        needed = with_variants((n for name in objects for n in config.parts[name].needs), config.variants)
+        anchors = [i for i, name in enumerate(compiled.placed) if name in needed and name not in objects]
+        slots = [compiled.slots.index(name) for name in objects] if adds else []
+        with wp.ScopedDevice(self._device):
+            self._given = [wp.array(adr, dtype=wp.vec3i), wp.array(np.isin(owner, self.bodies), dtype=bool)]
+            self._given += [wp.array(anchors, dtype=int, ndim=1), wp.array(slots, dtype=int, ndim=1)]
+            self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
+
+    def launch(self, state: LayoutsView, mask: wp.array, number: wp.array, origins: wp.array | None = None) -> None:
+        """Redraw the objects in the masked worlds.
+
+        Args:
+            state: The worlds; see the module.
+            mask: Which worlds, shape (nworld,), bool.
+            number: Redraws of each world since its reset, without this one, shape (nworld,), int32.
+            origins: Origins of the worlds [m], shape (nworld,), vec3, which the state has and layouts do not.
+        """
+        view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
+        read = [self._program, mask, self._split, *self._given, number, origins, state]
+        self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
+        wp.launch(_finish, nworld, [mask, state, view], [self.placed], device=device)

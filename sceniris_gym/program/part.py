@@ -1,0 +1,88 @@
+"""The program of some objects of a scene, placed among all its other bodies wherever these are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.variants import with_variants
+from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.program.compiled import CompiledScene, upload_plan
+from sceniris_gym.program.placed_object import PlacedObject
+from sceniris_gym.scene.support import is_static
+
+_FAR = float(np.finfo(np.float32).max)
+
+
+def chosen_objects(
+    compiled: CompiledScene, objects: str | Sequence[str], where: str, present: Sequence[str] | None = None
+) -> tuple[str, ...]:
+    """Return the names of objects in placement order, with all variants of each.
+
+    Args:
+        compiled: The scene.
+        objects: A name, or several.
+        where: The function, with which errors begin.
+        present: The objects that may stand on them; None for all.
+
+    Raises:
+        ArgumentError: None at all, or an object without others that stand on it or are part of its heap.
+        UnknownNameError: Not an object that the scene places.
+    """
+    config = compiled.config
+    names = with_variants([objects] if isinstance(objects, str) else objects, config.variants)
+    valid = [name for name in compiled.placed if name in config.objects]
+    for name in names:
+        if name not in valid:
+            raise UnknownNameError("placed object", str(name), where, [*valid, *config.variants])
+    if not names:
+        raise ArgumentError(f"{where}: objects should name one object at least. Valid: {', '.join(valid)}.")
+    for name in valid:
+        support = config.objects[name].support
+        if support is None or name in names or not (present is None or name in present):
+            continue
+        if any(other in names for other in with_variants([support.parent.split("/")[0]], config.variants)):
+            raise ArgumentError(f"{where}: '{support.parent}' carries '{name}'. Name '{name}' as well.")
+    for heap in config.heaps.values():
+        left = [name for name in heap.of if name not in names]
+        if left and len(left) < len(heap.of):
+            raise ArgumentError(f"{where}: a heap is placed as a whole. Name {', '.join(left)} as well.")
+    return tuple(name for name in valid if name in names)
+
+
+def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
+    """Return the scene with a program that places these objects alone; everything else is an obstacle.
+
+    A layout of it is made from a row that has the poses of all other bodies. A support that joints or physics may move
+    is one as long as it is level.
+
+    Args:
+        compiled: The scene.
+        names: Objects, as from `chosen_objects`.
+    """
+    plan = compiled.plan
+    numbers = [i for i, o in enumerate(plan.objects) if o.name in names]
+    still = is_static(plan.scene.mjm)
+    moved = [_among_moved(plan.objects[i], names, still) for i in numbers]
+    made = upload_plan(replace(plan, objects=moved), compiled.device, starts=False)
+    program, whole = made.program, compiled.program
+    program.ngroup = 0  # who is present has been drawn
+    program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
+    program.obj_effort = wp.array(whole.obj_effort.numpy()[numbers], dtype=float, device=compiled.device)
+    if len(names) == 1 and (made.reaching is None or not made.reaching.staged):
+        # to begin again with a single object is to go on, and then no round has to end in between
+        program.attempts, program.restarts = whole.attempts * (whole.restarts + 1), 0
+    for bounds in (program.bound_qpos, program.bound_mocap):  # all else may be anywhere, as long as it is finite
+        bounds.fill_(_FAR)
+    program.quat_qposadr = wp.zeros(0, dtype=int, device=compiled.device)
+    return made
+
+
+def _among_moved(o: PlacedObject, names: Sequence[str], still: np.ndarray) -> PlacedObject:
+    """Return an object whose support may lean, unless that is static or placed before it."""
+    if o.support is None or o.support.owner in names or still[o.support.body]:
+        return o
+    return replace(o, tilts=True)

@@ -1,0 +1,132 @@
+"""`Replacer`: new places for some objects in the middle of episodes, written into the simulation's Data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.errors import ArgumentError, NotSupportedError
+from sceniris_gym.layout.generate import make_redraw
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
+from sceniris_gym.layout.masks import fill_mask
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import copied
+from sceniris_gym.program.part import chosen_objects
+from sceniris_gym.sim.rest import RestMap
+from sceniris_gym.sim.versions import sleeps
+from sceniris_gym.sim.write import Poses, StateWriter
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _count(
+    mask: wp.array[wp.bool],
+    status: wp.array[int],
+    trees: wp.array[int],
+    # Out:
+    number_out: wp.array[int],
+    status_out: wp.array[int],
+    kept_out: wp.array[int],
+    tree_awake_out: wp.array2d[int],
+):
+    worldid = wp.tid()
+    if not mask[worldid]:
+        return
+    number_out[worldid] += 1
+    status_out[worldid] = status[worldid]
+    if status[worldid] == Status.KEPT:
+        wp.atomic_add(kept_out, 0, 1)
+    for i in range(trees.shape[0]):
+        tree_awake_out[worldid, trees[i]] = 1  # the next step wakes what sleeps together with it
+
+
+class Replacer:
+    """Redraws objects in the masked worlds of a Data, everything else of which keeps its bits.
+
+    Args:
+        compiled: The scene.
+        m: Its model.
+        d: Its data; its arrays are used in place.
+        layouts: The layouts that the worlds were reset to.
+        split: The split of the layouts.
+        rest: Controls and activations at rest.
+        origins: Origins of the worlds [m], shape (nworld,), vec3; None adds nothing.
+        refresh: Launches that follow, and bring up to date what is computed from the state.
+        graph: Capture the launches into a graph and replay it.
+
+    Attributes:
+        number: Redraws of each world since its reset, shape (nworld,), int32.
+        status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
+        prepared: The launches of each set of objects that was redrawn, by their names.
+        kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
+    """
+
+    def __init__(
+        self,
+        compiled: CompiledScene,
+        m: mjw.Model,
+        d: mjw.Data,
+        layouts: Layouts,
+        split: str,
+        *,
+        rest: RestMap,
+        origins: wp.array | None,
+        refresh: Callable[[], None],
+        graph: bool,
+    ) -> None:
+        self._compiled, self._m, self._d, self._layouts, self._split = compiled, m, d, layouts, split
+        self._rest, self._origins, self._refresh, self._graph = rest, origins, refresh, graph
+        self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
+        with wp.ScopedDevice(d.qpos.device):
+            self._mask = wp.zeros(d.nworld, dtype=wp.bool)
+            self.number, self.status = wp.zeros(d.nworld, dtype=int), wp.zeros(d.nworld, dtype=int)
+            self.kept = wp.zeros(1, dtype=int)
+
+    def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
+        """Redraw objects in the masked worlds; the first call for some objects prepares their search.
+
+        Args:
+            objects: A name, or several.
+            mask: Which worlds, on the device, shape (nworld,), bool; all if None.
+
+        Raises:
+            ArgumentError, UnknownNameError: See `chosen_objects`; or a first call inside of a capture.
+            NotSupportedError: A scene in which objects have variants.
+        """
+        key = (objects,) if isinstance(objects, str) else tuple(objects)
+        if key not in self.prepared:
+            where = f"{self._compiled.config.where}: replace"
+            names = chosen_objects(self._compiled, key, where)
+            if self._compiled.config.variants:
+                raise NotSupportedError(f"{where}: scenes with variants have no redraws yet. Make a group of them.")
+            if self._d.qpos.device.is_capturing:
+                raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
+            if names not in self.prepared:
+                self.prepared[names] = self._prepare(names)
+            self.prepared[key] = self.prepared[names]
+        fill_mask(mask, self._mask)
+        self.prepared[key]()
+
+    def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
+        """Return the launches that redraw objects, write them and count."""
+        d, mjm, device = self._d, self._compiled.sim_mjm, self._d.qpos.device
+        redraw = make_redraw(self._compiled, names, d.nworld, self._split)
+        found, state = redraw.layouts, copied(LayoutsView, self._layouts.view)
+        state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat
+        writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=redraw.bodies, origins=self._origins)
+        moved = np.unique(mjm.body_treeid[redraw.bodies]) if sleeps(self._m) else np.zeros(0, int)
+        trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
+        outputs = [self.number, self.status, self.kept, getattr(d, "tree_awake", None)]
+
+        def launches() -> None:
+            redraw.launch(state, self._mask, self.number, self._origins)
+            writer.launch(Poses(found.qpos, found.mocap_pos, found.mocap_quat))
+            wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
+            self._refresh()
+
+        return LaunchSequence(launches, device, graph=self._graph)

@@ -1,0 +1,54 @@
+"""Tags that choose among the files of a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ScenirisError
+from tests.config.scenes import TABLE
+
+
+def loaded(words: dict[str, Any]) -> SceneConfig:
+    """Return a scene with an object of these words."""
+    return SceneConfig.load(TABLE, {"objects.target": words})
+
+
+def folder_of(tmp_path: Path, **tags: list[str]) -> str:
+    """Write things with these tags in their manifests, and return the pattern that matches all of them."""
+    for name, own in tags.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / f"{name}.xml").write_text("<mujoco/>")
+        (tmp_path / name / "manifest.json").write_text(json.dumps({"tags": own}))
+    return str(tmp_path / "*")
+
+
+def test_tags_choose_among_the_files_of_a_folder(tmp_path: Path):
+    """Those whose manifests have all of them; a file without a manifest has none."""
+    pattern = folder_of(tmp_path, a=["graspable", "red"], b=["graspable"], c=["red"])
+    (tmp_path / "d.xml").write_text("<mujoco/>")
+    for tags, left in ((["graspable"], "ab"), ("red", "ac"), (["red", "graspable"], "a")):
+        config = loaded({"asset": pattern, "tags": tags, "on": "table"})
+        assert config.variants["target"] == tuple(f"target/{name}" for name in left)
+
+
+def test_tags_that_choose_nothing_are_refused(tmp_path: Path):
+    """With the tags that there are; and a manifest that is none with its file."""
+    pattern = folder_of(tmp_path, a=["red"], b=["graspable"])
+    for tags, message in (
+        (["graspible"], r"objects\.target\.tags: .*have graspable, red. Did you mean 'graspable'"),
+        (["red", "graspable"], "one of the folder's things has all of"),
+        ([], "a list of tags"),
+        (3, "a list of tags"),
+    ):
+        with pytest.raises(ScenirisError, match=message):
+            loaded({"asset": pattern, "tags": tags, "on": "table"})
+    with pytest.raises(ScenirisError, match=r"tags: .* beside an 'asset' with a '\*'"):
+        loaded({"asset": ["can", "mug"], "tags": ["red"], "on": "table"})
+    (tmp_path / "b" / "manifest.json").write_text("[")
+    with pytest.raises(ScenirisError, match=r"b/manifest\.json is none: "):
+        loaded({"asset": pattern, "tags": ["red"], "on": "table"})

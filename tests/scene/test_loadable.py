@@ -1,0 +1,57 @@
+"""Folders of which some files cannot be variants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ModelWarning, SceneFileError, UnknownNameError
+from sceniris_gym.scene.model import build_model
+
+GEOM = '<geom type="box" size=".02 .02 .02" pos="0 0 .02"/>'
+SOUND = f"<mujoco><worldbody><body>{GEOM}</body></worldbody></mujoco>"
+BROKEN = {
+    "cut": "<mujoco><worldbody>",
+    "jointed": f"<mujoco><worldbody><body>{GEOM}<body><joint/>{GEOM}</body></body></worldbody></mujoco>",
+    "without_mesh": '<mujoco><asset><mesh name="m" file="m.obj"/></asset><worldbody><body><geom type="mesh" mesh="m"/>'
+    "</body></worldbody></mujoco>",
+}
+
+
+def scene(folder: Path, files: dict[str, str]) -> SceneConfig:
+    """Return a scene with a thing whose variants are these files."""
+    for name, text in files.items():
+        (folder / f"{name}.xml").write_text(text)
+    thing = {"asset": str(folder / "*"), "on": "floor", "holdout": 0.5}
+    return SceneConfig.load({"floor": {"size": [1, 1]}, "objects": {"thing": thing}})
+
+
+def test_files_that_cannot_be_variants_are_left_out_and_named(tmp_path: Path):
+    """The scene is that of the others; an override is applied to the scene as it is written."""
+    config = scene(tmp_path, {**BROKEN, "a": SOUND, "b": SOUND})
+    with pytest.warns(ModelWarning, match=r"objects\.thing\.asset: 3 of 5 files") as told:
+        found = build_model(config)
+    message = str(told[0].message)
+    assert all(f"objects.thing/{name}" in message for name in BROKEN)
+    assert found.config.variants == {"thing": ("thing/a", "thing/b")}
+    assert set(found.config.groups["thing"].splits) == {"thing/a", "thing/b"}
+    assert found.mjm.body("thing/b").id > 0
+    assert found.sim.mjm.nbody == found.mjm.nbody - 1
+    assert SceneConfig.load(found.config, {"objects.thing.gap": 0.001}).variants == config.variants
+
+
+def test_a_folder_without_a_sound_file_is_refused(tmp_path: Path):
+    """With the first reason."""
+    with pytest.raises(SceneFileError, match=r"no file of the folder can be a variant\. The first: .*thing/cut"):
+        build_model(scene(tmp_path, BROKEN))
+
+
+def test_an_error_of_something_else_is_told(tmp_path: Path):
+    """As it is, if all files of the folder are sound."""
+    config = SceneConfig.load(
+        scene(tmp_path, {"a": SOUND, "b": SOUND}), {"objects.other": {"asset": "none", "on": "floor"}}
+    )
+    with pytest.raises(UnknownNameError, match=r"objects\.other\.asset"):
+        build_model(config)

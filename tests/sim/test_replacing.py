@@ -1,0 +1,162 @@
+"""Objects that get new places in the middle of episodes: they are free there, and nothing else differs by a bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError, MaskError, NotSupportedError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.versions import SLEEPING
+from tests.stress.redraws import DEEP, Judge
+from tests.versions import since_4
+
+NWORLD = 6
+HALF = np.arange(NWORLD) % 2 == 0
+
+
+@pytest.fixture(scope="module")
+def mid() -> CompiledScene:
+    """A cabinet with drawn drawers, a banana in one of them, and an apple."""
+    return compile_scene(SceneConfig.load("mid", {"bank": 2}), "cpu")
+
+
+def randomizer_of(compiled: CompiledScene, options: dict[str, Any] | None = None, **words: Any) -> ResetRandomizer:
+    """Return a randomizer after a reset and some steps with random velocities."""
+    batch = Batch(compiled.scene, NWORLD, "cpu", options=options or {})
+    randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=4, fields=batch.fields, **words)
+    randomizer.reset()
+    stir(randomizer, 0)
+    return randomizer
+
+
+def stir(randomizer: ResetRandomizer, seed: int) -> None:
+    """Give everything a random velocity, and step."""
+    data, random = randomizer.data, np.random.default_rng(seed)
+    data.qvel.assign(random.normal(0.0, 0.3, data.qvel.shape).astype(np.float32))
+    for _ in range(5):
+        mjw.step(randomizer.model, data)
+
+
+def state(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
+    """Copy the state of all worlds."""
+    return {name: getattr(randomizer.data, name).numpy().copy() for name in PROMISED}
+
+
+@pytest.mark.oldest
+def test_only_the_named_objects_move_and_they_are_free(mid: CompiledScene):
+    """In the masked worlds alone; a cabinet moves with its drawers and what is in them."""
+    randomizer = randomizer_of(mid)
+    for names in (("apple",), ("banana",), ("cabinet", "banana")):
+        stir(randomizer, 1)
+        judge = Judge(mid.mjm, [body for name in names for body in mid.scene.subtree(name)])
+        before = state(randomizer)
+        randomizer.replace(names, HALF)
+        after = state(randomizer)
+        assert judge.differences(before, after, HALF) == []
+        assert (randomizer.replacer.status.numpy()[HALF] == Status.VALID).all()
+        assert max(judge.deepest(after, int(world)) for world in np.flatnonzero(HALF)) < DEEP
+        for name in ("qpos", "qvel", "mocap_pos"):
+            changed = (before[name] != after[name]).reshape((NWORLD, -1)).any(axis=1)
+            np.testing.assert_array_equal(changed, HALF & (name != "mocap_pos" or names[0] == "cabinet"))
+        fresh = randomizer.data.xpos.numpy().copy()
+        mjw.kinematics(randomizer.model, randomizer.data)
+        np.testing.assert_array_equal(fresh, randomizer.data.xpos.numpy())
+    np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 3 * HALF)
+
+
+def test_the_same_state_seed_and_number_give_the_same_places(mid: CompiledScene):
+    """With a graph and without, and after a reset that begins the count anew; the next number gives another place."""
+    found = []
+    for graph in (True, False):
+        randomizer = randomizer_of(mid, graph=graph)
+        for _ in range(2):
+            randomizer.replace("apple")
+            found.append(randomizer.data.qpos.numpy().copy())
+        randomizer.reset(HALF, seeds=np.arange(4, 4 + NWORLD), episodes=0)
+        np.testing.assert_array_equal(randomizer.replacer.number.numpy(), np.where(HALF, 0, 2))
+    np.testing.assert_array_equal(found[0], found[2])
+    np.testing.assert_array_equal(found[1], found[3])
+    assert (found[0] != found[1]).any(axis=1).all()
+
+
+def test_a_redraw_is_part_of_a_capture(mid: CompiledScene):
+    """Once its search is prepared, with a mask that is written to between replays."""
+    randomizer, twin = randomizer_of(mid), randomizer_of(mid)
+    with pytest.raises(ArgumentError, match="before the capture"), wp.ScopedCapture("cpu"):
+        randomizer.replace("apple")
+    for each in (randomizer, twin):
+        each.replace("apple", np.zeros(NWORLD, bool))
+    mask = wp.zeros(NWORLD, dtype=bool, device="cpu")
+    with wp.ScopedCapture("cpu") as capture:
+        randomizer.replace("apple", mask)
+    for turn in range(3):
+        mask.assign(np.arange(NWORLD) % 3 == turn)
+        wp.capture_launch(capture.graph)
+        twin.replace("apple", mask)
+        np.testing.assert_array_equal(randomizer.data.qpos.numpy(), twin.data.qpos.numpy())
+    np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 1)
+
+
+def test_where_nothing_fits_the_object_stays_and_is_counted(mid: CompiledScene):
+    """With the drawers shut, the banana is in the way of no place but has none itself."""
+    randomizer = randomizer_of(mid)
+    data, mjm = randomizer.data, mid.mjm
+    qpos = data.qpos.numpy().copy()
+    qpos[:3, mjm.joint("cabinet/upper").qposadr[0]] = 0.0
+    data.qpos.assign(qpos)
+    before = state(randomizer)
+    randomizer.replace("banana")
+    status = randomizer.replacer.status.numpy()
+    np.testing.assert_array_equal(status, [Status.KEPT] * 3 + [Status.VALID] * 3)
+    assert randomizer.replacer.kept.numpy().tolist() == [3]
+    after = state(randomizer)
+    for name, old in before.items():
+        np.testing.assert_array_equal(after[name][:3], old[:3])
+
+
+@since_4("bodies of batches sleep since 4.0")
+def test_what_sleeps_wakes_and_falls(mid: CompiledScene):
+    """An apple that slept moves on from its new place, half a millimetre over the floor."""
+    randomizer = randomizer_of(mid, SLEEPING)
+    randomizer.reset()
+    data, tree = randomizer.data, int(mid.mjm.body_treeid[mid.scene.bodies["apple"]])
+    asleep, awake = data.tree_asleep.numpy(), data.tree_awake.numpy()
+    asleep[:, tree], awake[:, tree] = tree, 0
+    data.tree_asleep.assign(asleep)
+    data.tree_awake.assign(awake)
+    randomizer.replace("apple", HALF)
+    before = data.qpos.numpy().copy()
+    for _ in range(5):
+        mjw.step(randomizer.model, data)
+    height = mid.mjm.jnt_qposadr[mid.mjm.body_jntadr[mid.scene.bodies["apple"]]] + 2
+    np.testing.assert_array_equal(data.qpos.numpy()[:, height] < before[:, height], HALF)
+
+
+def test_wrong_arguments_are_refused(mid: CompiledScene):
+    """Unknown objects, and masks of another shape."""
+    randomizer = randomizer_of(mid)
+    with pytest.raises(UnknownNameError, match="Did you mean 'apple'"):
+        randomizer.replace("apples")
+    with pytest.raises(MaskError):
+        randomizer.replace("apple", np.zeros(2, bool))
+
+
+def test_scenes_with_variants_are_refused():
+    """As the simulation has one body for all of them."""
+    objects = {"fruit": {"variants": {"apple": {"asset": "apple"}, "pear": {"asset": "pear"}}, "on": "floor"}}
+    compiled = compile_scene({"floor": {"size": [1, 1]}, "objects": objects, "bank": 2}, "cpu")
+    model = put_model(compiled, 1)
+    randomizer = ResetRandomizer(compiled, model, mjw.make_data(compiled.sim_mjm, nworld=1), graph=False)
+    with pytest.raises(NotSupportedError, match="scenes with variants"):
+        randomizer.replace("fruit")
