@@ -18,19 +18,8 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
 _OF_LAYOUTS = (
-    *(
-        "seed",
-        "episode",
-        "qpos",
-        "mocap_pos",
-        "mocap_quat",
-        "status",
-        "attempts",
-        "first_pass_valid",
-        "start",
-        "present",
-    ),
-    *("grasp", "grasp_qpos", "pregrasp_qpos"),
+    *("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "present"),
+    *("start", "knob", "grasp", "grasp_qpos", "pregrasp_qpos"),
 )
 
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
