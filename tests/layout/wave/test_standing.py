@@ -67,7 +67,7 @@ def test_the_size_of_a_search_changes_nothing(tmp_path: Path, size: str):
 
 
 def test_overflowed_candidates_may_be_tested_in_the_same_launch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Where nothing collides, both kernels give the same bits."""
+    """Both kernels give the same bits where nothing collides."""
     compiled = tower(tmp_path)
     apart = make(compiled, 16)
     monkeypatch.setattr(Workspace, "repeats_while_standing", True)
