@@ -208,18 +208,17 @@ def find_patch(
         ground: The pose of that surface's body, around the object's pivot.
         patch: The corners [m], around the pivot, counter-clockwise, shape (`MOST_CORNERS`,).
     """
-    parts = statics.surface_partnum[surface]
-    if statics.obj_whole[obj]:
-        parts = 1
-    num = int(0)
     foot = statics.variant_footadr[variant]
+    parts = statics.surface_partnum[surface] * statics.variant_footnum[variant]
     is_plain = statics.obj_four[obj] or statics.foot_cornernum[foot] <= FEW_CORNERS
-    if is_plain and parts * statics.variant_footnum[variant] == 1:
+    num = int(0)
+    if statics.obj_whole[obj]:
         num = _turn_foot(statics, foot, heading, patch)
-        if not statics.obj_whole[obj]:
-            num = _cut_foot(statics, statics.surface_partadr[surface], ground, patch, num)
+    elif is_plain and parts == 1:
+        num = _turn_foot(statics, foot, heading, patch)
+        num = _cut_foot(statics, statics.surface_partadr[surface], ground, patch, num)
     else:
-        num = _join_parts(statics, obj, variant, heading, surface, parts, ground, patch)
+        num = _join_parts(statics, variant, heading, surface, ground, patch)
     if statics.obj_four[obj] and num > 4:
         num = _take_four(patch, num)
     return num
@@ -227,33 +226,24 @@ def find_patch(
 
 @wp.func
 def _join_parts(
-    statics: Statics,
-    obj: int,
-    variant: int,
-    heading: float,
-    surface: int,
-    parts: int,
-    ground: Pose,
-    patch: wp.array[wp.vec2],
+    statics: Statics, variant: int, heading: float, surface: int, ground: Pose, patch: wp.array[wp.vec2]
 ) -> int:
     """Write the corners of a patch in several parts, those furthest in each direction; return their number."""
     best = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=float)
     points = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
     for i in range(statics.direction.shape[0]):
         best[i] = -1.0e30
+    parts = statics.surface_partnum[surface]
     feet = statics.variant_footnum[variant]
     for i in range(feet):
         foot = statics.variant_footadr[variant] + i
-        first = parts
         least = float(0.0)
-        if feet > 1 and not statics.obj_whole[obj]:
+        if feet > 1:
             least = _SLIVER * area(points, _turn_foot(statics, foot, heading, points))
-            first = 0
         on = float(0.0)
-        for k in range(first, 2 * parts):  # first how much of it is on the surface, then where
+        for k in range(2 * parts):  # first how much of it is on the surface, then where
             left = _turn_foot(statics, foot, heading, points)
-            if not statics.obj_whole[obj]:
-                left = _cut_foot(statics, statics.surface_partadr[surface] + k % parts, ground, points, left)
+            left = _cut_foot(statics, statics.surface_partadr[surface] + k % parts, ground, points, left)
             if k < parts:
                 on += area(points, left)
             elif on >= least:
@@ -314,11 +304,11 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
         xy += r[0] * r[1]
         yy += r[1] * r[1]
         side = after - before
-        length = wp.length(side)
-        if length > 1.0e-6:
+        if wp.length_sq(side) > 1.0e-12:
             corners += 1
-            margin = wp.min(margin, cross2(side, at - before) / length)
-            inner = wp.min(inner, cross2(side, middle - before) / length)
+            side = wp.normalize(side)
+            margin = wp.min(margin, cross2(side, at - before))
+            inner = wp.min(inner, cross2(side, middle - before))
         before = after
     if statics.obj_four[obj] and statics.foot_cornernum[statics.variant_footadr[variant]] > FEW_CORNERS:
         margin = wp.min(margin, inner - wp.length(at - middle))  # any four around it

@@ -16,10 +16,11 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, carrier_of, levels_of
+from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, Foot, carrier_of, levels_of
 from sceniris_gym.scene.draws import drawn_fields
 
 _DIRECTIONS = 32
+_FEW_DIRECTIONS = 12
 
 
 def pack_statics(plan: Plan, device: str) -> Statics | None:
@@ -35,7 +36,8 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     load, of_levels = addressed("level_load", (part for i, c in enumerate(chains) for part in _loads(c, carriers, i)))
     known = [NO_STANCE if stance is None else stance for stance in found]
     feet = [f for o, s in zip(objects, known, strict=True) for f in s.feet or [NO_FOOT] * len(o.variants)]
-    foot, of_variants = addressed("variant_foot", (f.parts for f in feet))
+    whole = [s.is_whole for o, s in zip(objects, known, strict=True) for _ in o.variants]
+    foot, of_variants = addressed("variant_foot", map(_joined, feet, whole))
     corner, of_feet = addressed("foot_corner", foot)
     parts, of_surfaces = addressed("surface_part", (_convex_parts(s) for s in surfaces_of_regions(objects)))
     side, of_parts = addressed("part_side", parts)
@@ -63,6 +65,14 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     }
     fill_struct(Statics, statics, arrays, device)
     return statics
+
+
+def _joined(foot: Foot, whole: bool) -> list[np.ndarray]:
+    """Return the parts of a foot; of one that is on its support as a whole, its corner in each of a few directions."""
+    if not whole or len(foot.parts) == 1:
+        return foot.parts
+    points = np.concatenate(foot.parts)
+    return [points[(around(_FEW_DIRECTIONS) @ points.T).argmax(axis=1)]]
 
 
 def _box(points: np.ndarray) -> np.ndarray:
