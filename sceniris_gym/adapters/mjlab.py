@@ -65,7 +65,7 @@ class PlaceLayouts(ManagerTermBase):
         self.compiled: CompiledScene = compile_scene(config, env.device)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
-        self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split)
+        self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split, knobs=cfg.knobs)
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
         self.split: str = cfg.split
@@ -111,11 +111,20 @@ class PlaceLayouts(ManagerTermBase):
             )
         by_env = dict(zip(wanted, ids, strict=True))
         chosen = as_chosen_layouts(
-            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.scene, self._generator.split
+            [by_env.get(i) for i in range(num_envs)], num_envs, self._generator, self._generator.split
         )
         assert chosen is not None
-        seeds, episodes, given = chosen
-        self._generator.reseed(seeds, given, episodes)
+        self._generator.reseed(chosen.seeds, chosen.given, chosen.episodes, chosen.knobs)
+
+    def set_knob(self, name: str, value: Any, env_ids: Tensor | slice | None = None) -> None:
+        """Change a part of the scene in some environments, or in all: their next layouts follow.
+
+        Raises:
+            UnknownNameError, ArgumentError: See `LayoutSource.set_knobs`.
+        """
+        mask = torch.zeros(self._env.num_envs, dtype=torch.bool, device=self._env.device)
+        mask[slice(None) if env_ids is None else env_ids] = True
+        self._generator.set_knobs({name: value}, mask)
 
     def reset(self, env_ids: Tensor | None) -> None:
         """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""
@@ -173,6 +182,7 @@ class PlaceLayoutsCfg(EventTermCfg):
         seed: Seed of environment 0, environment i has seed + i; None takes that of the environment's cfg, or draws one.
             Under torchrun and torchrunx, RANK * 2^40 is added.
         split: "train" or "eval", which share no layouts.
+        knobs: Names of parts of the scene that `knob_stages` or `PlaceLayouts.set_knob` change, or patterns.
     """
 
     func: Any = PlaceLayouts
@@ -180,6 +190,23 @@ class PlaceLayoutsCfg(EventTermCfg):
     scene: Any
     seed: int | None = None
     split: str = "train"
+    knobs: Sequence[str] = ()
+
+
+def knob_stages(env: Any, env_ids: Tensor | slice, name: str, stages: Sequence[tuple[int, Any]]) -> None:
+    """Set a knob of the environments that are reset by the number of steps so far: a term of mjlab's curriculum.
+
+    Args:
+        env: The environment, with an event `PlaceLayouts`.
+        env_ids: The environments.
+        name: One of the event's `knobs`.
+        stages: Pairs of a step and the value from then on, steps in ascending order; before the first the knob is as in
+            the scene.
+    """
+    values = [value for step, value in stages if step <= env.common_step_counter]
+    term = layouts_term(env)
+    if values and term is not None:
+        term.set_knob(name, values[-1], env_ids)
 
 
 class KeepLayouts:

@@ -145,13 +145,16 @@ class SB3VecEnv(VecEnv):
         return [getattr(self._owner(attr_name), attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the environment, or else of its task, for all worlds.
+        """Set a knob of some worlds, or an attribute of the environment, or else of its task, for all of them.
 
         Raises:
             AttributeError: Neither has it.
             ArgumentError: Not all of the worlds.
             IndexError: There is no such world.
         """
+        if attr_name in self.env.randomizer.layouts.knobs.first:
+            self.env.set_knob(attr_name, value, np.isin(np.arange(self.num_envs), self._chosen(indices)))
+            return
         if len(set(self._chosen(indices))) != self.num_envs:
             raise ArgumentError(f"set_attr: '{attr_name}' belongs to all worlds together. Leave out the indices.")
         setattr(self._owner(attr_name), attr_name, value)

@@ -17,6 +17,7 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.knobs import launch_write
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
@@ -24,6 +25,7 @@ from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.redraw import Redraw
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
+from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
@@ -65,17 +67,19 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: Capacities, which affect the speed and never the layouts; None takes those that suit the device.
         rejected: Length of a record of the first candidates that collided, for audits.
         every_cause: Record candidates of every cause that were rejected at a pose, not of collisions alone.
+        knobs: Names of the knobs that worlds have, or patterns such as "objects.*.joints.*"; see `set_knobs`.
 
     Raises:
+        UnknownNameError: An unknown knob.
         SeedError: Not 64-bit integers, or not one per world.
-        ArgumentError: An unknown split.
+        ArgumentError: An unknown split, or a part of the scene that cannot be a knob.
         CountError: A number of worlds that is no integer, or out of range.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
         MemoryLimitError: More worlds than there is memory for.
     """
 
     FIXED = ("compiled", "split", "size", "layouts")
-    ARGUMENTS = ("nworld", "seed", "rejected")
+    ARGUMENTS = ("nworld", "seed", "rejected", "knobs")
 
     @launching
     def __init__(
@@ -88,6 +92,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: SearchSize | None = None,
         rejected: int = 0,
         every_cause: bool = False,
+        knobs: str | Sequence[str] = (),
     ) -> None:
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
         if not isinstance(split, str) or split not in SPLITS:
@@ -102,12 +107,15 @@ class LayoutGenerator(Fixed, LayoutSource):
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
         _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
-        self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
-        self._masses = DrawnMasses(compiled, nworld, split)
+        words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
+        self.layouts = Layouts.create(compiled, nworld, **words)
+        program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld)
+        self._boxes = self.layouts.knobs.boxes(compiled)
+        self._masses = DrawnMasses(compiled, nworld, split, self.layouts.knobs)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
-            compiled.program,
+            program,
             self._masses.statics,
             compiled.related,
             reaches,
@@ -164,6 +172,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_finish(self._work, mask)
 
     def _start(self, mask: wp.array | None) -> None:
+        if self._knobbed is not None:
+            view = self.layouts.view
+            launch_write(self._knobbed, self.nworld, mask, view.next_knob, view.default_knob)
         launch_start(self._work, mask)
         self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:
@@ -187,6 +198,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         work = self._work
         launch_open_candidates(work)
         launch_draw(work)
+        if self._boxes is not None:
+            launch_draw_in_boxes(work, self._boxes)
         if work.related:
             launch_build_sides(work)
             launch_find_pieces(work)
@@ -261,8 +274,7 @@ def make_redraw(
     """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
-    most, busy = min(size.candidates, _MOST_REDRAWN), min(size.busy, _BUSY_REDRAWN)
-    size = replace(size, rows=0, candidates=most, busy=busy)
+    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN), busy=min(size.busy, _BUSY_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
     return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 

@@ -35,9 +35,10 @@ def _serve(
     mask: wp.array[wp.bool],
     stride: int,
     width: int,
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos,
-    #   next_episode, pending_seed, pending_episode
+    # Layouts in: seed, episode, status, next_seed, next_episode, pending_seed, pending_episode, next_knob,
+    #   pending_knob, default_knob
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos, knob,
+    #   next_episode, pending_seed, pending_episode, pending_knob
     layouts: LayoutsView,
 ):
     worldid = wp.tid()

@@ -1,5 +1,7 @@
 """`Buffer`: levels and their scores on the device, and the kernels that choose, update and weigh them."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 from warp.utils import array_scan
@@ -27,6 +29,7 @@ class Buffer:
     episode: wp.array[int]
     value: wp.array[float]  # rate of success, or the given score
     stamp: wp.array[int]  # reset in which it was chosen last, -1 where there is no level
+    knob: wp.array2d[float]  # numbers of its knobs
     cumulative: wp.array[int]  # sum of the weights up to it
     # of each bin of scores:
     count: wp.array[int]
@@ -43,6 +46,8 @@ class Buffer:
     next_level: wp.array[int]
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]
+    base_knob: wp.array2d[float]  # with which fresh levels are made
+    next_knob: wp.array2d[float]
     inserted: wp.array[int]
     # of the buffer:
     vacant: wp.array[int]  # places that are empty or have the lowest scores, -1 beyond them
@@ -98,8 +103,8 @@ def _choose(
     mask: wp.array[bool],
     stream: wp.uint32,
     replay: float,
-    # Buffer in: seed, episode, cumulative, base, decision, next_level, resets
-    # Buffer out: stamp, decision, level, next_level, next_seed, next_episode
+    # Buffer in: seed, episode, knob, cumulative, base, decision, next_level, base_knob, resets
+    # Buffer out: stamp, decision, level, next_level, next_seed, next_episode, next_knob
     buffer: Buffer,
 ):
     worldid = wp.tid()
@@ -115,12 +120,16 @@ def _choose(
         buffer.next_level[worldid] = -1
         buffer.next_seed[worldid] = (wp.uint64(words[2]) << wp.uint64(32)) | wp.uint64(words[3])
         buffer.next_episode[worldid] = 0
+        for k in range(buffer.next_knob.shape[1]):
+            buffer.next_knob[worldid, k] = buffer.base_knob[worldid, k]
         return
     wanted = int((wp.uint64(words[1]) * wp.uint64(total)) >> wp.uint64(32))
     first = _first_above(buffer.cumulative, wanted)
     buffer.next_level[worldid] = first
     buffer.next_seed[worldid] = buffer.seed[first]
     buffer.next_episode[worldid] = buffer.episode[first]
+    for k in range(buffer.next_knob.shape[1]):
+        buffer.next_knob[worldid, k] = buffer.knob[first, k]
     buffer.stamp[first] = buffer.resets[0]
 
 
@@ -142,22 +151,47 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay: fl
 def _forget(
     seeds: wp.array[wp.uint64],
     mask: wp.array[bool],
-    # Buffer out: base, decision, next_level
+    restores: bool,
+    # Buffer in: base_knob
+    # Buffer out: base, decision, next_level, next_knob
     buffer: Buffer,
+    # Out:
+    next_probe: wp.array[int],
 ):
     worldid = wp.tid()
     if mask:
         if not mask[worldid]:
             return
     buffer.next_level[worldid] = -1
+    if next_probe:
+        next_probe[worldid] = -1
+    if restores:
+        for k in range(buffer.next_knob.shape[1]):
+            buffer.next_knob[worldid, k] = buffer.base_knob[worldid, k]
     if seeds:
         buffer.base[worldid] = seeds[worldid]
         buffer.decision[worldid] = 0
 
 
-def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None) -> None:
-    """Forget what was chosen for the masked worlds, and draw their fresh levels by new seeds if there are some."""
-    wp.launch(_forget, buffer.base.shape[0], inputs=[seeds, mask], outputs=[buffer], device=buffer.base.device)
+def launch_forget(
+    buffer: Buffer,
+    seeds: wp.array | None,
+    mask: wp.array | None,
+    next_probe: wp.array | None = None,
+    *,
+    restores: bool = True,
+) -> None:
+    """Forget what was chosen for the masked worlds, and draw their fresh levels by new seeds if there are some.
+
+    Args:
+        buffer: The buffer.
+        seeds: Seeds, shape (nworld,), uint64; None keeps those there are.
+        mask: Which worlds, shape (nworld,), bool; all if None.
+        next_probe: Ends that the next levels are at, shape (nworld,), int32; None without ranges.
+        restores: Give the next levels the knobs of fresh ones.
+    """
+    outputs, device = [buffer, next_probe], buffer.base.device
+    wp.launch(_forget, buffer.base.shape[0], inputs=[seeds, mask, restores], outputs=outputs, device=device)
 
 
 @wp.kernel
@@ -166,9 +200,10 @@ def _update(
     seed: wp.array[wp.uint64],
     episode: wp.array[int],
     outcome: wp.array[float],
+    knob: wp.array2d[float],
     mask: wp.array[bool],
     # Buffer in: seed, episode, value, stamp, inserted, vacant, resets, counts_success, wants_failure, rate
-    # Buffer out: seed, episode, value, stamp, inserted
+    # Buffer out: seed, episode, value, stamp, knob, inserted
     buffer: Buffer,
 ):
     row = wp.tid()
@@ -206,13 +241,21 @@ def _update(
     buffer.seed[place] = seed[row]
     buffer.episode[place] = episode[row]
     buffer.stamp[place] = buffer.resets[0]
+    for k in range(buffer.knob.shape[1]):
+        buffer.knob[place, k] = knob[row, k]
 
 
 def launch_update(
-    buffer: Buffer, level: wp.array, seed: wp.array, episode: wp.array, outcome: wp.array, mask: wp.array | None
+    buffer: Buffer,
+    level: wp.array,
+    seed: wp.array,
+    episode: wp.array,
+    outcome: wp.array,
+    mask: wp.array | None,
+    knob: wp.array | None = None,
 ) -> None:
     """Update levels by the outcomes of episodes, or insert them; see `LevelSampler.launch_update`."""
-    inputs = [level, seed, episode, outcome, mask]
+    inputs = [level, seed, episode, outcome, knob, mask]
     wp.launch(_update, level.shape[0], inputs=inputs, outputs=[buffer], device=buffer.base.device)
 
 
@@ -329,14 +372,16 @@ def launch_refresh(buffer: Buffer, levels: Levels) -> None:
     array_scan(buffer.cumulative, buffer.cumulative)
 
 
-def create_buffer(levels: Levels, nworld: int, device: wp.Device) -> Buffer:
-    """Allocate an empty buffer."""
+def create_buffer(levels: Levels, nworld: int, device: wp.Device, nknob: int = 0) -> Buffer:
+    """Allocate an empty buffer of levels with so many numbers of knobs."""
     buffer, capacity = Buffer(), levels.capacity
-    sizes = {
+    sizes: dict[str, Any] = {
         "seed episode value stamp cumulative": capacity,
         "count weight": _BINS,
         "filled total age lowest resets": 1,
         "base decision level next_level next_seed next_episode inserted": nworld,
+        "knob": (capacity, nknob),
+        "base_knob next_knob": (nworld, nknob),
     }
     for names, size in sizes.items():
         with wp.ScopedDevice(device):
@@ -352,6 +397,6 @@ def create_buffer(levels: Levels, nworld: int, device: wp.Device) -> Buffer:
 
 KEPT = (
     *("seed", "episode", "value", "stamp", "base", "decision", "level", "next_level", "next_seed", "next_episode"),
-    "resets",
+    *("resets", "knob", "base_knob", "next_knob"),
 )
 """Arrays of a Buffer from which all others follow."""

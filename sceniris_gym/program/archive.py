@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from sceniris_gym.geometry.colliders import device_mesh
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device import WORLD_FIELDS, Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.reach import set_map_and_arm
@@ -96,7 +96,8 @@ def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
     values = {
         name: getattr(instance, name) for name, variable in declared.vars.items() if not _is_struct(variable.type)
     }
-    return {name: value.numpy() if isinstance(value, wp.array) else np.array(value) for name, value in values.items()}
+    found = {name: value.numpy() if isinstance(value, wp.array) else np.array(value) for name, value in values.items()}
+    return {name: value[0] if declared is Program and name in WORLD_FIELDS else value for name, value in found.items()}
 
 
 def _fill(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], prefix: str, device: str) -> None:

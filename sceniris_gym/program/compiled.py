@@ -119,13 +119,14 @@ class CompiledScene:
         """The scene's part of layout ids."""
         return self.scene.hash
 
-    def layout_id(self, seed: SupportsInt, episode: SupportsInt, split: str = "train") -> str:
+    def layout_id(self, seed: SupportsInt, episode: SupportsInt, split: str = "train", knobs: str = "") -> str:
         """Return `scenehash:split:seed:episode`, the id of a layout of this scene, which `sceniris-gym replay` takes.
 
         Args:
             seed: 64 bits, as a number of any library; negative ones are read as two's complement.
             episode: Number of resets of the world between the one that gave it its seed and the one of the layout.
             split: "train" or "eval".
+            knobs: The knobs that differ from the scene file, as `KnobTable.text` writes them: a fifth part.
 
         Raises:
             SeedError: A seed of more than 64 bits.
@@ -141,7 +142,7 @@ class CompiledScene:
             )
         if split not in USER_SPLITS:
             raise ArgumentError(f"layout_id: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
-        return f"{self.hash}:{split}:{number % 2**64}:{count}"
+        return f"{self.hash}:{split}:{number % 2**64}:{count}{f':{knobs}' if knobs else ''}"
 
     @property
     def home_state(self) -> dict[str, np.ndarray]:

@@ -340,7 +340,8 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     elif not np.array_equal(qpos, given_qpos):
         spec.key(keyframe).qpos = qpos
     tcps = _tcps(spec, mjm, qpos, config)
-    return _scene(config, spec, assemble.compile_spec(spec, config.where), qpos, ctrl, couplings, tcps)
+    mjm = assemble.compile_spec(spec, config.where) if shared is None else shared.compile(spec, mjm)
+    return _scene(config, spec, mjm, qpos, ctrl, couplings, tcps)
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:

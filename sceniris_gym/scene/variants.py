@@ -15,6 +15,7 @@ import numpy as np
 
 from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
+from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.support import subtree
 
 MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
@@ -99,12 +100,31 @@ class SharedBodies:
         return spec.body(_ATTIC).add_frame()
 
     def finish(self, spec: mujoco.MjSpec) -> None:
-        """Delete the variants, and see to it that all their meshes keep their hulls."""
+        """Delete the variants, and see to it that all their meshes get their hulls."""
         spec.delete(spec.body(_ATTIC))  # at once, since each deletion takes time in proportion to the whole scene
+        self._name_meshes(spec)
+        spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
+
+    def compile(self, spec: mujoco.MjSpec, before: mujoco.MjModel) -> mujoco.MjModel:
+        """Compile the scene once more, without the geoms that name meshes: hulls that were made are kept.
+
+        Args:
+            spec: The scene.
+            before: The same, compiled with them.
+        """
+        if spec.body(_HULLS) is None or spec.compiler.discardvisual:  # which discards meshes that no geom names
+            return compile_spec(spec, self._where)
+        spec.delete(spec.body(_HULLS))
+        mjm = compile_spec(spec, self._where)
+        if np.array_equal(mjm.mesh_graphadr, before.mesh_graphadr):
+            return mjm
+        self._name_meshes(spec)
+        return compile_spec(spec, self._where)
+
+    def _name_meshes(self, spec: mujoco.MjSpec) -> None:
         unnamed = sorted(_hulls(self._full, self._variants) - self._named)
         if unnamed:
             _name_meshes(spec, unnamed, _free_bit(self._full, self._where))
-        spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
 
 
 def check_variants(

@@ -93,6 +93,7 @@ class ResetRandomizer(Fixed, StaysHere):
         layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
         levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
             from episode to episode of one seed.
+        knobs: Names of the knobs that worlds have, or patterns; see `set_knob`. Not with a layout_source.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
@@ -112,14 +113,14 @@ class ResetRandomizer(Fixed, StaysHere):
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
-        ArgumentError: Both `layout_source` and `prefetch`, or a stream of another device.
+        ArgumentError: Both `layout_source` and `prefetch` or `knobs`, or a stream of another device.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
     FIXED = ("compiled", "model", "data", "device", "layout_source", "fields", "replacer")
-    ARGUMENTS = ("layouts", "levels", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    ARGUMENTS = ("layouts", "levels", "knobs", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -134,6 +135,7 @@ class ResetRandomizer(Fixed, StaysHere):
         prefetch: bool | wp.Stream | None = None,
         layout_source: LayoutSource | None = None,
         levels: Levels | None = None,
+        knobs: str | Sequence[str] = (),
         # what a reset writes:
         write: Literal["all", "placed"] = "all",
         origins: Any = None,
@@ -148,23 +150,27 @@ class ResetRandomizer(Fixed, StaysHere):
         check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
+        if levels is not None:
+            check_type(levels, Levels, "ResetRandomizer: levels")
+            named = () if levels.ranges is None else tuple(levels.ranges.start)
+            knobs = (*((knobs,) if isinstance(knobs, str) else knobs), *named)
         if layout_source is None:
-            generator = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
+            generator = LayoutGenerator(compiled, data.nworld, seed=seed, split=split, knobs=knobs)
             layout_source = _prefetching(generator, self.device.is_cuda if prefetch is None else prefetch, graph)
-        elif prefetch:
+        elif prefetch or knobs:
             raise ArgumentError(
-                "ResetRandomizer: prefetch is for layouts that the randomizer generates itself. Give either it or a "
-                "layout_source, which may be a PreparedLayouts."
+                "ResetRandomizer: prefetch and knobs are for layouts that the randomizer generates itself. Give either "
+                "them or a layout_source, which may be a PreparedLayouts."
             )
         check_type(layout_source, LayoutSource, "ResetRandomizer: layout_source")
         if levels is not None:
-            check_type(levels, Levels, "ResetRandomizer: levels")
             layout_source = LevelSampler(layout_source, levels, split)
         self.layout_source: LayoutSource = layout_source
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
+        self.fields.use_knobs(self.layouts.knobs)
         self._whole, self._stages = write == "all", update_stages(needs)
         with wp.ScopedDevice(self.device):
             self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
@@ -332,10 +338,24 @@ class ResetRandomizer(Fixed, StaysHere):
         self._refresh()
 
     def reseed(
-        self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
+        self,
+        seeds: int | Sequence[int] | np.ndarray | wp.array | None,
+        mask: Any = None,
+        episodes: Any = None,
+        knobs: np.ndarray | None = None,
     ) -> None:
-        """Choose the next layouts of the masked worlds by seeds and episodes. See `LayoutSource.reseed`."""
-        self.layout_source.reseed(seeds, mask, episodes)
+        """Choose the next layouts of the masked worlds by seeds, episodes and knobs. See `LayoutSource.reseed`."""
+        self.layout_source.reseed(seeds, mask, episodes, knobs)
+
+    def set_knob(self, name: str, value: Any, mask: Any = None) -> None:
+        """Change a knob of the masked worlds; their next layouts follow. See `LayoutSource.set_knobs`."""
+        self.layout_source.set_knobs({name: value}, mask)
+
+    def layout_ids(self) -> list[str]:
+        """Return the ids of the present layouts, one per world, with the knobs that differ. Waits for the device."""
+        names = zip(*(getattr(self.layouts, name).numpy() for name in ("seed", "episode", "knob")), strict=True)
+        text, name = self.layouts.knobs.text, self.compiled.layout_id
+        return [name(seed, episode, self._split, text(row)) for seed, episode, row in names]
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
@@ -363,7 +383,9 @@ class ResetRandomizer(Fixed, StaysHere):
             seed, episode = layouts.seed, layouts.episode
             if isinstance(layouts, LayoutTable):
                 seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
-            self._launch_write(poses, present, seed, episode, on_device)
+            own = isinstance(layouts, Layouts) and layouts.knobs.names == self.layouts.knobs.names
+            knob = layouts.knob if isinstance(layouts, Layouts) and own else None
+            self._launch_write(poses, present, seed, episode, knob, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
@@ -399,7 +421,7 @@ class ResetRandomizer(Fixed, StaysHere):
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode)
+        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode, layouts.knob)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
@@ -410,14 +432,20 @@ class ResetRandomizer(Fixed, StaysHere):
             stage(self.model, self.data)
 
     def _launch_write(
-        self, poses: Poses, present: Any, seed: wp.array, episode: wp.array, rows: wp.array | None = None
+        self,
+        poses: Poses,
+        present: Any,
+        seed: wp.array,
+        episode: wp.array,
+        knob: wp.array | None,
+        rows: wp.array | None = None,
     ) -> None:
         m, d = self.model, self.data
         drawn = rows
         if self.variants is not None:
             poses, rows = self.variants.launch(poses, present, rows), None
         self._contacts.launch_drop()
-        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn)
+        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn, knob)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -42,8 +43,22 @@ def test_a_shared_body_has_room_for_every_variant():
 
 def test_all_meshes_keep_their_hulls():
     """Those that no geom of the shared body names, too: without a hull, contacts of several points would be lost."""
+    check_meshes(built())
+
+
+def test_no_geom_is_simulated_for_a_name_alone(tmp_path: Path):
+    """Unless a model of the user's discards meshes that no geom names; they keep their hulls then, too."""
     scene = built()
-    for field in ("mesh_graphadr", "mesh_polynum", "mesh_vertadr", "mesh_pos", "mesh_quat"):
+    assert scene.sim.mjm.nbody == scene.mjm.nbody - len(THINGS) + 1
+    ground = '<worldbody><geom name="ground" type="plane" size="1 1 .1"/></worldbody>'
+    (tmp_path / "model.xml").write_text(f'<mujoco><compiler discardvisual="true"/>{ground}</mujoco>')
+    thing = {"asset": list(THINGS), "on": "ground"}
+    check_meshes(build_model(SceneConfig.load({"model": str(tmp_path / "model.xml"), "objects": {"target": thing}})))
+
+
+def check_meshes(scene: SceneModel) -> None:
+    """Check that meshes are the same with all variants and as they are simulated, with their hulls."""
+    for field in ("mesh_graphadr", "mesh_graph", "mesh_polynum", "mesh_vertadr", "mesh_pos", "mesh_quat"):
         np.testing.assert_array_equal(getattr(scene.mjm, field), getattr(scene.sim.mjm, field))
 
 

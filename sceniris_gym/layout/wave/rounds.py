@@ -41,8 +41,8 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
+    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode, next_knob
+    # Layouts out: attempts, present, pending_seed, pending_episode, pending_knob, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
     # Search out: pending, restart, waiting, worlds_left, rows_left, restarts_at_once, candidates
@@ -67,7 +67,7 @@ def _start(
     search.restart[worldid] = 0
     wp.atomic_add(search.worlds_left, 0, 1)
     seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
-    draw_groups(program, seed, episode, split, layouts.present[worldid])
+    draw_groups(program, worldid, seed, episode, split, layouts.present[worldid])
 
 
 def launch_start(work: Workspace, mask: wp.array | None) -> None:
@@ -295,8 +295,8 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
-    # Layouts in: rejections, pending_seed, pending_episode, row_rejections
-    # Layouts out: seed, episode, rejections, next_episode
+    # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
+    # Layouts out: seed, episode, knob, rejections, next_episode
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()
