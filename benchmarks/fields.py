@@ -7,7 +7,8 @@ Prints lines of JSON for the scene without draws, with a row of the same fields 
 all that follows is made ahead and in place. These have microseconds of a step of four substeps, of the same step with
 an empty reset and with one of 2% of the worlds, and what that adds to an empty one, each as median, least and
 greatest of alternating rounds, and then what of it is more than in the first way, and ratios of rates to its rates.
-Steps begin in the same state every time; the first round is not counted. Then bytes of a world by field.
+Steps begin in the same state every time; the first round is not counted. A batch iterates its solver as long as any
+world needs it: `iterations` are mean and greatest of the last step. Then bytes of a world by field.
 """
 
 from __future__ import annotations
@@ -80,6 +81,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=_STEPS)
     parser.add_argument("--device", default=None)
+    parser.add_argument("--settle", type=int, default=20, help="steps before the state that all begin in")
     parser.add_argument("--ways", nargs="+", default=_WAYS, choices=_WAYS)
     words = parser.parse_args()
     wp.config.quiet = True
@@ -95,7 +97,7 @@ def main() -> None:
         if name == "in_place":
             batch.fields.ask("body_mass")  # what follows from a field that a task writes is found in the reset
         randomizer.reset()
-        for _ in range(20):
+        for _ in range(words.settle):
             batch.step()
         worlds[name] = batch, randomizer
         starts[name] = {field: wp.clone(getattr(batch.data, field)) for field in PROMISED}
@@ -117,7 +119,8 @@ def main() -> None:
         more = np.median(each["reset_adds"]) - (of_plain["reset"] - of_plain["empty"])
         line |= {"reset_more_us": round(float(more), 1)}
         line |= {f"{which}s_per_s_ratio": round(of_plain[which] / float(np.median(each[which])), 3) for which in masks}
-        print(json.dumps(line), flush=True)
+        counts = worlds[name][0].data.solver_niter.numpy()
+        print(json.dumps(line | {"iterations": [round(float(counts.mean()), 3), int(counts.max())]}), flush=True)
     sizes = {field: array.strides[0] for field, array in worlds[words.ways[-1]][0].fields.rows.items()}
     print(json.dumps({"fields": fields}))
     print(json.dumps({"bytes_a_world": sizes, "sum": sum(sizes.values())}))

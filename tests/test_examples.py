@@ -305,3 +305,38 @@ def test_things_of_worlds_are_others_after_every_reset(capsys: pytest.CaptureFix
     found = re.findall(r"(\w+): (\d+) worlds, ([0-9.]+) kg, 100% still", capsys.readouterr().out)
     assert sum(int(number) for _, number, _ in found) == 24
     assert len({name for name, _, _ in found}) == len({(name, mass) for name, _, mass in found}) > 4
+
+
+@pytest.mark.slow
+def test_the_regions_widen_and_a_narrow_layout_comes_back(capsys: pytest.CaptureFixture[str]):
+    """By knobs and by an id that names them."""
+    load("19_knobs").main(num_envs=32, resets=2, device="cpu")
+    out = capsys.readouterr().out
+    sizes = [list(map(float, found)) for found in re.findall(r"within ([0-9.]+) by ([0-9.]+) m", out)]
+    assert sizes[0][0] < sizes[1][0]
+    assert sizes[0][1] < sizes[1][1]
+    assert "the first narrow layout again: True" in out
+    assert "its id has 5 knobs" in out
+
+
+@pytest.mark.slow
+def test_levels_are_played_again_and_resumed(capsys: pytest.CaptureFixture[str]):
+    """About half of the later episodes, out of a buffer that a second environment goes on with."""
+    load("20_levels").main(num_envs=8, episodes=4, device="cpu")
+    out = capsys.readouterr().out
+    played, size, again = (re.search(text, out) for text in (r"(\d+)% of the", r"(\d+) levels", r"has (\d+) of them"))
+    assert played is not None
+    assert 5 < int(played[1]) < 60
+    assert size is not None
+    assert again is not None
+    assert size[1] == again[1]
+
+
+@pytest.mark.slow
+def test_the_region_grows_as_far_as_the_player_succeeds(capsys: pytest.CaptureFixture[str]):
+    """To 0.2 m along x, and all the way along y."""
+    load("21_ranges").main(num_envs=64, device="cpu")
+    last = capsys.readouterr().out.splitlines()[-1]
+    low_x, high_x, low_y, high_y = (float(end) for end in re.findall(r"-?[0-9.]+(?= to| m)", last))
+    assert -0.3 < low_x < -0.15 < 0.15 < high_x < 0.3
+    assert (low_y, high_y) == (-0.4, 0.4)

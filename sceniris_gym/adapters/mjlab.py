@@ -43,8 +43,10 @@ class PlaceLayouts(ManagerTermBase):
     pure function of scene, split, seed and episode. It does not know of other events, so objects may start inside a
     robot whose joints another event offsets. List this event after those that write the same entities.
 
-    After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, and `layout_fallback` (the layout came
-    from the bank of valid ones), each of shape (num_envs,); `extras["log"]` has the share of such environments.
+    After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, `layout_fallback` (the layout came from
+    the bank of valid ones), and `layout_start` if the scene has kinds of starts, each of shape (num_envs,);
+    `extras["log"]` has the share of environments with a layout from the bank. Starts write the joints of the arm and
+    the fingers; the controls of the next step should close them.
 
     Attributes:
         compiled: The compiled scene; `compiled.layout_id(seed, episode, cfg.split)` names a layout.
@@ -65,7 +67,7 @@ class PlaceLayouts(ManagerTermBase):
         self.compiled: CompiledScene = compile_scene(config, env.device)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
-        self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split)
+        self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split, knobs=cfg.knobs)
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
         self.split: str = cfg.split
@@ -111,11 +113,20 @@ class PlaceLayouts(ManagerTermBase):
             )
         by_env = dict(zip(wanted, ids, strict=True))
         chosen = as_chosen_layouts(
-            [by_env.get(i) for i in range(num_envs)], num_envs, self.compiled.scene, self._generator.split
+            [by_env.get(i) for i in range(num_envs)], num_envs, self._generator, self._generator.split
         )
         assert chosen is not None
-        seeds, episodes, given = chosen
-        self._generator.reseed(seeds, given, episodes)
+        self._generator.reseed(chosen.seeds, chosen.given, chosen.episodes, chosen.knobs)
+
+    def set_knob(self, name: str, value: Any, env_ids: Tensor | slice | None = None) -> None:
+        """Change a part of the scene in some environments, or in all: their next layouts follow.
+
+        Raises:
+            UnknownNameError, ArgumentError: See `LayoutSource.set_knobs`.
+        """
+        mask = torch.zeros(self._env.num_envs, dtype=torch.bool, device=self._env.device)
+        mask[slice(None) if env_ids is None else env_ids] = True
+        self._generator.set_knobs({name: value}, mask)
 
     def reset(self, env_ids: Tensor | None) -> None:
         """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""
@@ -160,6 +171,8 @@ class PlaceLayouts(ManagerTermBase):
         extras["layout_seed"] = wp.to_torch(layouts.seed).view(torch.int64).clone()
         extras["layout_episode"] = wp.to_torch(layouts.episode).long()
         extras["layout_fallback"] = fallback
+        if self.compiled.config.start:
+            extras["layout_start"] = wp.to_torch(layouts.start).long()
         extras.setdefault("log", {})["Layouts/fallback_share"] = fallback.float().mean()
 
 
@@ -173,6 +186,7 @@ class PlaceLayoutsCfg(EventTermCfg):
         seed: Seed of environment 0, environment i has seed + i; None takes that of the environment's cfg, or draws one.
             Under torchrun and torchrunx, RANK * 2^40 is added.
         split: "train" or "eval", which share no layouts.
+        knobs: Names of parts of the scene that `knob_stages` or `PlaceLayouts.set_knob` change, or patterns.
     """
 
     func: Any = PlaceLayouts
@@ -180,6 +194,23 @@ class PlaceLayoutsCfg(EventTermCfg):
     scene: Any
     seed: int | None = None
     split: str = "train"
+    knobs: Sequence[str] = ()
+
+
+def knob_stages(env: Any, env_ids: Tensor | slice, name: str, stages: Sequence[tuple[int, Any]]) -> None:
+    """Set a knob of the environments that are reset by the number of steps so far: a term of mjlab's curriculum.
+
+    Args:
+        env: The environment, with an event `PlaceLayouts`.
+        env_ids: The environments.
+        name: One of the event's `knobs`.
+        stages: Pairs of a step and the value from then on, steps in ascending order; before the first the knob is as in
+            the scene.
+    """
+    values = [value for step, value in stages if step <= env.common_step_counter]
+    term = layouts_term(env)
+    if values and term is not None:
+        term.set_knob(name, values[-1], env_ids)
 
 
 class KeepLayouts:
@@ -289,6 +320,9 @@ def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
     """Return the entities with joints that are drawn, and the numbers of these joints inside the entity."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
+    if compiled.starts is not None and compiled.reaching is not None:
+        for one in compiled.reaching.arms:
+            adr += [*one.arm.qposadr.tolist(), *one.gripper.qposadr.tolist(), *(c.adr for c in one.gripper.couplings)]
     found = []
     for entity in env.scene.entities.values():
         own = entity.indexing.joint_q_adr

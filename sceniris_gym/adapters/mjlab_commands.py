@@ -46,8 +46,7 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
             refresh=lambda: None,
             graph=True,
         )
-        self._number = wp.to_torch(self._replacer.number)
-        self._resets = self._moved = False
+        self._number, self._resets = wp.to_torch(self._replacer.number), False
 
     @property
     def command(self) -> Tensor:
@@ -68,17 +67,15 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
         due = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
         due[env_ids] = True
         self._replacer.launch(self.cfg.objects, wp.from_torch(due, dtype=wp.bool))
-        self._moved = True
+        self._env.sim.forward()
+        self._env.extras["layout_redraw"] = self._number.long()
+        self._env.extras["layout_kept"] = wp.to_torch(self._replacer.status) == Status.KEPT
 
     def _update_metrics(self) -> None:
         pass
 
     def _update_command(self, env_ids: Tensor | None) -> None:
-        if self._moved:
-            self._moved = False
-            self._env.sim.forward()
-            self._env.extras["layout_redraw"] = self._number.long()
-            self._env.extras["layout_kept"] = wp.to_torch(self._replacer.status) == Status.KEPT
+        pass
 
 
 @dataclass(kw_only=True)

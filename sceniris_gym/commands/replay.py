@@ -14,6 +14,7 @@ from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import read_table
@@ -46,7 +47,9 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     """Make a layout again, and return it as a table of one row."""
-    generator = LayoutGenerator(compiled, 1, split=layout.split)
+    named = knobs_in(layout.knobs)
+    generator = LayoutGenerator(compiled, 1, split=layout.split, knobs=tuple(named))
+    generator.set_knobs(named)
     generator.reseed([layout.seed], episodes=layout.episode)
     generator.generate()
     return read_table(generator)
@@ -94,6 +97,7 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
         "status": Status(int(table.status[0])).name.lower(),
         "first_pass_valid": bool(table.first_pass_valid[0]),
         "attempts": int(table.attempts[0]),
+        **({"start": int(table.start[0])} if compiled.config.start else {}),
         "objects": objects,
     }
 

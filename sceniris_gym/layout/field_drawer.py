@@ -12,6 +12,7 @@ import warp as wp
 from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import name_hash, named_stream, uniforms
+from sceniris_gym.layout.knobs import KnobTable, launch_write
 from sceniris_gym.scene.draws import FieldDraw
 
 wp.set_module_options({"enable_backward": False})
@@ -37,7 +38,8 @@ class Item:
         name: Hash of the name that it is drawn by.
         number: The first drawn number of that name.
         form, distribution: Codes.
-        low, high: Parameters of the distribution, of three numbers for a turn.
+        ends: First column of its draw in a row of ends.
+        low, high: Columns of the parameters of the distribution behind it, of three numbers for a turn.
         choice: The first value to choose from, of its component.
         nchoice: The number of values.
         field: The field that is written.
@@ -50,8 +52,9 @@ class Item:
     number: int
     form: int
     distribution: int
-    low: wp.vec3
-    high: wp.vec3
+    ends: int
+    low: wp.vec3i
+    high: wp.vec3i
     choice: int
     nchoice: int
     field: int
@@ -134,14 +137,22 @@ def _number(distribution: int, low: float, high: float, u: wp.vec4) -> float:
 
 @wp.func
 def _value(
-    item: Item, fields: Fields, choices: wp.array[float], worldid: int, seed: wp.uint64, episode: int, stream: wp.uint32
+    item: Item,
+    fields: Fields,
+    ends: wp.array2d[float],
+    choices: wp.array[float],
+    worldid: int,
+    seed: wp.uint64,
+    episode: int,
+    stream: wp.uint32,
 ) -> float:
     """Return what an item writes."""
     nominal = _nominal(fields, item.drawn, worldid, item.drawn_offset)
     if item.form == _COPY:
         return nominal
     u = uniforms(seed, episode, stream, item.name, item.number)
-    number = _number(item.distribution, item.low[0], item.high[0], u)
+    own = worldid % ends.shape[0]
+    number = _number(item.distribution, ends[own, item.ends + item.low[0]], ends[own, item.ends + item.high[0]], u)
     value = number
     if item.form == _SCALE:
         value = nominal * number
@@ -153,7 +164,9 @@ def _value(
         turn = wp.vec3()
         for k in range(3):
             v = uniforms(seed, episode, stream, item.name, item.number + k)
-            turn[k] = 0.5 * _RADIANS * _number(item.distribution, item.low[k], item.high[k], v)
+            low = item.ends + item.low[k]
+            high = item.ends + item.high[k]
+            turn[k] = 0.5 * _RADIANS * _number(item.distribution, ends[own, low], ends[own, high], v)
         half = wp.length(turn)
         axis = wp.normalize(turn) * wp.sin(half)
         first = item.drawn_offset - item.drawn_offset % 4
@@ -177,6 +190,7 @@ def _draw_fields(
     episode: wp.array[int],
     stream: wp.uint32,
     items: wp.array[Item],
+    ends: wp.array2d[float],
     choices: wp.array[float],
     fields: Fields,
     in_place: wp.array[wp.bool],
@@ -201,7 +215,7 @@ def _draw_fields(
         return
     for i in range(lane, items.shape[0], lanes):
         item = items[i]
-        value = _value(item, fields, choices, worldid, seed[row], episode[row], stream)
+        value = _value(item, fields, ends, choices, worldid, seed[row], episode[row], stream)
         _put(fields, item.field, worldid, item.offset, value)
 
 
@@ -228,6 +242,7 @@ class FieldDrawer:
         nworld: int,
         ahead: MadeAhead | None = None,
     ) -> None:
+        self._draws, self._knobbed = draws, None
         names, device = list(arrays), next(iter(arrays.values())).device
         first = np.cumsum([0, *(draw.width for draw in draws)]).tolist()
         copied = [] if ahead is None else ahead.copied
@@ -248,11 +263,31 @@ class FieldDrawer:
             for field in range(len(names) + 1, len(written)):
                 items += [_copy(field, offset) for offset in range(widths[field])]
             self._items, self._choices = wp.array(items, dtype=Item), wp.array(choices, dtype=float)
+            self._ends = wp.array([[end for draw in draws for end in _ends(draw)]], dtype=float, ndim=2)
             self._ahead = [None] * 4 if ahead is None else [*ahead[1:]]
         self.numbers = {draw.name: numbers[:, first[k] : first[k + 1]] for k, draw in enumerate(draws)}
 
+    def use_knobs(self, table: KnobTable) -> None:
+        """Draw from intervals that knobs narrow, world by world."""
+        places, column = {}, 0
+        for draw in self._draws:
+            width = len(_ends(draw))
+            places[table.of_draws.get(draw.name, "")] = [("ends", column + k, k) for k in range(width)]
+            column += width
+        if places.keys() & table.first.keys():
+            with wp.ScopedDevice(self._ends.device):
+                self._ends = wp.array(np.repeat(self._ends.numpy(), self._nworld, axis=0), dtype=float)
+                self._default = wp.array(table.default[None], dtype=float)
+            self._knobbed = table.targets({"ends": self._ends}, places)
+
     def launch(
-        self, mask: wp.array | None, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
+        self,
+        mask: wp.array | None,
+        seed: wp.array,
+        episode: wp.array,
+        split: str,
+        rows: wp.array | None = None,
+        knob: wp.array | None = None,
     ) -> None:
         """Draw the fields of the masked worlds; those of an unknown episode, below 0, keep theirs.
 
@@ -262,9 +297,14 @@ class FieldDrawer:
             episode: Episodes, shape (nrow,), int32.
             split: "train" or "eval".
             rows: Row of each world, shape (nworld,); None gives world i row i.
+            knob: Numbers of the knobs, shape (nrow, nvalue); None is those of the scene file.
         """
-        inputs = [LANES, mask, rows, seed, episode, wp.uint32(named_stream(split)), self._items, self._choices]
-        dim, inputs, outputs = (self._nworld, LANES), [*inputs, self._fields, *self._ahead[:2]], self._ahead[2:]
+        if self._knobbed is not None:
+            knob = self._default if knob is None else knob
+            launch_write(self._knobbed, self._nworld, mask, knob, self._default[0], rows)
+        inputs = [LANES, mask, rows, seed, episode, wp.uint32(named_stream(split)), self._items, self._ends]
+        inputs += [self._choices, self._fields, *self._ahead[:2]]
+        dim, outputs = (self._nworld, LANES), self._ahead[2:]
         wp.launch(_draw_fields, dim, inputs=inputs, outputs=outputs, device=seed.device)
 
 
@@ -275,8 +315,9 @@ def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) 
         draws: The draws.
         places: Number of each field, and of the numbers of one element. The drawn numbers are the field after these.
     """
-    items, choices, column = [], [], 0
+    items, choices, column, end = [], [], 0, 0
     for draw in draws:
+        begun = len(items)
         config, (field, size), several = draw.config, places[draw.word.field], draw.choice.shape[1] > 1
         new, form = partial(_item, draw, len(choices)), _TURN if draw.is_turn else _FORMS[config.form]
         for element, numbers in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
@@ -295,7 +336,15 @@ def _items(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) 
             items.append(new(number, component, _CHOICE if config.choice else _ABS, (len(places), column + number)))
         column += draw.width
         choices += [*draw.choice.T.ravel().tolist(), *range(len(draw.choice) if several else 0)]
+        for item in items[begun:]:
+            item.ends = end
+        end += len(_ends(draw))
     return items, choices
+
+
+def _ends(draw: FieldDraw) -> list[float]:
+    """Return the parameters of a draw, the low ones first; of a choice a number that is not used."""
+    return [number for end in draw.config.ends for number in end] or [0.0]
 
 
 def _copy(field: int, offset: int) -> Item:
@@ -318,9 +367,10 @@ def _item(
     item, config, nchoice = Item(), draw.config, len(draw.choice)
     item.name, item.number, item.form = name_hash(f"randomize {draw.name}"), number, form
     item.distribution = _DISTRIBUTIONS[config.distribution]
-    for end, values in zip(("low", "high"), config.ends, strict=True):
-        one = values[min(component, len(values) - 1)] if values else 0.0
-        setattr(item, end, wp.vec3(*(values if form == _TURN and len(values) == 3 else (one,) * 3)))
+    for end, values, first in zip(("low", "high"), config.ends, (0, len(config.ends[0])), strict=True):
+        one = first + max(min(component, len(values) - 1), 0)
+        each = form == _TURN and len(values) == 3
+        setattr(item, end, wp.vec3i(*(range(first, first + 3) if each else (one,) * 3)))
     # the values of a component follow each other; one of several components has their places behind them
     alone = config.choice is not None and draw.choice.shape[1] == 1
     item.choice, item.nchoice = choices + (0 if alone else component) * nchoice, nchoice

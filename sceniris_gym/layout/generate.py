@@ -17,13 +17,16 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.knobs import launch_write
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
+from sceniris_gym.layout.reaching.start import StartStage
 from sceniris_gym.layout.redraw import Redraw
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
+from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
@@ -41,6 +44,7 @@ from sceniris_gym.layout.wave.rounds import (
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
+from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers, launch_redraw_joints
 from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -50,8 +54,8 @@ from sceniris_gym.program.part import chosen_objects, part_of
 # With more pieces of regions than this a candidate costs so much that fewer restarts are tried at once.
 _MOST_PIECES = 1024
 # A redraw places few objects, in few worlds at a time: the most candidates of a wave, and how many it is filled up to,
-# which is 25 times as many as it takes where 2% of 4,096 worlds redraw one.
-_MOST_REDRAWN, _BUSY_REDRAWN = 1 << 14, 1 << 11
+# which is 12 times as many as it takes where 2% of 4,096 worlds redraw one.
+_MOST_REDRAWN, _BUSY_REDRAWN = 1 << 14, 1 << 10
 
 
 class LayoutGenerator(Fixed, LayoutSource):
@@ -65,17 +69,19 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: Capacities, which affect the speed and never the layouts; None takes those that suit the device.
         rejected: Length of a record of the first candidates that collided, for audits.
         every_cause: Record candidates of every cause that were rejected at a pose, not of collisions alone.
+        knobs: Names of the knobs that worlds have, or patterns such as "objects.*.joints.*"; see `set_knobs`.
 
     Raises:
+        UnknownNameError: An unknown knob.
         SeedError: Not 64-bit integers, or not one per world.
-        ArgumentError: An unknown split.
+        ArgumentError: An unknown split, or a part of the scene that cannot be a knob.
         CountError: A number of worlds that is no integer, or out of range.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
         MemoryLimitError: More worlds than there is memory for.
     """
 
     FIXED = ("compiled", "split", "size", "layouts")
-    ARGUMENTS = ("nworld", "seed", "rejected")
+    ARGUMENTS = ("nworld", "seed", "rejected", "knobs")
 
     @launching
     def __init__(
@@ -88,6 +94,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: SearchSize | None = None,
         rejected: int = 0,
         every_cause: bool = False,
+        knobs: str | Sequence[str] = (),
     ) -> None:
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
         if not isinstance(split, str) or split not in SPLITS:
@@ -102,12 +109,15 @@ class LayoutGenerator(Fixed, LayoutSource):
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
         _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
-        self.layouts = Layouts.create(compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows)
-        self._masses = DrawnMasses(compiled, nworld, split)
+        words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
+        self.layouts = Layouts.create(compiled, nworld, **words)
+        program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld)
+        self._boxes = self.layouts.knobs.boxes(compiled)
+        self._masses = DrawnMasses(compiled, nworld, split, self.layouts.knobs)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
-            compiled.program,
+            program,
             self._masses.statics,
             compiled.related,
             reaches,
@@ -117,14 +127,17 @@ class LayoutGenerator(Fixed, LayoutSource):
             search,
             compiled.device,
         )
-        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and reaching.staged else None
+        staged = reaching is not None and (reaching.staged or compiled.starts is not None)
+        self._stage = ReachStage(compiled, reaching, self._work) if staged else None
+        starts = compiled.starts
+        self._start_stage = StartStage(compiled, starts, self._work) if starts is not None else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._redraws: dict[tuple[str, ...], Redraw] = {}
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
-        load_kernels(self._work, staged=self._stage is not None)
+        load_kernels(self._work, staged=self._stage is not None, starts=starts is not None)
         if self._stage is not None:
             self._stage.launch_pose_hands()
         self.reseed(seed)
@@ -164,34 +177,56 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_finish(self._work, mask)
 
     def _start(self, mask: wp.array | None) -> None:
+        if self._knobbed is not None:
+            view = self.layouts.view
+            launch_write(self._knobbed, self.nworld, mask, view.next_knob, view.default_knob)
         launch_start(self._work, mask)
         self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
+        if self._start_stage is not None:
+            self._start_stage.launch_start()
+            launch_draw_kinds(self._work, self.compiled.starts, mask)
 
     def _try_restarts(self, stage: ReachStage | None) -> None:
         """Try restart after restart until one of every pending world passes everything, or the world falls back."""
         once = partial(self._round, stage)
-        repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
+        if self.compiled.program.restarts == 0:  # a loop in a graph takes time even where it runs once
+            once()
+        else:
+            repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restart of every pending world, or several: place all objects, then look for joints."""
         launch_open_rows(self._work, stage is not None)
+        if self._start_stage is not None:
+            self._start_stage.launch_go_home()
         repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
         if stage is not None:
             stage.launch()
+        if self._start_stage is not None and stage is self._stage:
+            self._start_stage.launch()
         launch_settle(self._work)
+        if self._start_stage is not None:
+            self._start_stage.launch_take_kinds()
 
     def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
         launch_open_candidates(work)
         launch_draw(work)
+        starts = self.compiled.starts
+        if starts is not None:
+            launch_redraw_joints(work, starts)
+        if self._boxes is not None:
+            launch_draw_in_boxes(work, self._boxes)
         if work.related:
             launch_build_sides(work)
             launch_find_pieces(work)
             launch_measure_pieces(work)
             launch_draw_points(work)
+        if starts is not None:
+            launch_put_at_markers(work, starts)
         launch_prefilter(work)
         launch_test_collisions(work)
         if work.program.visual:
@@ -261,8 +296,7 @@ def make_redraw(
     """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
-    most, busy = min(size.candidates, _MOST_REDRAWN), min(size.busy, _BUSY_REDRAWN)
-    size = replace(size, rows=0, candidates=most, busy=busy)
+    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN), busy=min(size.busy, _BUSY_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
     return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 

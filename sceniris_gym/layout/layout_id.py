@@ -6,24 +6,26 @@ import re
 from dataclasses import dataclass
 
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
+from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS
 from sceniris_gym.scene.model import SceneModel
 
-_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)")
+_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)(?::([^:]+))?")
 
 
 @dataclass(frozen=True)
 class LayoutId:
-    """A layout id as `CompiledScene.layout_id` writes it: scene, split, seed and episode determine the layout."""
+    """A layout id as `CompiledScene.layout_id` writes it: its parts determine the layout."""
 
     scene: str
     split: str
     seed: int
     episode: int
+    knobs: str = ""
 
     @classmethod
     def parse(cls, text: str) -> LayoutId:
-        """Read `scenehash:split:seed:episode`.
+        """Read `scenehash:split:seed:episode`, and `:knobs` where some differ from the scene file.
 
         Raises:
             LayoutIdError: The text is not of this form.
@@ -34,7 +36,8 @@ class LayoutId:
                 f"layout id '{text}' should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
                 f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31."
             )
-        return cls(found[1], found[2], int(found[3]), int(found[4]))
+        knobs_in(found[5] or "")
+        return cls(found[1], found[2], int(found[3]), int(found[4]), found[5] or "")
 
     @classmethod
     def of_scene(cls, text: str, scene: SceneModel, cure: str) -> LayoutId:

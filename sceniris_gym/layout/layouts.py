@@ -1,5 +1,6 @@
 """`Layouts`: the layout of each world, one per row, and counts of rejected candidates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -9,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause, allocate, repeat
 from sceniris_gym.program.reach import Reaching
@@ -41,15 +43,20 @@ class LayoutsView:
     status: wp.array[int]
     attempts: wp.array[int]
     first_pass_valid: wp.array[int]
+    start: wp.array[int]
     present: wp.array2d[int]
     grasp: wp.array2d[int]
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
+    knob: wp.array2d[float]  # values of the knobs that the layout was made with
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     next_seed: wp.array[wp.uint64]  # with next_episode: the layout that a reseed asked for
     next_episode: wp.array[int]  # -1 for the next episode of the same seed
-    pending_seed: wp.array[wp.uint64]  # with pending_episode: the layout that is being made
+    pending_seed: wp.array[wp.uint64]  # with pending_episode and pending_knob: the layout that is being made
     pending_episode: wp.array[int]
+    next_knob: wp.array2d[float]
+    pending_knob: wp.array2d[float]
+    default_knob: wp.array[float]  # those of the bank
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
     place: wp.array2d[wp.vec4]
     bounds: wp.array2d[wp.vec4]
@@ -67,7 +74,9 @@ class LayoutsView:
 
 @wp.func
 def open_episode(layouts: LayoutsView, worldid: int):
-    """Set the pending seed and episode of a world: those that a reseed asked for, or else the next episode."""
+    """Set what a world's next layout is made of: what a reseed asked for, or else the next episode, and its knobs."""
+    for k in range(layouts.next_knob.shape[1]):
+        layouts.pending_knob[worldid, k] = layouts.next_knob[worldid, k]
     if layouts.next_episode[worldid] >= 0:
         layouts.pending_seed[worldid] = layouts.next_seed[worldid]
         layouts.pending_episode[worldid] = layouts.next_episode[worldid]
@@ -78,7 +87,11 @@ def open_episode(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
-    """Give a world the seed and the episode of the layout that `made` has for it."""
+    """Give a world the seed, the episode and the knobs of the layout that `made` has for it."""
+    for k in range(layouts.knob.shape[1]):
+        layouts.knob[worldid, k] = made.pending_knob[worldid, k]
+        if made.status[worldid] == Status.FALLBACK:
+            layouts.knob[worldid, k] = made.default_knob[k]
     layouts.seed[worldid] = made.pending_seed[worldid]
     layouts.episode[worldid] = made.pending_episode[worldid]
     layouts.next_episode[worldid] = -1
@@ -86,7 +99,9 @@ def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy the element `i` of each part of a row's layout to a world: poses, present objects and grasps."""
+    """Copy the element `i` of each part of a row's layout to a world: poses, start, present objects and grasps."""
+    if i == 0:
+        layouts.start[worldid] = source.start[row]
     if i < layouts.qpos.shape[1]:
         layouts.qpos[worldid, i] = source.qpos[row, i]
     if i < source.mocap_pos.shape[1]:
@@ -146,6 +161,7 @@ class Layouts(StaysHere):
         view: The arrays as kernels take them; see `create` for their length.
         mocap_pose: Memory of `mocap_pos` and `mocap_quat`, shape (nrow, nmocap, 8): an unused number, position and
             orientation. A pose is then seven numbers in a row, and a quaternion is aligned as a vector of four.
+        knobs: The knobs that the worlds have.
         seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
@@ -154,6 +170,7 @@ class Layouts(StaysHere):
         status: A `Status` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
         first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
+        start: Number of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
         present: 1 where an object is present, 0 where its group left it out, shape (nworld, nslot), slots in the order
             of `CompiledScene.slots`.
         grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`; -1
@@ -161,6 +178,7 @@ class Layouts(StaysHere):
         grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
+        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
         rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
             int64, shape (nobject, ncause), objects in placement order.
     """
@@ -170,10 +188,11 @@ class Layouts(StaysHere):
     compiled: CompiledScene
     view: LayoutsView
     mocap_pose: wp.array
+    knobs: KnobTable
 
     seed, episode, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(5))
-    status, attempts, first_pass_valid, present = (_RowsOfWorlds() for _ in range(4))
-    grasp, grasp_qpos, pregrasp_qpos = (_RowsOfWorlds() for _ in range(3))
+    status, attempts, first_pass_valid, start, present = (_RowsOfWorlds() for _ in range(5))
+    grasp, grasp_qpos, pregrasp_qpos, knob = (_RowsOfWorlds() for _ in range(4))
 
     def pose(self, name: str) -> Any:
         """Return the poses of an object as a torch tensor that shares memory with the layouts.
@@ -219,12 +238,19 @@ class Layouts(StaysHere):
 
     @classmethod
     def create(
-        cls, compiled: CompiledScene, nworld: int, *, rejected: int = 0, every_cause: bool = False, rows: int = 0
+        cls,
+        compiled: CompiledScene,
+        nworld: int,
+        *,
+        rejected: int = 0,
+        every_cause: bool = False,
+        rows: int = 0,
+        knobs: Sequence[str] = (),
     ) -> "Layouts":
         """Allocate `nworld` layouts, and a record of the first `rejected` candidates that collided.
 
         With `every_cause` the record has candidates of every cause that were rejected at a pose. In `view`, `rows` more
-        layouts follow those of the worlds: restarts that are tried at once.
+        layouts follow those of the worlds: restarts that are tried at once. `knobs` are names, see `KnobTable`.
         """
         device, mjm = compiled.device, compiled.mjm
         nmocap = max(mjm.nmocap, 1)
@@ -233,7 +259,8 @@ class Layouts(StaysHere):
         mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # for bodies that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
         nrow, nreach = nworld + rows, 0 if compiled.reaching is None else len(compiled.reaching.targets)
-        program, view = compiled.program, LayoutsView()
+        program, view, table = compiled.program, LayoutsView(), KnobTable(compiled, knobs)
+        own = np.tile(table.default, (nworld, 1))
         stands = {"place": program.home_place.numpy(), "bounds": program.home_bounds.numpy()}
         repeat(LayoutsView, view, nrow, {**compiled.home_state, **stands}, device)
         zeros = partial(allocate, LayoutsView, view)
@@ -243,7 +270,9 @@ class Layouts(StaysHere):
             view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
             zeros(nworld, "seed next_seed pending_seed status attempts first_pass_valid")
-            for name in ("episode", "next_episode", "pending_episode"):
+            view.knob, view.next_knob, view.pending_knob = (wp.array(own, dtype=float, ndim=2) for _ in range(3))
+            view.default_knob = wp.array(table.default, dtype=float)
+            for name in ("episode", "next_episode", "pending_episode", "start"):
                 setattr(view, name, wp.full(nworld, -1, dtype=int))
             counts = max(len(compiled.placed), 1), len(Cause)
             zeros(counts, "rejections")
@@ -255,7 +284,7 @@ class Layouts(StaysHere):
             view.grasp_qpos, view.pregrasp_qpos = (wp.full(joints, wp.nan, dtype=float) for _ in range(2))
             view.record_all = int(every_cause)
             allocate_record(view, rejected)
-        return cls(compiled, view, mocap_pose)
+        return cls(compiled, view, mocap_pose, table)
 
     @property
     def nworld(self) -> int:

@@ -44,10 +44,10 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: pending_seed, pending_episode
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob, pending_knob
+    # Layouts out: pending_seed, pending_episode, pending_knob
     served: LayoutsView,
-    # Layouts in: seed, episode
+    # Layouts in: seed, episode, pending_knob
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
@@ -71,19 +71,37 @@ def _find_missing(
         open_episode(served, worldid)
         if prepared.seed[worldid] == served.pending_seed[worldid]:
             missing[worldid] = prepared.episode[worldid] != served.pending_episode[worldid]
+            for k in range(served.pending_knob.shape[1]):
+                if prepared.pending_knob[worldid, k] != served.pending_knob[worldid, k]:
+                    missing[worldid] = True
+
+
+@wp.kernel
+def _forget(
+    mask: wp.array[bool],
+    # In and out:
+    stage: wp.array[int],
+    nwaiting: wp.array[int],
+):
+    worldid = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    if wp.atomic_exch(stage, worldid, _WAITING) != _WAITING:
+        wp.atomic_add(nwaiting, 0, 1)
 
 
 @wp.kernel
 def _serve(
-    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, pending_seed, pending_episode, row_rejections
+    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: rejections, pending_seed, pending_episode, row_rejections
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp,
-    #   grasp_qpos, pregrasp_qpos, rejections, next_episode
+    # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present,
+    #   grasp, grasp_qpos, pregrasp_qpos, knob, rejections, next_episode
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -129,15 +147,15 @@ def _decide(
 
 @wp.kernel
 def _begin(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: pending_seed, pending_episode
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob, pending_knob
+    # Layouts out: pending_seed, pending_episode, pending_knob
     served: LayoutsView,
     # In:
     begins: wp.array[int],
     # Out:
     stage: wp.array[int],
     being_made: wp.array[bool],
-    # Layouts out: next_seed, next_episode
+    # Layouts out: next_seed, next_episode, next_knob
     prepared: LayoutsView,
 ):
     worldid = wp.tid()
@@ -151,6 +169,8 @@ def _begin(
         open_episode(served, worldid)
         prepared.next_seed[worldid] = served.pending_seed[worldid]
         prepared.next_episode[worldid] = served.pending_episode[worldid]
+        for k in range(served.pending_knob.shape[1]):
+            prepared.next_knob[worldid, k] = served.pending_knob[worldid, k]
 
 
 @wp.kernel
@@ -203,7 +223,8 @@ class PreparedLayouts(LayoutSource):
         _check_generator(generator)
         _check_stream(stream, wp.get_device(generator.compiled.device))
         compiled, nworld = generator.compiled, generator.nworld
-        ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size)
+        names = generator.layouts.knobs.names
+        ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size, knobs=names)
         self.layouts, self.split = generator.layouts, generator.split
         self._generator, self._ahead = generator, ahead
         device = self._device = wp.get_device(compiled.device)
@@ -293,6 +314,12 @@ class PreparedLayouts(LayoutSource):
         self._generator.launch_make(missing)
         dim = (nworld, max(layout_width(served), served.rejections.shape[0]))
         wp.launch(_serve, dim=dim, inputs=[prepared, mask, missing], outputs=[served], device=device)
+
+    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+        """See `LayoutSource`; what was made ahead for the masked worlds is made anew."""
+        super().launch_set_knobs(columns, values, mask)
+        outputs = [self._stage, self._nwaiting]
+        wp.launch(_forget, self.layouts.nworld, inputs=[mask], outputs=outputs, device=self._device)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """See `LayoutSource`; a layout counts when it is served, once, even if it was made twice."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask
 from sceniris_gym.layout.seeds import episodes_on_device, launch_reseed, seeds_on_device
@@ -46,6 +47,16 @@ class LayoutSource(StaysHere):
             episodes: Episodes on the device, shape (nworld,), int32; None is episode 0.
         """
         launch_reseed(self.layouts.view, seeds, mask, episodes)
+
+    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+        """Write numbers of knobs, with which the next layouts of the masked worlds are made.
+
+        Args:
+            columns: Their columns, shape (n,), int32; None is all of them.
+            values: Numbers, shape (1 or nworld, n), float32.
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        launch_set(self.layouts.view.next_knob, columns, values, mask)
 
     def make_beside(self, launch: Callable[[wp.array, Layouts], None]) -> wp.array | None:
         """Have something else made ahead with the layouts.
@@ -85,7 +96,11 @@ class LayoutSource(StaysHere):
 
     @launching
     def reseed(
-        self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
+        self,
+        seeds: int | Sequence[int] | np.ndarray | wp.array | None,
+        mask: Any = None,
+        episodes: Any = None,
+        knobs: np.ndarray | None = None,
     ) -> None:
         """Choose the next layouts of the masked worlds, which go on from there.
 
@@ -97,6 +112,7 @@ class LayoutSource(StaysHere):
             mask: As in generate.
             episodes: Episode of all worlds, or one per world, shape (nworld,), on the host or as an int32 Warp array on
                 the device; None is episode 0 of new seeds.
+            knobs: Numbers of the knobs, a row for each world, shape (nworld, nvalue); None leaves them as they are.
 
         Raises:
             SeedError: Not 64-bit seeds, episodes below 2^31, or not one per world.
@@ -106,7 +122,31 @@ class LayoutSource(StaysHere):
         keeps = seeds is None and episodes is not None
         wanted = None if keeps else seeds_on_device(seeds, nworld, device)
         first = None if episodes is None else episodes_on_device(episodes, nworld, device)
-        self.launch_reseed(wanted, self._checked(mask), first)
+        on_device = self._checked(mask)
+        self.launch_reseed(wanted, on_device, first)
+        if knobs is not None and knobs.size:
+            self.launch_set_knobs(None, wp.array(knobs, dtype=float, ndim=2, device=device), on_device)
+
+    @launching
+    def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:
+        """Change knobs of the masked worlds; their next layouts follow, and all after them.
+
+        Args:
+            values: By the names of knobs the value that the scene file could have in their place, such as [1, 3] for
+                "groups.clutter.count"; or such a value for each world. Joint positions are in m or rad.
+            mask: As in generate.
+
+        Raises:
+            UnknownNameError: The worlds were not made with such a knob.
+            ArgumentError: A value that does not lie within that of the scene file.
+            MaskError, MaskTypeError: As in generate.
+        """
+        table, nworld, device = self.layouts.knobs, self.layouts.nworld, self.layouts.seed.device
+        columns, rows = table.part(values, nworld)
+        on_device = self._checked(mask)
+        if len(columns):
+            where, numbers = wp.array(columns, dtype=int, device=device), wp.array(rows, dtype=float, device=device)
+            self.launch_set_knobs(where, numbers, on_device)
 
     def _checked(self, mask: Any) -> wp.array | None:
         return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)

@@ -7,7 +7,7 @@ al., "No Regrets: Investigating and Improving Regret Approximations for Curricul
 rate of failure, or by what a training gives, such as regret or the loss of values.
 """
 
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.choice import Levels, Ranges
 from sceniris_gym.levels.sampler import LevelSampler
 
-__all__ = ["LevelSampler", "Levels"]
+__all__ = ["LevelSampler", "Levels", "Ranges"]

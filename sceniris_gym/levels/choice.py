@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.layout.counts import as_count
@@ -10,6 +12,39 @@ from sceniris_gym.layout.counts import as_count
 SCORES = ("learnability", "failure", "given")
 PRIORITIES = ("rank", "proportional", "uniform")
 _MOST = 1 << 24
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Intervals of knobs that widen with success, and narrow with failure: automatic domain randomisation.
+
+    Some fresh levels are made at one end of one interval. Once enough of their episodes are over, that end moves a step
+    outwards where they succeed, and inwards where they fail (OpenAI et al., "Solving Rubik's Cube with a Robot Hand",
+    2019, section 5). It stays between the interval at the start and that of the scene file.
+
+    Attributes:
+        start: The intervals at the start, by the names of knobs, such as {"groups.clutter.count": [1, 2]}.
+        step: A step, as a share of the interval of the scene file; at least 1 for a count.
+        probe: Probability that a fresh level is at an end: within a step of it, or for a count exactly at it.
+        low, high: Rates of success at and below which an end moves inwards, and at and above which it moves outwards.
+        episodes: Episodes at an end that are counted before it may move.
+
+    Raises:
+        ArgumentError: Shares that are not from 0 to 1, or low above high.
+        CountError: A number of episodes that is no integer of at least 1.
+    """
+
+    start: Mapping[str, Any]
+    step: float = 0.1
+    probe: float = 0.5
+    low: float = 0.3
+    high: float = 0.7
+    episodes: int = 256
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.step <= 1.0 and 0.0 <= self.probe <= 1.0 and 0.0 <= self.low <= self.high <= 1.0):
+            raise ArgumentError("Ranges: step, probe and low <= high should be from 0 to 1, and step above 0.")
+        as_count(self.episodes, "Ranges: episodes", most=_MOST)
 
 
 @dataclass(frozen=True)
@@ -26,6 +61,7 @@ class Levels:
         staleness: Share of the weight that goes by the number of resets since a level was played last.
         rate: Weight of the newest episode in a rate of success, which begins at 0.5.
         every: Resets between two refreshes of the weights.
+        ranges: Knobs of fresh levels whose intervals follow success; see `Ranges`.
 
     Raises:
         UnknownNameError: There is no such score or priority.
@@ -40,7 +76,8 @@ class Levels:
     temperature: float = 0.3
     staleness: float = 0.1
     rate: float = 0.25
-    every: int = 16
+    every: int = 32
+    ranges: Ranges | None = None
 
     def __post_init__(self) -> None:
         if self.score not in SCORES:

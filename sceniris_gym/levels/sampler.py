@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from warp.utils import array_cast
 
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.buffer import (
@@ -22,6 +23,7 @@ from sceniris_gym.levels.buffer import (
     launch_update,
 )
 from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.ranges import launch_count, set_ranges
 
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
@@ -51,14 +53,24 @@ class LevelSampler(LayoutSource):
         self.source, self.levels, self.layouts = source, levels, source.layouts
         nworld, device = source.layouts.nworld, source.layouts.qpos.device
         self._device, self._stream = device, wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
-        self._since = 0
-        self._buffer = buffer = create_buffer(levels, nworld, device)
+        self._since, table, words = 0, self.layouts.knobs, levels.ranges
+        self._buffer = buffer = create_buffer(levels, nworld, device, len(table.default))
         wp.copy(buffer.base, self.layouts.view.next_seed)
+        for knob in (buffer.base_knob, buffer.next_knob) if table.knobs else ():
+            wp.copy(knob, self.layouts.view.next_knob)
+        if words is not None:
+            set_ranges(buffer, words, table)
+        self._launch_forget(None, None)
 
     @property
     def level(self) -> wp.array:
         """See the class."""
         return self._buffer.level
+
+    @property
+    def counts(self) -> bool:
+        """True if successes count: for scores, or for ranges."""
+        return self.levels.score != "given" or self.levels.ranges is not None
 
     @property
     def size(self) -> int:
@@ -69,15 +81,54 @@ class LevelSampler(LayoutSource):
         """Serve the masked worlds their levels, and choose those that follow."""
         self.source.launch_generate(mask)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
+        self._launch_knobs(mask)
         self.source.launch_reseed(self._buffer.next_seed, mask, self._buffer.next_episode)
+
+    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+        """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
+        for knob in (self._buffer.base_knob, self._buffer.next_knob):
+            launch_set(knob, columns, values, mask)
+        launch_forget(self._buffer, None, mask, restores=False)
+        self.source.launch_set_knobs(columns, values, mask)
+
+    def _launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
+        """Forget what was chosen for the masked worlds; their next levels have the knobs of fresh ones."""
+        launch_forget(self._buffer, seeds, mask)
+        self._launch_knobs(mask)
+
+    def _launch_knobs(self, mask: wp.array | None) -> None:
+        """Hand the knobs of the next levels on."""
+        if self.layouts.knobs.knobs:
+            self.source.launch_set_knobs(None, self._buffer.next_knob, mask)
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """See `LayoutSource`; the worlds draw their fresh levels by these seeds from then on."""
         self.source.launch_reseed(seeds, mask, episodes)
-        launch_forget(self._buffer, seeds, mask)
+        self._launch_forget(seeds, mask)
+
+    def launch_finish(self, success: wp.array, mask: wp.array | None) -> None:
+        """Tell how the present episodes of the masked worlds ended.
+
+        Layouts from the bank are no levels: leave their worlds out.
+
+        Args:
+            success: 1 for a success and 0 for a failure, shape (nworld,), float32.
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        layouts = self.layouts
+        if self.levels.score != "given":
+            self.launch_update(self.level, layouts.seed, layouts.episode, success, mask)
+        if self.levels.ranges is not None:
+            launch_count(self._buffer, self.levels.ranges, success, mask)
 
     def launch_update(
-        self, level: wp.array, seed: wp.array, episode: wp.array, outcome: wp.array, mask: wp.array | None
+        self,
+        level: wp.array,
+        seed: wp.array,
+        episode: wp.array,
+        outcome: wp.array,
+        mask: wp.array | None,
+        knob: wp.array | None = None,
     ) -> None:
         """Tell how episodes went: update the levels that are in the buffer, and insert the others.
 
@@ -89,10 +140,39 @@ class LevelSampler(LayoutSource):
             episode: Its episode, shape (n,), int32.
             outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
             mask: Which rows count, shape (n,), bool; all if None.
+            knob: Numbers of its knobs, shape (n, nvalue), float32; None has those of the present layouts.
         """
-        launch_update(self._buffer, level, seed, episode, outcome, mask)
+        launch_update(self._buffer, level, seed, episode, outcome, mask, self.layouts.knob if knob is None else knob)
 
-    def update(self, level: Any, seed: Any, episode: Any, score: Any) -> None:
+    def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
+        """Insert levels of your own in the place of others with lower scores; see `update`."""
+        self.update(np.full(len(seed), -1), seed, episode, score, knobs)
+
+    def sample(self, number: int, seed: int = 0) -> dict[str, Any]:
+        """Draw levels of the buffer by their weights. Waits for the device.
+
+        Returns:
+            `level`, `seed` and `episode`, each of shape (number,), and `knobs`, their values by name.
+
+        Raises:
+            ArgumentError: The buffer is empty.
+        """
+        sums = self._buffer.cumulative.numpy()
+        if sums[-1] == 0:
+            raise ArgumentError("LevelSampler.sample: the buffer is empty. Play, or insert levels, first.")
+        level = np.searchsorted(sums, np.random.default_rng(seed).integers(sums[-1], size=number), side="right")
+        found = {name: getattr(self._buffer, name).numpy()[level] for name in ("seed", "episode", "knob")}
+        return {"level": level, **found, "knobs": self.layouts.knobs.named(found.pop("knob"))}
+
+    @property
+    def ranges(self) -> dict[str, np.ndarray]:
+        """The present intervals of the knobs that follow success, by name. Waits for the device."""
+        row = self.layouts.knobs.default[None].copy()
+        row[0, self._buffer.column.numpy()] = self._buffer.present.numpy()
+        named = self.layouts.knobs.named(row)
+        return {} if self.levels.ranges is None else {name: named[name][0] for name in self.levels.ranges.start}
+
+    def update(self, level: Any, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Give scores to levels that were played: those of the buffer are updated, others inserted.
 
         Args:
@@ -101,9 +181,11 @@ class LevelSampler(LayoutSource):
             episode: `layout_episode`, shape (n,).
             score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
                 successes are counted: 1 for a success, 0 for a failure.
+            knobs: `layout_knobs` of the same info; None has those of the scene file.
 
         Raises:
             ArgumentError: Not arrays of one length.
+            UnknownNameError: A knob that the worlds do not have.
         """
         columns = {"level": (level, wp.int32), "seed": (seed, wp.uint64), "episode": (episode, wp.int32)}
         columns["score"] = score, wp.float32
@@ -111,7 +193,8 @@ class LevelSampler(LayoutSource):
         if len({array.shape for array in arrays}) != 1:
             shapes = ", ".join(str(array.shape) for array in arrays)
             raise ArgumentError(f"LevelSampler.update: arrays should have one length, got {shapes}.")
-        self.launch_update(*arrays, mask=None)
+        rows = self.layouts.knobs.rows(knobs or {}, arrays[0].shape[0])
+        self.launch_update(*arrays, mask=None, knob=wp.array(rows, dtype=float, ndim=2, device=self._device))
 
     def _column(self, name: str, values: Any, dtype: type) -> wp.array:
         """Return a column on the device, seeds as the 64 bits that they are."""
@@ -156,6 +239,8 @@ class LevelSampler(LayoutSource):
             array = getattr(self._buffer, name)
             if name not in state or state[name].shape != array.shape:
                 raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
-            array.assign(state[name])
+            if array.size:
+                array.assign(state[name])
+        self._launch_knobs(None)
         self.source.launch_reseed(self._buffer.next_seed, None, self._buffer.next_episode)
         launch_refresh(self._buffer, self.levels)

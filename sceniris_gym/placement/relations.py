@@ -142,6 +142,7 @@ def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> Resolved
 @wp.func
 def resolve(
     program: Program,
+    worldid: int,
     rel: int,
     own: Placed,
     support_heading: float,
@@ -191,8 +192,8 @@ def resolve(
     s.apex = anchor.at
     s.axis = axis
     s.half_angle = program.rel_half_angle[rel]
-    s.low = program.rel_low[rel]
-    s.high = program.rel_high[rel]
+    s.low = program.rel_low[worldid, rel]
+    s.high = program.rel_high[worldid, rel]
     if program.rel_bounds[rel]:
         s.low -= bounds_offset(anchor) + bounds_offset(own)
         s.high += bounds_radius(anchor) + bounds_radius(own)
@@ -270,6 +271,7 @@ def write_sides(
 @wp.func
 def relation_holds(
     program: Program,
+    worldid: int,
     rel: int,
     s: ResolvedRelation,
     own: Placed,
@@ -283,7 +285,7 @@ def relation_holds(
     distance = wp.length(v)
     if program.rel_bounds[rel]:
         distance = bounds_distance(own, load_placed(place, bounds, program.rel_anchor[program.rel_anchoradr[rel]]))
-    if distance < program.rel_low[rel] or distance > program.rel_high[rel]:
+    if distance < program.rel_low[worldid, rel] or distance > program.rel_high[worldid, rel]:
         return False
     if s.half_angle >= _PI:
         return True

@@ -7,8 +7,9 @@ mean of the outer products of the patch's corners around their mean, as each cor
 with it, so leaning is worked out in passes; what is top-heavy does not come to rest. A load that falls by f until it is
 carried is shaken, so that the margin is to be above t sqrt(f h), with h the height of its centre; `Law` has t.
 
-Corners of a patch are looked for in 32 directions, so its hull is a little smaller than the exact one. MuJoCo keeps
-four contacts of two convex geoms that are not both boxes; a patch then has the four corners of the largest area.
+Corners of a patch of several parts are looked for in 32 directions, or in 12 if the whole foot is on the support, so
+its hull is a little smaller than the exact one. MuJoCo keeps four contacts of two convex geoms that are not both boxes;
+a patch then has the four corners of the largest area.
 """
 
 import warp as wp
@@ -18,13 +19,13 @@ from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
 from sceniris_gym.placement.polygons import area, clip, cross2, half_plane
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_statics import Statics
+from sceniris_gym.program.device_statics import FEW_CORNERS, Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 MOST_DIRECTIONS = 32
 # A convex part of a support adds a corner for each of its sides.
-_MOST_CORNERS = 2 * MAX_FOOT
+MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
 # A part of a foot of which less than this share is on the support has one contact there, which it may lose.
 _SLIVER = wp.constant(0.3)
@@ -32,9 +33,7 @@ _SLIVER = wp.constant(0.3)
 _SINK = wp.constant(5.0e-3)
 # MuJoCo sees two faces up to 5.1 degrees as parallel, and keeps fewer contacts beyond.
 _LEAN = wp.constant(0.089)
-_ROUNDS = 6
-# With more corners than this a foot is round.
-_ROUND = wp.constant(8)
+FEW_CORNERSS = 6
 
 
 @wp.struct
@@ -103,14 +102,23 @@ def softness_of(program: Program, statics: Statics, obj: int, worldid: int) -> f
 
 @wp.func
 def _widen(statics: Statics, points: wp.array[wp.vec2], num: int, best: wp.array[float], patch: wp.array[wp.vec2]):
-    """Take points into a patch: its corner in each direction is the one that is furthest along it."""
-    for i in range(statics.direction.shape[0]):
+    """Take a convex polygon into a patch: its corner in each direction is the one that is furthest along it."""
+    k = int(0)
+    for j in range(1, num):
+        if wp.dot(points[j] - points[k], statics.direction[0]) > 0.0:
+            k = j
+    for i in range(statics.direction.shape[0] * wp.min(num, 1)):
         along = statics.direction[i]
-        for k in range(num):
-            far = wp.dot(points[k], along)
-            if far > best[i]:
-                best[i] = far
-                patch[i] = points[k]
+        far = wp.dot(points[k], along)
+        for _ in range(num):  # in all directions together once around
+            ahead = wp.dot(points[(k + 1) % num], along)
+            if ahead < far:
+                break
+            k = (k + 1) % num
+            far = ahead
+        if far > best[i]:
+            best[i] = far
+            patch[i] = points[k]
 
 
 @wp.func
@@ -125,26 +133,41 @@ def _turn_foot(statics: Statics, foot: int, heading: float, points: wp.array[wp.
 
 
 @wp.func
+def _side(statics: Statics, number: int, ground: Pose) -> wp.vec4:
+    """Return an edge of a part of a surface around the object's pivot: from x, y, to x, y."""
+    ends = statics.side[number]
+    a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
+    b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
+    return wp.vec4(a[0], a[1], b[0], b[1])
+
+
+@wp.func
 def _cut_foot(statics: Statics, part: int, ground: Pose, points: wp.array[wp.vec2], num: int) -> int:
     """Cut a part of a foot to one part of a surface, and return the number of corners that are left."""
     left = int(num)
     for s in range(statics.part_sidenum[part]):
-        ends = statics.side[statics.part_sideadr[part] + s]
-        a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
-        b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
+        ends = _side(statics, statics.part_sideadr[part] + s, ground)
         if left > 0:
-            left = clip(points, left, half_plane(wp.vec2(b[1] - a[1], a[0] - b[0]), wp.vec2(a[0], a[1]), 0.0))
+            outward = wp.vec2(ends[3] - ends[1], ends[0] - ends[2])
+            left = clip(points, left, half_plane(outward, wp.vec2(ends[0], ends[1]), 0.0))
     return left
 
 
 @wp.func
-def _is_left(statics: Statics, variant: int, x: wp.vec2, y: wp.vec2, a: wp.vec2, b: wp.vec2) -> bool:
-    """Return True if all of a foot with these axes is left of the line from a to b."""
+def _is_left(statics: Statics, variant: int, x: wp.vec2, ends: wp.vec4) -> bool:
+    """Return True if all of a foot whose x axis is `x` is left of an edge."""
+    a = wp.vec2(ends[0], ends[1])
+    along = wp.vec2(ends[2], ends[3]) - a
+    inward = wp.vec2(cross2(along, x), wp.dot(along, x))  # along the axes of the foot
+    box = statics.variant_box[variant]
+    least = wp.min(inward[0] * box[0], inward[0] * box[2]) + wp.min(inward[1] * box[1], inward[1] * box[3])
+    if least > cross2(along, a):
+        return True
     for f in range(statics.variant_footnum[variant]):
         foot = statics.variant_footadr[variant] + f
         for k in range(statics.foot_cornernum[foot]):
             corner = statics.corner[statics.foot_corneradr[foot] + k]
-            if cross2(b - a, corner[0] * x + corner[1] * y - a) < 0.0:
+            if cross2(along, corner[0] * x + corner[1] * wp.vec2(-x[1], x[0]) - a) < 0.0:
                 return False
     return True
 
@@ -153,16 +176,12 @@ def _is_left(statics: Statics, variant: int, x: wp.vec2, y: wp.vec2, a: wp.vec2,
 def lies_on_a_part(statics: Statics, variant: int, heading: float, surface: int, ground: Pose) -> bool:
     """Return True if all of a foot is on one convex part of a surface; see `find_patch` for the arguments."""
     x = unit_circle(heading)
-    y = wp.vec2(-x[1], x[0])
     for i in range(statics.surface_partnum[surface]):
-        number = statics.surface_partadr[surface] + i
+        part = statics.surface_partadr[surface] + i
         inside = bool(True)
         s = int(0)
-        while inside and s < statics.part_sidenum[number]:
-            ends = statics.side[statics.part_sideadr[number] + s]
-            a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
-            b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
-            inside = _is_left(statics, variant, x, y, wp.vec2(a[0], a[1]), wp.vec2(b[0], b[1]))
+        while inside and s < statics.part_sidenum[part]:
+            inside = _is_left(statics, variant, x, _side(statics, statics.part_sideadr[part] + s, ground))
             s += 1
         if inside:
             return True
@@ -178,8 +197,8 @@ def find_patch(
     surface: int,
     ground: Pose,
     patch: wp.array[wp.vec2],
-) -> bool:
-    """Write the corners of an object's patch in each direction; return False if none of its foot is on the surface.
+) -> int:
+    """Write the corners of an object's patch, and return their number; 0 if none of its foot is on the surface.
 
     Args:
         statics: The feet and contacts of all objects.
@@ -188,15 +207,34 @@ def find_patch(
         heading: Its heading [rad].
         surface: The surface that it stands on.
         ground: The pose of that surface's body, around the object's pivot.
-        patch: The corners [m], around the pivot, shape (ndirection,).
+        patch: The corners [m], around the pivot, counter-clockwise, shape (`MOST_CORNERS`,).
     """
+    foot = statics.variant_footadr[variant]
+    parts = statics.surface_partnum[surface] * statics.variant_footnum[variant]
+    is_plain = statics.obj_four[obj] or statics.foot_cornernum[foot] <= FEW_CORNERS
+    num = int(0)
+    if statics.obj_whole[obj]:
+        num = _turn_foot(statics, foot, heading, patch)
+    elif is_plain and parts == 1:
+        num = _turn_foot(statics, foot, heading, patch)
+        num = _cut_foot(statics, statics.surface_partadr[surface], ground, patch, num)
+    else:
+        num = _join_parts(statics, variant, heading, surface, ground, patch)
+    if statics.obj_four[obj] and num > 4:
+        num = _take_four(patch, num)
+    return num
+
+
+@wp.func
+def _join_parts(
+    statics: Statics, variant: int, heading: float, surface: int, ground: Pose, patch: wp.array[wp.vec2]
+) -> int:
+    """Write the corners of a patch in several parts, those furthest in each direction; return their number."""
     best = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=float)
-    points = wp.zeros(shape=(wp.static(_MOST_CORNERS),), dtype=wp.vec2)
+    points = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
     for i in range(statics.direction.shape[0]):
         best[i] = -1.0e30
     parts = statics.surface_partnum[surface]
-    if statics.obj_whole[obj]:
-        parts = 1
     feet = statics.variant_footnum[variant]
     for i in range(feet):
         foot = statics.variant_footadr[variant] + i
@@ -205,26 +243,21 @@ def find_patch(
             least = _SLIVER * area(points, _turn_foot(statics, foot, heading, points))
         on = float(0.0)
         for k in range(2 * parts):  # first how much of it is on the surface, then where
-            num = _turn_foot(statics, foot, heading, points)
-            if not statics.obj_whole[obj]:
-                num = _cut_foot(statics, statics.surface_partadr[surface] + k % parts, ground, points, num)
+            left = _turn_foot(statics, foot, heading, points)
+            left = _cut_foot(statics, statics.surface_partadr[surface] + k % parts, ground, points, left)
             if k < parts:
-                on += area(points, num)
+                on += area(points, left)
             elif on >= least:
-                _widen(statics, points, num, best, patch)
+                _widen(statics, points, left, best, patch)
     if best[0] == -1.0e30:
-        return False
-    if statics.obj_four[obj]:
-        _take_four(patch, statics.direction.shape[0], points)
-        for i in range(statics.direction.shape[0]):
-            best[i] = -1.0e30
-        _widen(statics, points, 4, best, patch)
-    return True
+        return 0
+    return statics.direction.shape[0]
 
 
 @wp.func
-def _take_four(patch: wp.array[wp.vec2], num: int, four: wp.array[wp.vec2]):
-    """Write the four of a patch's corners that span the largest area, which is what MuJoCo keeps of many contacts."""
+def _take_four(patch: wp.array[wp.vec2], num: int) -> int:
+    """Keep the four corners of a patch that span the largest area, as MuJoCo does of many contacts; return 4."""
+    four = wp.zeros(shape=(4,), dtype=wp.vec2)
     most = float(-1.0)
     for i in range(num - 2):
         a = patch[i]
@@ -246,42 +279,45 @@ def _take_four(patch: wp.array[wp.vec2], num: int, four: wp.array[wp.vec2]):
                 four[1] = patch[right]
                 four[2] = patch[k]
                 four[3] = patch[left % num]
+    for i in range(4):
+        patch[i] = four[i]
+    return 4
 
 
 @wp.func
-def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.array[wp.vec2]) -> Level:
-    """Return a level with what its patch says: its middle, how far it leans, and the margin of its load."""
-    num = statics.direction.shape[0]
+def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.array[wp.vec2], num: int) -> Level:
+    """Return a level with what the `num` corners of its patch say: its middle, its softness, the margin of its load."""
     at = wp.vec2(level.load[1], level.load[2])
     middle = wp.vec2(0.0)
     for i in range(num):
-        middle += patch[i]
-    middle = middle / float(num)
+        middle += patch[i] / float(num)
     xx = float(0.0)
     xy = float(0.0)
     yy = float(0.0)
     corners = int(0)
     margin = float(1.0e30)
     inner = float(1.0e30)
+    before = patch[num - 1]
     for i in range(num):
-        r = patch[i] - middle
+        after = patch[i]
+        r = after - middle
         xx += r[0] * r[0]
         xy += r[0] * r[1]
         yy += r[1] * r[1]
-        side = patch[(i + 1) % num] - patch[i]
-        length = wp.length(side)
-        if length > 1.0e-6:
+        side = after - before
+        if wp.length_sq(side) > 1.0e-12:
             corners += 1
-            margin = wp.min(margin, cross2(side, at - patch[i]) / length)
-            inner = wp.min(inner, cross2(side, middle - patch[i]) / length)
-    if statics.obj_four[obj] and statics.foot_cornernum[statics.variant_footadr[variant]] > _ROUND:
+            side = wp.normalize(side)
+            margin = wp.min(margin, cross2(side, at - before))
+            inner = wp.min(inner, cross2(side, middle - before))
+        before = after
+    if statics.obj_four[obj] and statics.foot_cornernum[statics.variant_footadr[variant]] > FEW_CORNERS:
         margin = wp.min(margin, inner - wp.length(at - middle))  # any four around it
     if corners < 3:
         margin = -1.0
-    most = wp.where(statics.obj_four[obj], 4, 8)
     level.middle = middle
     level.margin = margin
-    level.sink = _sink(statics.obj_spring[obj], level.soft * level.load[0] / float(wp.clamp(corners, 1, most)))
+    level.sink = _sink(statics.obj_spring[obj], level.soft * level.load[0] / float(wp.clamp(corners, 1, 8)))
     size = level.law[3] * float(num) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
     level.softness = size * wp.mat22(yy, -xy, -xy, xx)
     if statics.variant_curved[variant]:  # it rolls as it leans, and stays wherever it does not roll off
@@ -294,7 +330,7 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
 def _sink(spring: wp.vec4, load: float) -> float:
     """Return the depth [m] at which one contact carries a load [kg]; see `Stance.spring`."""
     depth = float(0.0)
-    for _ in range(_ROUNDS):
+    for _ in range(FEW_CORNERSS):
         x = wp.min(depth / spring[3], 1.0)
         share = wp.where(x < 0.5, 2.0 * x * x, 1.0 - 2.0 * (1.0 - x) * (1.0 - x))
         d = spring[1] + share * (spring[2] - spring[1])

@@ -101,7 +101,7 @@ class Program:
 
     # Draws of joint positions: uniform in [low, high], or one value of a list.
     draw_qposadr: wp.array[int]
-    draw_range: wp.array[wp.vec2]
+    draw_range: wp.array2d[wp.vec2]  # by world
     draw_choiceadr: wp.array[int]
     draw_choicenum: wp.array[int]
     choice: wp.array[float]
@@ -145,8 +145,8 @@ class Program:
     # Objects: support, and the region that they are drawn in.
     obj_ground: wp.array[int]  # body of the support, or -1
     obj_gap: wp.array[float]  # height over the support
-    obj_box_lower: wp.array[wp.vec3]  # of a region in space
-    obj_box_upper: wp.array[wp.vec3]
+    obj_box_lower: wp.array2d[wp.vec3]  # by world, of a region in space
+    obj_box_upper: wp.array2d[wp.vec3]  # by world
     obj_cutnum: wp.array[int]  # pieces that relations cut each triangle into; 0: the region is the same in every world
     obj_erosion: wp.array[float]  # distance from the outline, as a share of the shorter edge of the drawn bounds
     obj_cover: wp.array[int]  # a Cover
@@ -174,8 +174,8 @@ class Program:
     rel_frame: wp.array[int]  # slot whose heading rotates the direction, or FRAME_*
     rel_heading: wp.array[float]
     rel_half_angle: wp.array[float]
-    rel_low: wp.array[float]
-    rel_high: wp.array[float]
+    rel_low: wp.array2d[float]  # by world
+    rel_high: wp.array2d[float]  # by world
     rel_bounds: wp.array[bool]  # distances are between bounds, otherwise between pivots
     rel_width: wp.array[float]  # negative: the shorter edge of the object's own bounds
     rel_gap: wp.array[float]
@@ -185,10 +185,10 @@ class Program:
 
     # Groups: slots of their members, the least and greatest number that is present, and where members differ in them
     # the weights of the splits 'train' and 'eval'.
-    group: wp.array[wp.vec4i]  # first and number of entries of group_slot, least and greatest number of members
+    group: wp.array2d[wp.vec4i]  # by world: first and number of entries of group_slot, least and greatest of members
     group_slot: wp.array[int]
-    group_uniform: wp.array[bool]
-    group_weight: wp.array[wp.vec2]  # of each entry of group_slot
+    group_uniform: wp.array2d[bool]  # by world
+    group_weight: wp.array2d[wp.vec2]  # by world, of each entry of group_slot
 
     # Support surfaces: regions as triangles, and outlines as edges.
     tri_surface: wp.array[int]
@@ -272,12 +272,29 @@ class Program:
     bank_mocap_quat: wp.array2d[wp.vec4]
 
 
+WORLD_FIELDS = (
+    *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight"),
+    *("obj_box_lower", "obj_box_upper"),
+)
+"""Fields of `Program` that may differ between worlds: with one row for all, its stride is 0."""
+
+
 def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> None:
     """Fill array fields of a struct instance from numpy arrays, in the types that the struct declares."""
     for name, values in arrays.items():
         field = declared.vars[name].type
-        values = np.ascontiguousarray(values)
-        setattr(instance, name, wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device))
+        shared = declared is Program and name in WORLD_FIELDS
+        values = np.ascontiguousarray(values[None] if shared else values)
+        array = wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device)
+        setattr(instance, name, _shared_row(array) if shared and array.size else array)
+
+
+def _shared_row(array: wp.array) -> wp.array:
+    """Return an array of one row in which that row is every row, in the same memory."""
+    strides = (0, array.strides[1])
+    row = wp.array(ptr=array.ptr, dtype=array.dtype, shape=array.shape, strides=strides, device=array.device)
+    row._ref = array
+    return row
 
 
 def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:

@@ -6,6 +6,9 @@ which cannot move.
 
 import warp as wp
 
+FEW_CORNERS = 8
+"""A foot with more corners than this is round."""
+
 
 @wp.struct
 class Statics:
@@ -27,6 +30,7 @@ class Statics:
     obj_share: wp.array[float]  # of its own weight in the softness of its contacts; of no object if none is drawn
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
+    variant_box: wp.array[wp.vec4]  # around its foot: low x, y, high x, y
     variant_curved: wp.array[bool]
     variant_holds: wp.array[bool]  # the object stands by itself wherever all of its foot is on its support
     foot_corneradr: wp.array[int]  # a foot has convex parts

@@ -11,7 +11,6 @@ import warp as wp
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
-from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.scene.support import is_static
 
 _FAR = float(np.finfo(np.float32).max)
@@ -66,8 +65,11 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     plan = compiled.plan
     numbers = [i for i, o in enumerate(plan.objects) if o.name in names]
     still = is_static(plan.scene.mjm)
-    moved = [_among_moved(plan.objects[i], names, still) for i in numbers]
-    made = upload_plan(replace(plan, objects=moved), compiled.device)
+    chosen = [plan.objects[i] for i in numbers]
+    # a support leans as it likes, unless it is static or placed before
+    firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in chosen]
+    chosen = [o if is_firm else replace(o, tilts=True) for o, is_firm in zip(chosen, firm, strict=True)]
+    made = upload_plan(replace(plan, objects=chosen), compiled.device, starts=False)
     program, whole = made.program, compiled.program
     program.ngroup = 0  # who is present has been drawn
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
@@ -79,10 +81,3 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
         bounds.fill_(_FAR)
     program.quat_qposadr = wp.zeros(0, dtype=int, device=compiled.device)
     return made
-
-
-def _among_moved(o: PlacedObject, names: Sequence[str], still: np.ndarray) -> PlacedObject:
-    """Return an object whose support may lean, unless that is static or placed before it."""
-    if o.support is None or o.support.owner in names or still[o.support.body]:
-        return o
-    return replace(o, tilts=True)

@@ -14,6 +14,7 @@ from sceniris_gym.config.randomize import OBJECT_WORDS
 from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.field_drawer import FieldDrawer, MadeAhead
+from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
@@ -74,7 +75,7 @@ class ModelFields:
         self._followers: dict[type[Follower], Follower] = {}
         self._ahead: MadeAhead | None = None
         self._written = wp.zeros(1, dtype=int, device=m.qpos0.device)
-        self._closed = False
+        self._closed, self._knobs = False, None
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
         self._drawer = self._make_drawer() if scene.draws else None
@@ -165,29 +166,34 @@ class ModelFields:
             raise UnknownNameError("parameter", name, where, numbers)
         return numbers[name]
 
-    def make_ahead(self, source: LayoutSource, split: str) -> bool:
-        """Have what follows from the draws of the scene made ahead with the layouts of a source.
+    def use_knobs(self, knobs: KnobTable | None) -> None:
+        """Draw from intervals that knobs narrow, world by world."""
+        self._knobs = knobs
+        if self._drawer is not None and knobs is not None:
+            self._drawer.use_knobs(knobs)
+
+    def make_ahead(self, source: LayoutSource, split: str) -> None:
+        """Have what follows from the draws of the scene made ahead with the layouts of a source, if that can do so.
 
         Variants are drawn in place, and so is what follows from a field that somebody asked for.
 
         Args:
             source: The source.
             split: "train" or "eval".
-
-        Returns:
-            True if it will be.
         """
         sources = {name for kind in FOLLOWERS for name in kind.SOURCES}
         draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
-        if self._drawer is None or not draws or self.varied or self._ahead is not None:
-            return False
+        if self._ahead is not None:  # two sources reset these worlds
+            self._written.fill_(1)
+        if not draws or self.varied or self._ahead is not None or sources & self.asked:
+            return
 
         def make(mask: wp.array, layouts: Layouts) -> None:
-            twin.launch_draw(mask, layouts.seed, layouts.episode, split)
+            twin.launch_draw(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
 
         in_place = source.make_beside(make)
         if in_place is None:
-            return False
+            return
         m, d = copy.copy(self._model), copy.copy(self._data)
         m.opt = copy.copy(m.opt)
         for name, values in self._nominal.items():
@@ -195,6 +201,7 @@ class ModelFields:
         for name in ("ctrl", "act", "history"):
             setattr(d, name, None)
         twin = ModelFields(dataclasses.replace(self._scene, draws=draws), m, d, grow=True)
+        twin.use_knobs(self._knobs)
         names = [name for kind in twin._followers for name in kind.OUTPUTS if getattr(m, name).size]
         copied = [(getattr(self._model, name), getattr(m, name)) for name in names]
         if HoldingControls in twin._followers:
@@ -203,15 +210,21 @@ class ModelFields:
             stale = wp.zeros(self._nworld, dtype=wp.bool)
             self._ahead = MadeAhead(copied, in_place, self._written, stale, wp.zeros(1, dtype=int))
         self._drawer = self._make_drawer()
-        return True
+        self.use_knobs(self._knobs)
 
     def launch_draw(
-        self, mask: wp.array, seed: wp.array, episode: wp.array, split: str, rows: wp.array | None = None
+        self,
+        mask: wp.array,
+        seed: wp.array,
+        episode: wp.array,
+        split: str,
+        rows: wp.array | None = None,
+        knob: wp.array | None = None,
     ) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
         if self._drawer is None:
             return
-        self._drawer.launch(mask, seed, episode, split, rows)
+        self._drawer.launch(mask, seed, episode, split, rows, knob)
         if self._ahead is None or rows is not None:
             self.launch_follow(mask)
         else:

@@ -35,6 +35,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.grips import grips_of
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
@@ -93,6 +94,7 @@ class ResetRandomizer(Fixed, StaysHere):
         layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
         levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
             from episode to episode of one seed.
+        knobs: Names of the knobs that worlds have, or patterns; see `set_knob`. Not with a layout_source.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
@@ -112,14 +114,14 @@ class ResetRandomizer(Fixed, StaysHere):
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
-        ArgumentError: Both `layout_source` and `prefetch`, or a stream of another device.
+        ArgumentError: Both `layout_source` and `prefetch` or `knobs`, or a stream of another device.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
     FIXED = ("compiled", "model", "data", "device", "layout_source", "fields", "replacer")
-    ARGUMENTS = ("layouts", "levels", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    ARGUMENTS = ("layouts", "levels", "knobs", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -134,6 +136,7 @@ class ResetRandomizer(Fixed, StaysHere):
         prefetch: bool | wp.Stream | None = None,
         layout_source: LayoutSource | None = None,
         levels: Levels | None = None,
+        knobs: str | Sequence[str] = (),
         # what a reset writes:
         write: Literal["all", "placed"] = "all",
         origins: Any = None,
@@ -148,23 +151,27 @@ class ResetRandomizer(Fixed, StaysHere):
         check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
+        if levels is not None:
+            check_type(levels, Levels, "ResetRandomizer: levels")
+            named = () if levels.ranges is None else tuple(levels.ranges.start)
+            knobs = (*((knobs,) if isinstance(knobs, str) else knobs), *named)
         if layout_source is None:
-            generator = LayoutGenerator(compiled, data.nworld, seed=seed, split=split)
+            generator = LayoutGenerator(compiled, data.nworld, seed=seed, split=split, knobs=knobs)
             layout_source = _prefetching(generator, self.device.is_cuda if prefetch is None else prefetch, graph)
-        elif prefetch:
+        elif prefetch or knobs:
             raise ArgumentError(
-                "ResetRandomizer: prefetch is for layouts that the randomizer generates itself. Give either it or a "
-                "layout_source, which may be a PreparedLayouts."
+                "ResetRandomizer: prefetch and knobs are for layouts that the randomizer generates itself. Give either "
+                "them or a layout_source, which may be a PreparedLayouts."
             )
         check_type(layout_source, LayoutSource, "ResetRandomizer: layout_source")
         if levels is not None:
-            check_type(levels, Levels, "ResetRandomizer: levels")
             layout_source = LevelSampler(layout_source, levels, split)
         self.layout_source: LayoutSource = layout_source
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
+        self.fields.use_knobs(self.layouts.knobs)
         self._whole, self._stages = write == "all", update_stages(needs)
         with wp.ScopedDevice(self.device):
             self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
@@ -332,10 +339,24 @@ class ResetRandomizer(Fixed, StaysHere):
         self._refresh()
 
     def reseed(
-        self, seeds: int | Sequence[int] | np.ndarray | wp.array | None, mask: Any = None, episodes: Any = None
+        self,
+        seeds: int | Sequence[int] | np.ndarray | wp.array | None,
+        mask: Any = None,
+        episodes: Any = None,
+        knobs: np.ndarray | None = None,
     ) -> None:
-        """Choose the next layouts of the masked worlds by seeds and episodes. See `LayoutSource.reseed`."""
-        self.layout_source.reseed(seeds, mask, episodes)
+        """Choose the next layouts of the masked worlds by seeds, episodes and knobs. See `LayoutSource.reseed`."""
+        self.layout_source.reseed(seeds, mask, episodes, knobs)
+
+    def set_knob(self, name: str, value: Any, mask: Any = None) -> None:
+        """Change a knob of the masked worlds; their next layouts follow. See `LayoutSource.set_knobs`."""
+        self.layout_source.set_knobs({name: value}, mask)
+
+    def layout_ids(self) -> list[str]:
+        """Return the ids of the present layouts, one per world, with the knobs that differ. Waits for the device."""
+        names = zip(*(getattr(self.layouts, name).numpy() for name in ("seed", "episode", "knob")), strict=True)
+        text, name = self.layouts.knobs.text, self.compiled.layout_id
+        return [name(seed, episode, self._split, text(row)) for seed, episode, row in names]
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
@@ -360,10 +381,13 @@ class ResetRandomizer(Fixed, StaysHere):
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            seed, episode = layouts.seed, layouts.episode
+            seed, episode, start = layouts.seed, layouts.episode, layouts.start
             if isinstance(layouts, LayoutTable):
                 seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
-            self._launch_write(poses, present, seed, episode, on_device)
+                start = wp.array(start, dtype=int)
+            own = isinstance(layouts, Layouts) and layouts.knobs.names == self.layouts.knobs.names
+            knob = layouts.knob if isinstance(layouts, Layouts) and own else None
+            self._launch_write(poses, present, start, seed, episode, knob, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
@@ -394,12 +418,14 @@ class ResetRandomizer(Fixed, StaysHere):
         if not self._whole:
             bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
         words = {"bodies": bodies, "origins": origins, "plastic": plastic, "count": self.replacer.number}
+        words["grips"] = grips_of(self.compiled, self.fields.rest, self.device)
         return StateWriter(mjm, d, self._mask, self.fields.rest, **words)
 
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode)
+        start, seed, episode = layouts.start, layouts.seed, layouts.episode
+        self._launch_write(_poses(layouts), layouts.present, start, seed, episode, layouts.knob)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
@@ -410,20 +436,27 @@ class ResetRandomizer(Fixed, StaysHere):
             stage(self.model, self.data)
 
     def _launch_write(
-        self, poses: Poses, present: Any, seed: wp.array, episode: wp.array, rows: wp.array | None = None
+        self,
+        poses: Poses,
+        present: Any,
+        start: wp.array,
+        seed: wp.array,
+        episode: wp.array,
+        knob: wp.array | None,
+        rows: wp.array | None = None,
     ) -> None:
         m, d = self.model, self.data
         drawn = rows
         if self.variants is not None:
             poses, rows = self.variants.launch(poses, present, rows), None
         self._contacts.launch_drop()
-        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn)
+        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn, knob)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)
             mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
-        self._writer.launch(poses, rows)
+        self._writer.launch(poses, rows, start if self.compiled.config.start else None, drawn)
         self._launch_stages()
 
 

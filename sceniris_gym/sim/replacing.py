@@ -62,7 +62,7 @@ class Replacer:
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
-        prepared: The launches of each set of objects that was redrawn, by their names.
+        prepared: The launches of each set of objects that was redrawn, by their names as they were given.
         kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
     """
 
@@ -106,9 +106,7 @@ class Replacer:
                 raise NotSupportedError(f"{where}: scenes with variants have no redraws yet. Make a group of them.")
             if self._d.qpos.device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
-            if names not in self.prepared:
-                self.prepared[names] = self._prepare(names)
-            self.prepared[key] = self.prepared[names]
+            self.prepared[key] = self._prepare(names)
         fill_mask(mask, self._mask)
         self.prepared[key]()
 

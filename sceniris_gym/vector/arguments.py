@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
+from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector.ranks import Rank
@@ -34,8 +36,24 @@ from sceniris_gym.vector.task import Task
 
 _MOST_PIXELS = 1 << 14  # along an edge
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
-LAYOUTS, STATE = "layouts", "state"
-RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE)
+LAYOUTS, STATE, KNOBS = "layouts", "state", "knobs"
+RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE, KNOBS)
+
+
+@dataclass(frozen=True)
+class ChosenLayouts:
+    """The layouts that some worlds are to get.
+
+    Attributes:
+        seeds, episodes: Of each world, shape (num_envs,), uint64 and int32.
+        given: Which worlds, shape (num_envs,), bool.
+        knobs: Numbers of the knobs, shape (num_envs, nvalue), float32; None leaves them as they are.
+    """
+
+    seeds: np.ndarray
+    episodes: np.ndarray
+    given: np.ndarray
+    knobs: np.ndarray | None
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
@@ -166,34 +184,36 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     return mask
 
 
-def as_chosen_layouts(
-    value: Any, num_envs: int, scene: SceneModel, split: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return seeds, episodes and a mask of the worlds whose layouts are chosen, each (num_envs,); None for no choice.
+def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str = "train") -> ChosenLayouts | None:
+    """Return the layouts that worlds are to get; None for no choice.
 
     Args:
         value: `options["layouts"]`: a layout id for all worlds, a sequence with one for each world (None for its next
             layout), or {"seed": seeds, "episode": episodes} as `info` has them under `layout_seed` and
-            `layout_episode`, each a number for all worlds or an array.
+            `layout_episode`, each a number for all worlds or an array; with "knobs" as in `layout_knobs`.
         num_envs: Number of worlds.
-        scene: The scene.
-        split: Split of the layouts.
+        source: The source of the layouts.
+        split: Their split.
 
     Raises:
         ArgumentError: Anything else, or not one for each world.
         LayoutIdError, SeedError: A malformed id, seed or episode.
         SceneMismatchError: An id of another scene or split.
+        UnknownNameError: An id with a knob that the worlds do not have.
     """
     if value is None:
         return None
+    scene, table = source.layouts.compiled.scene, source.layouts.knobs
     where = f"options['{LAYOUTS}']"
     if isinstance(value, Mapping):
-        if set(value) != {"seed", "episode"}:
+        if {*value, KNOBS} != {"seed", "episode", KNOBS}:
             raise ArgumentError(f"{where} should have the keys 'seed' and 'episode', got {short(list(value))}.")
-        seeds, episodes = (_numbers_of_worlds(value[name], num_envs, f"{where}['{name}']") for name in value)
+        names = ("seed", "episode")
+        seeds, episodes = (_numbers_of_worlds(value[name], num_envs, f"{where}['{name}']") for name in names)
         if (episodes < 0).any() or (episodes >= MOST_EPISODES).any():
             raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 1, got {short(value['episode'])}.")
-        return seeds.astype(np.uint64), episodes.astype(np.int32), np.ones(num_envs, bool)
+        rows = table.rows(value[KNOBS], num_envs) if KNOBS in value else None
+        return ChosenLayouts(seeds.astype(np.uint64), episodes.astype(np.int32), np.ones(num_envs, bool), rows)
     texts = [value] * num_envs if isinstance(value, str | LayoutId) else value
     if not isinstance(texts, Sequence) or len(texts) != num_envs:
         raise ArgumentError(
@@ -202,10 +222,12 @@ def as_chosen_layouts(
         )
     ids = [None if one is None else own_id(one, scene, split, where) for one in texts]
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
-    return (
+    rows = {text: table.row(text) for text in {one.knobs for one in found}}
+    return ChosenLayouts(
         np.array([one.seed for one in found], np.uint64),
         np.array([one.episode for one in found], np.int32),
         np.array([one is not None for one in ids]),
+        np.array([rows[one.knobs] for one in found]),
     )
 
 

@@ -44,6 +44,10 @@ class SceneEnv(Fixed, gymnasium.Env):
             self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
         return _first(observation), _first(info)
 
+    def set_knob(self, name: str, value: Any) -> None:
+        """Change a part of the scene file from the next layout on; see `SceneVectorEnv.set_knob`."""
+        self.envs.set_knob(name, value)
+
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take one control step with an action in [-1, 1]."""
         observation, reward, terminated, truncated, info = self.envs.step(np.asarray(action)[None])

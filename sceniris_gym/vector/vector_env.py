@@ -30,9 +30,11 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
+    KNOBS,
     LAYOUTS,
     RESET_MASK,
     STATE,
+    ChosenLayouts,
     as_action,
     as_autoreset_mode,
     as_chosen_layouts,
@@ -104,6 +106,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             LayoutGenerator.
         levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
             `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one.
+        knobs: Names of parts of the scene file that `set_knob` can change, or patterns such as "objects.*.region"; see
+            docs/levels.md. Not with a layout_source. `info` then has `layout_knobs`, their values by name.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
@@ -141,6 +145,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         "overrides",
         "layout_source",
         "levels",
+        "knobs",
         "prefetch",
         "graph",
         "nconmax",
@@ -164,6 +169,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         prefetch: bool | None = None,
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
         levels: Levels | None = None,
+        knobs: str | Sequence[str] = (),
         # episodes:
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
@@ -207,17 +213,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
         physics: dict[str, Any] = {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **room, **physics, graph=graph)
+        words: dict[str, Any] = {"levels": levels, "knobs": knobs, "split": split, "prefetch": prefetch}
         self.randomizer = ResetRandomizer(
             self.compiled,
             self.batch.model,
             self.batch.data,
             layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
-            levels=levels,
-            split=split,
-            prefetch=prefetch,
             needs=self.task.needs,
             fields=self.batch.fields,
             graph=graph,
+            **words,
         )
         self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
         self.device = self.state.device
@@ -272,14 +277,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 id is for all worlds, and {"seed": ..., "episode": ...} takes `layout_seed` and `layout_episode` of an
                 `info`. The world goes on from that episode. {"state": snapshot} goes on where worlds were when
                 `snapshot` was called: each row in its own world, or with a mask in the masked worlds in order.
+                {"knobs": {name: value}} changes knobs of the masked worlds first, see `set_knob`.
 
         Raises:
             ArgumentTypeError: The options are no mapping.
-            ArgumentError: Two of seed, layouts and state, or layouts or rows of a state that are not one per world.
+            ArgumentError: Two of seed, layouts and state, or layouts or rows of a state that are not one per world; or
+                a value that a knob cannot have.
             SeedError: Not integers from 0 to 2^64 - 1, or not one per world.
             LayoutIdError, SceneMismatchError: A malformed layout id, or one of another scene or split; or a state of
                 another scene or task.
-            UnknownNameError: An option other than these three.
+            UnknownNameError: An option other than these, or a knob that the worlds do not have.
             MaskTypeError: The mask is not an array of booleans.
             MaskError: The mask has the wrong shape, or is false everywhere.
             ResetNeeded: The first reset has a mask or a state.
@@ -291,12 +298,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
             )
-        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.compiled.scene, self.split)
+        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.randomizer.layout_source, self.split)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         self.batch.fields.check()
         with self._on_torch_stream():
+            if given.get(KNOBS):
+                self.randomizer.layout_source.set_knobs(given[KNOBS], mask)
             if kept is not None:
                 live, given_to = self._live(), None if mask is None else due
                 due = put(kept, self.compiled.hash, live, given_to)
@@ -363,14 +372,42 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         with self._on_torch_stream():
             return take(self.compiled.hash, self._live(), torch.from_numpy(worlds).to(self.device))
 
+    @exclusive
+    def set_knob(self, name: str, value: Any, mask: Any = None) -> None:
+        """Change a part of the scene file in the masked worlds: their next layouts follow, and all after them.
+
+        Args:
+            name: One of the `knobs` that the environment was made with, such as "groups.clutter.count".
+            value: What the scene file could have in its place, within what it has: [1, 3]. Joint positions are in m or
+                rad. Or such a value for each world, shape (num_envs, ...).
+            mask: As `reset_mask`; None is all worlds.
+
+        Raises:
+            UnknownNameError: The environment was not made with such a knob.
+            ArgumentError: A value that the knob cannot have.
+            MaskError, MaskTypeError: As in `reset`.
+        """
+        self._check_open()
+        with self._on_torch_stream():
+            self.randomizer.set_knob(name, value, as_reset_mask({RESET_MASK: mask}, self.num_envs))
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do."""
+        if name in self.randomizer.layouts.knobs.first:
+            self.set_knob(name, values)
+        else:
+            setattr(self, name, values)
+
+    def layout_ids(self) -> list[str]:
+        """Return the ids of the present layouts, one per world. Waits for the device."""
+        return self.randomizer.layout_ids()
+
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""
         memory = {"task": self.task, "sensors": self._sensors, "redraws": wp.to_torch(self.randomizer.replacer.number)}
         return live_tensors(self.state, self.randomizer.layouts, memory)
 
-    def _reseed(
-        self, seed: Any, chosen: tuple[np.ndarray, np.ndarray, np.ndarray] | None, mask: np.ndarray | None
-    ) -> None:
+    def _reseed(self, seed: Any, chosen: ChosenLayouts | None, mask: np.ndarray | None) -> None:
         """Choose the layouts that the next reset of the masked worlds serves; see `reset`."""
         if seed is None and not self._ready:
             # it is -1 after a generator was assigned to np_random
@@ -386,9 +423,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             elif given.any():
                 self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
         if chosen is not None:
-            numbers, episodes, given = chosen
-            self.randomizer.reseed(numbers, given if mask is None else given & mask, episodes)
-            self.np_random = np.random.default_rng(numbers)
+            given = chosen.given if mask is None else chosen.given & mask
+            self.randomizer.reseed(chosen.seeds, given, chosen.episodes, chosen.knobs)
+            self.np_random = np.random.default_rng(chosen.seeds)
 
     @exclusive
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
@@ -472,11 +509,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
     def _tell_levels(self, success: Tensor) -> None:
-        """Count the successes of the episodes that finished, if the worlds play levels by that."""
-        sampler, layouts = self.randomizer.levels, self.randomizer.layouts
-        if sampler is not None and sampler.levels.score != "given":
-            outcome, finished = wp.from_torch(success.float()), wp.from_torch(self.statistics.finished)
-            sampler.launch_update(sampler.level, layouts.seed, layouts.episode, outcome, finished)
+        """Count the successes of the episodes that finished on layouts of their own, if the worlds play levels."""
+        sampler = self.randomizer.levels
+        if sampler is not None and sampler.counts:
+            counted = self.statistics.finished & (self.state.layout_status == Status.VALID)
+            sampler.launch_finish(wp.from_torch(success.float()), wp.from_torch(counted))
 
     def _reset_worlds(self, mask: Tensor) -> None:
         """Reset the worlds of a mask on the device, to which the task may write."""
@@ -517,6 +554,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        if self.compiled.config.start:
+            info["layout_start"] = s.start.clone()
+        if self.randomizer.layouts.knobs.knobs:
+            info["layout_knobs"] = self.randomizer.layouts.knobs.named(s.layout_knob.clone())
         if s.variants.names:
             info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
         replacer = self.randomizer.replacer

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.layout.blame import Blame, Hit
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
@@ -131,8 +132,11 @@ class LayoutDeck:
         Raises:
             LayoutIdError: The text has not the form of an id.
             SceneMismatchError: The layout is of another scene.
+            NotSupportedError: It has other knobs than the scene file.
         """
         name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open its scene.")
+        if name.knobs:
+            raise NotSupportedError("shown here are layouts without knobs. `sceniris-gym replay` takes others.")
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:

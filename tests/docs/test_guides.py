@@ -18,7 +18,7 @@ DOCS = ROOT / "docs"
 WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "levels", "images", "randomisation", "variants", "redraws")
 PAGES = (
     *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
-    *("libraries", "mjlab", "jax", "newton", "training", "reach", "libero"),
+    *("libraries", "mjlab", "jax", "newton", "training", "reach", "libero", "several_gpus"),
 )
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 

@@ -6,6 +6,7 @@ import pytest
 
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
+from tests.layout.knobbed import knobbed_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 
@@ -18,3 +19,9 @@ def crane(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     scene = crane_scene(asset, cube)
     scene["objects"]["other"] = {"asset": cube, "on": "floor"}
     return compile_on_cpu(scene, bank=4)
+
+
+@pytest.fixture(scope="session")
+def knobbed(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """A scene of which all that can be a knob of layouts is one."""
+    return compile_on_cpu(knobbed_scene(tmp_path_factory.mktemp("knobs")))

@@ -12,12 +12,12 @@ import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.transforms import pose_of
-from sceniris_gym.placement.standing import MOST_DIRECTIONS, Level, find_patch, loads_stand, weigh
+from sceniris_gym.placement.standing import MOST_CORNERS, Level, find_patch, loads_stand, weigh
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.scene.model import build_model
-from tests.layout.scenes import box_mjcf
+from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.placement.supports import PLATE, TILES, tiles_mjcf
 
 _COUNT = 200
@@ -30,13 +30,13 @@ def _find(
     ground: wp.array[wp.vec3],
     # Out:
     corners: wp.array2d[wp.vec2],
-    found: wp.array[bool],
+    found: wp.array[int],
 ):
     i = wp.tid()
-    patch = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=wp.vec2)
+    patch = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
     frame = pose_of(ground[i], wp.vec4(1.0, 0.0, 0.0, 0.0))
     found[i] = find_patch(statics, 1, 1, heading[i], 1, frame, patch)
-    for k in range(MOST_DIRECTIONS):
+    for k in range(MOST_CORNERS):
         corners[i, k] = patch[k]
 
 
@@ -92,27 +92,47 @@ def test_a_patch_is_the_hull_of_the_foot_cut_with_the_support(tmp_path: Path, ti
     outline = compiled.plan.objects[1].surfaces[0][0].outline
     low, high = np.reshape(outline.bounds, (2, 2))
     heading, at = rng.uniform(-3, 3, _COUNT), rng.uniform(low, high, (_COUNT, 2))
-    corners = wp.zeros((_COUNT, MOST_DIRECTIONS), dtype=wp.vec2)
-    found = wp.zeros(_COUNT, dtype=bool)
+    corners = wp.zeros((_COUNT, MOST_CORNERS), dtype=wp.vec2)
+    found = wp.zeros(_COUNT, dtype=int)
     ground = wp.array(np.hstack([-at, np.zeros((_COUNT, 1))]), dtype=wp.vec3)
     wp.launch(_find, _COUNT, [compiled.statics, wp.array(heading, dtype=float), ground], [corners, found], device="cpu")
     foot = shapely.box(-0.1, -0.06, 0.1, 0.06)
     for i in range(_COUNT):
         own = shapely.affinity.rotate(foot, heading[i], (0, 0), use_radians=True)
         expected = own.intersection(shapely.affinity.translate(outline, *-at[i])).convex_hull
-        assert found.numpy()[i] == (expected.area > 0.0)
-        if not found.numpy()[i]:
+        num = found.numpy()[i]
+        assert (num > 0) == (expected.area > 0.0)
+        if num == 0:
             continue
-        patch = shapely.MultiPoint(corners.numpy()[i]).convex_hull
+        patch = shapely.MultiPoint(corners.numpy()[i, :num]).convex_hull
         assert expected.buffer(1e-6).covers(patch)
         assert patch.area >= 0.98 * expected.area
 
 
+def test_a_foot_that_is_wholly_on_its_support_is_one_part(tmp_path: Path):
+    """A bench on two boards has a patch of few corners, all of them its own, that reaches to its four ends."""
+    boards = "".join(f'<geom type="box" size=".02 .05 .02" pos="{x} 0 .02"/>' for x in (-0.1, 0.1))
+    seat = '<geom type="box" size=".12 .05 .01" pos="0 0 .05"/>'
+    bench = write_mjcf(tmp_path, "bench", boards + seat)
+    words = {"orientation": "fixed", "on": "slab", "ratio_on_support": 1.0}
+    objects = {
+        "slab": {"asset": box_mjcf(tmp_path, "slab", 0.4, 0.4, 0.02), "on": "floor"},
+        "bench": {"asset": bench, **words},
+        "crate": {"asset": box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.1), "on": "bench"},
+    }
+    compiled = upload_scene(build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects})), "cpu")
+    corners, found = wp.zeros((1, MOST_CORNERS), dtype=wp.vec2), wp.zeros(1, dtype=int)
+    ground, heading = wp.zeros(1, dtype=wp.vec3), wp.zeros(1, dtype=float)
+    wp.launch(_find, 1, [compiled.statics, heading, ground], [corners, found], device="cpu")
+    patch = {(round(float(x), 4), round(float(y), 4)) for x, y in corners.numpy()[0, : found.numpy()[0]]}
+    assert patch == {(x, y) for x in (-0.12, 0.12) for y in (-0.05, 0.05)}
+
+
 def test_a_foot_off_its_support_has_no_patch(tmp_path: Path):
     """A metre beside it."""
-    compiled, found = crate_on(tmp_path, PLATE), wp.zeros(1, dtype=bool)
+    compiled, found = crate_on(tmp_path, PLATE), wp.zeros(1, dtype=int)
     ground, heading = wp.array([[1.0, 0.0, 0.0]], dtype=wp.vec3), wp.zeros(1, dtype=float)
-    corners = wp.zeros((1, MOST_DIRECTIONS), dtype=wp.vec2)
+    corners = wp.zeros((1, MOST_CORNERS), dtype=wp.vec2)
     wp.launch(_find, 1, [compiled.statics, heading, ground], [corners, found], device="cpu")
     assert not found.numpy()[0]
 

@@ -82,6 +82,33 @@ def test_a_whole_step_can_be_captured_with_torch(cuda_scene):
     assert torch.isfinite(observation["critic"]).all()
 
 
+def test_a_redraw_has_the_bits_of_a_cpu_waits_for_nothing_and_can_be_captured(cuda_scene, make_env):
+    """Directly and replayed, with a mask on the GPU that changes in between."""
+    envs, cpu = SceneVectorEnv(Reach, 4, scene=cuda_scene), make_env(4)
+    for each in (envs, cpu):
+        each.reset(seed=4)
+        each.replace("block")
+    mask = torch.tensor([True, False, True, False], device="cuda")
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        envs.replace("block", mask)
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+    stream, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
+    torch.cuda.synchronize()
+    with torch.cuda.graph(graph, stream=stream):
+        warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
+        with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
+            envs.replace("block", mask)
+    cpu.replace("block", mask.cpu())
+    for _ in range(3):
+        mask.logical_not_()
+        graph.replay()
+        cpu.replace("block", mask.cpu())
+    assert envs.randomizer.replacer.number.numpy().tolist() == [3, 3, 3, 3]
+    torch.testing.assert_close(envs.state.pose("block").cpu(), cpu.state.pose("block"), rtol=0.0, atol=0.0)
+
+
 class Hold(Reach):
     """The reaching task with the actions of Task."""
 

@@ -50,7 +50,7 @@ def _mark_overflow(search: Search, c: int):
 
 
 @wp.func
-def _collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
+def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
     """Return True if a candidate collides; the test of a single lane."""
     row = search.row[c]
     obj = search.obj[c]
@@ -212,7 +212,7 @@ def _test_alone(
         if not tested_by_blocks and search.cause[c] == Cause.NONE:
             search.cause[c] = reject_cause(program, reach, search, c, search.obj[c])
         if search.cause[c] == Cause.NONE and (not tested_by_blocks or search.overflowed[c] != 0):
-            if _collides_alone(program, layouts, search, c):
+            if collides_alone(program, layouts, search, c):
                 search.cause[c] = Cause.COLLISION
 
 
@@ -225,12 +225,14 @@ def launch_test_collisions(work: Workspace) -> None:
         work.launch_blocks(_queue_narrow_pairs, [program, reach, size.blocks, *state])
         work.launch(_test_inner_boxes, size.lanes, [program, size.lanes, *state])
         work.launch_blocks(_test_narrow_pairs, [program, size.blocks, *state])
-    work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
+    if not work.repeats_while_standing:
+        work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
 
 
-def lane_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
+def lane_kernels(work: Workspace) -> tuple[wp.Kernel, ...]:
     """Return the kernels that are launched with independent lanes."""
-    return (_test_inner_boxes, _test_alone) if block_dim > 1 and not visual else (_test_alone,)
+    by_pairs = work.size.block_dim > 1 and not work.program.visual
+    return (_test_inner_boxes,) * by_pairs + (_test_alone,) * (not work.repeats_while_standing)
 
 
 def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:

@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func
-def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
+def draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
     """Pose a static object at its place in the model, with its joints drawn."""
     pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
     if program.obj_measured[obj] == Measure.WHOLE:
@@ -46,8 +46,9 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     """Draw the heading, and the point under the pivot if the region is the same in every world."""
     turn = search.turn[c]
     ground = program.obj_ground[obj]
-    box = program.obj_box_upper[obj] - program.obj_box_lower[obj]
-    search.point[c] = program.obj_box_lower[obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
+    worldid = search.row_world[row]
+    box = program.obj_box_upper[worldid, obj] - program.obj_box_lower[worldid, obj]
+    search.point[c] = program.obj_box_lower[worldid, obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
     beside = program.obj_beside[obj]
     is_joined = False
     if beside >= 0:
@@ -126,15 +127,16 @@ def _draw(
         row = search.row[c]
         obj = search.obj[c]
         trial = trial_of(program, search, c)
-        seed = layouts.pending_seed[search.row_world[row]]
-        episode = layouts.pending_episode[search.row_world[row]]
+        worldid = search.row_world[row]
+        seed = layouts.pending_seed[worldid]
+        episode = layouts.pending_episode[worldid]
         stream = stream_of(program, split, obj)
         search.cause[c] = Cause.NONE
         search.overflowed[c] = 0
         search.surface[c] = -1
-        draw_joints(program, obj, seed, episode, stream, trial, search.qpos[c])
+        draw_joints(program, worldid, obj, seed, episode, stream, trial, search.qpos[c])
         if program.obj_kind[obj] == ObjectKind.STATIC:
-            _draw_static(program, layouts, search, c, row, obj)
+            draw_static(program, layouts, search, c, row, obj)
             continue
         u = uniforms(seed, episode, stream, trial, 0)
         w = wp.vec4(0.0)

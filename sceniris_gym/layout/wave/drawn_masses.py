@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.field_drawer import FieldDrawer
+from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied, fill_struct
@@ -23,12 +24,13 @@ class DrawnMasses:
         compiled: The scene.
         nworld: Number of worlds.
         split: "train" or "eval".
+        knobs: The knobs of the worlds.
 
     Attributes:
         statics: How objects stand, with a row of these for each world if any are drawn; None if nothing can fall.
     """
 
-    def __init__(self, compiled: CompiledScene, nworld: int, split: str) -> None:
+    def __init__(self, compiled: CompiledScene, nworld: int, split: str, knobs: KnobTable) -> None:
         self.statics, self._split, self._drawer = compiled.statics, split, None
         scene, nominal = compiled.scene, compiled.statics
         slots = {member: slot for slot, members in scene.config.variants.items() for member in members}
@@ -46,8 +48,10 @@ class DrawnMasses:
         arrays = {field: getattr(self.statics, name) for field, name in _ARRAYS.items()}
         values = {field: getattr(nominal, name) for field, name in _ARRAYS.items()}
         self._drawer = FieldDrawer(tuple(draws), arrays, values, nworld)
+        self._drawer.use_knobs(knobs)
 
     def launch(self, mask: wp.array | None, layouts: LayoutsView) -> None:
         """Draw them for the layouts that are being made in the masked worlds, in all of them if there is no mask."""
         if self._drawer is not None:
-            self._drawer.launch(mask, layouts.pending_seed, layouts.pending_episode, self._split)
+            pending = layouts.pending_seed, layouts.pending_episode
+            self._drawer.launch(mask, *pending, self._split, knob=layouts.pending_knob)

@@ -18,33 +18,42 @@ from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SP
 
 @wp.func
 def _draw_weighted(
-    program: Program, seed: wp.uint64, episode: int, split: wp.uint32, g: int, count: int, present: wp.array[int]
+    program: Program,
+    worldid: int,
+    seed: wp.uint64,
+    episode: int,
+    split: wp.uint32,
+    g: int,
+    count: int,
+    present: wp.array[int],
 ):
     """Draw so many members of a group one after the other, each by the weights of those that are left."""
     column = int(split % wp.uint32(2))  # those of the splits 'eval' and 'eval_bank' are odd
-    adr = program.group[g][0]
-    num = program.group[g][1]
+    adr = program.group[worldid, g][0]
+    num = program.group[worldid, g][1]
     total = float(0.0)
     for i in range(num):
         present[program.group_slot[adr + i]] = 0
-        total += program.group_weight[adr + i][column]
+        total += program.group_weight[worldid, adr + i][column]
     for k in range(count):
         u = uniforms(seed, episode, numbered_stream(split, GROUP_STREAM), g, 1 + k // 4)[k % 4]
         at = u * total
         chosen = int(0)
         below = float(0.0)  # weights of the members before, which are only added up, so that all devices round alike
         for i in range(num):
-            weight = program.group_weight[adr + i][column]
+            weight = program.group_weight[worldid, adr + i][column]
             if weight > 0.0 and present[program.group_slot[adr + i]] == 0:
                 if below <= at:
                     chosen = i
                 below += weight
         present[program.group_slot[adr + chosen]] = 1
-        total = below - program.group_weight[adr + chosen][column]
+        total = below - program.group_weight[worldid, adr + chosen][column]
 
 
 @wp.func
-def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]):
+def draw_groups(
+    program: Program, worldid: int, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]
+):
     """Draw which objects of each group are present: k uniform in its interval, then k members without replacement.
 
     The draw belongs to the episode, not to a trial: otherwise restarts would favour small sets, which are easier to
@@ -52,13 +61,13 @@ def draw_groups(program: Program, seed: wp.uint64, episode: int, split: wp.uint3
     """
     stream = numbered_stream(split, GROUP_STREAM)
     for g in range(program.ngroup):
-        adr = program.group[g][0]
-        num = program.group[g][1]
-        low = program.group[g][2]
-        high = program.group[g][3]
+        adr = program.group[worldid, g][0]
+        num = program.group[worldid, g][1]
+        low = program.group[worldid, g][2]
+        high = program.group[worldid, g][3]
         left = wp.min(low + int(uniforms(seed, episode, stream, g, 0)[0] * float(high - low + 1)), high)
-        if not program.group_uniform[g]:
-            _draw_weighted(program, seed, episode, split, g, left, present)
+        if not program.group_uniform[worldid, g]:
+            _draw_weighted(program, worldid, seed, episode, split, g, left, present)
             continue
         # selection sampling: D. Knuth, "The Art of Computer Programming", vol. 2, algorithm 3.4.2 S
         for i in range(num):

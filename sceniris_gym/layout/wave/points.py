@@ -85,10 +85,11 @@ def _point_holds(
     own: Placed,
 ) -> bool:
     """Return True if all relations hold exactly at the drawn point, and the pivot is far enough from the outline."""
+    worldid = search.row_world[row]
     for i in range(program.obj_relnum[obj]):
         resolved = search.relations[c, i]
         rel = program.obj_reladr[obj] + i
-        if not relation_holds(program, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
+        if not relation_holds(program, worldid, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
             return False
     return program.obj_erosion[obj] <= 0.0 or _clears_outline(program, obj, tri, frame, own)
 

@@ -38,6 +38,7 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
     hull = search.hulls[c]
     resolved = resolve(
         program,
+        search.row_world[row],
         rel,
         placed(wp.vec2(0.0), search.heading[c], search.turn[c].bounds),
         angle_of(frame.rot[0, 0], frame.rot[1, 0]),
@@ -58,7 +59,7 @@ def _build_sides(
     lanes: int,
     # Layouts in: present, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: candidates, cuts, row, obj, cause, turn, heading, hulls
+    # Search in: row_world, candidates, cuts, row, obj, cause, turn, heading, hulls
     # Search out: cuts, cause, relations, hulls, sides, side_num, pieces, winner, cut
     search: Search,
 ):

@@ -5,9 +5,10 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.collision import collides_alone
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.standing import (
-    MOST_DIRECTIONS,
+    MOST_CORNERS,
     Level,
     find_patch,
     lies_on_a_part,
@@ -89,7 +90,7 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate stands, and all levels below it with it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
-    patch = wp.zeros(shape=(wp.static(MOST_DIRECTIONS),), dtype=wp.vec2)
+    patch = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
     num = statics.obj_levelnum[search.obj[c]]
     above = Level()
@@ -105,13 +106,24 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         above = _level_of(program, statics, layouts, search, c, row, adr + j, above)
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - above.pivot, layouts.body_quat[row, body])
-        if not find_patch(statics, obj, variant, heading, surface, ground, patch):
+        corners = find_patch(statics, obj, variant, heading, surface, ground, patch)
+        if corners == 0:
             return False
-        above = measure(statics, above, obj, variant, patch)
+        above = measure(statics, above, obj, variant, patch, corners)
         if above.margin <= 0.0:
             return False
         levels[j] = above
     return loads_stand(levels, num)
+
+
+@wp.func
+def _falls(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int) -> bool:
+    """Return True if a candidate would fall, or make what it is put on fall."""
+    if statics.obj_levelnum[search.obj[c]] == 0:
+        return False
+    if _stands_alone(program, statics, layouts, search, c, search.row[c]):
+        return False
+    return not _stands(program, statics, layouts, search, c, search.row[c])
 
 
 @wp.kernel(grid_stride=False)
@@ -121,19 +133,23 @@ def _test_standing(
     lanes: int,
     # Layouts in: present, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos,
-    #   body_quat
+    # Search in: row_world, row_surface, row_variant, candidates, any_overflowed, row, obj, cause, turn, surface, place,
+    #   overflowed, body_pos, body_quat
     # Search out: cause
     search: Search,
 ):
+    # Most waves have nothing to test for either reason, so two launches would cost more than the tests do.
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
-            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
-                if not _stands(program, statics, layouts, search, c, search.row[c]):
-                    search.cause[c] = Cause.FALLS
+        if search.any_overflowed[0] != 0:
+            if search.cause[c] == Cause.NONE and search.overflowed[c] != 0:
+                if collides_alone(program, layouts, search, c):
+                    search.cause[c] = Cause.COLLISION
+        if search.cause[c] == Cause.NONE:
+            if _falls(program, statics, layouts, search, c):
+                search.cause[c] = Cause.FALLS
 
 
 def launch_test_standing(work: Workspace) -> None:
-    """Reject candidates that would fall, or make what they are put on fall."""
+    """Reject candidates that would fall, or make what they are put on fall; repeat collision tests that overflowed."""
     lanes = work.size.lanes
     work.launch(_test_standing, lanes, [work.program, work.statics, lanes, work.layouts, work.search])

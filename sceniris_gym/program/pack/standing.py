@@ -16,10 +16,11 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, carrier_of, levels_of
+from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, Foot, carrier_of, levels_of
 from sceniris_gym.scene.draws import drawn_fields
 
 _DIRECTIONS = 32
+_FEW_DIRECTIONS = 12
 
 
 def pack_statics(plan: Plan, device: str) -> Statics | None:
@@ -35,7 +36,8 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     load, of_levels = addressed("level_load", (part for i, c in enumerate(chains) for part in _loads(c, carriers, i)))
     known = [NO_STANCE if stance is None else stance for stance in found]
     feet = [f for o, s in zip(objects, known, strict=True) for f in s.feet or [NO_FOOT] * len(o.variants)]
-    foot, of_variants = addressed("variant_foot", (f.parts for f in feet))
+    whole = [s.is_whole for o, s in zip(objects, known, strict=True) for _ in o.variants]
+    foot, of_variants = addressed("variant_foot", map(_joined, feet, whole))
     corner, of_feet = addressed("foot_corner", foot)
     parts, of_surfaces = addressed("surface_part", (_convex_parts(s) for s in surfaces_of_regions(objects)))
     side, of_parts = addressed("part_side", parts)
@@ -49,6 +51,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_four": np.array([s.has_four for s in known], bool),
         "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
         "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
+        "variant_box": np.reshape([_box(np.concatenate(f.parts)) for f in feet], (-1, 4)),
         "variant_curved": np.array([f.is_curved for f in feet], bool),
         "obj_weight": np.array([weights(mjm)[o.bodies].sum() for o in objects]),
         "obj_share": np.array([s.share for s in known if drawn]),
@@ -62,6 +65,19 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     }
     fill_struct(Statics, statics, arrays, device)
     return statics
+
+
+def _joined(foot: Foot, whole: bool) -> list[np.ndarray]:
+    """Return the parts of a foot; of one that is on its support as a whole, its corner in each of a few directions."""
+    if not whole or len(foot.parts) == 1:
+        return foot.parts
+    points = np.concatenate(foot.parts)
+    return [points[(around(_FEW_DIRECTIONS) @ points.T).argmax(axis=1)]]
+
+
+def _box(points: np.ndarray) -> np.ndarray:
+    """Return the least and the greatest coordinates of points [m] of shape (n, 2), shape (4,)."""
+    return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:

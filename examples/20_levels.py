@@ -1,0 +1,44 @@
+"""Levels: play layouts again from which there is most to learn, and save and resume what is known of them."""
+
+import gymnasium as gym
+import numpy as np
+import torch
+import tyro
+
+import sceniris_gym  # noqa: F401, registers the environments
+from sceniris_gym.levels import Levels
+
+STEPS = 20  # of an episode
+
+
+def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) -> None:
+    """Play episodes, half of them on levels of the buffer.
+
+    Args:
+        num_envs: number of worlds.
+        episodes: episodes of each world.
+        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+    """
+    levels = Levels("failure", replay=0.5, capacity=1 << 14, every=4)
+    words = {"num_envs": num_envs, "device": device, "max_episode_steps": STEPS, "levels": levels}
+    envs = gym.make_vec("sceniris_gym/TabletopReach-v0", **words)
+    sampler = envs.unwrapped.randomizer.levels
+    envs.reset(seed=0)
+    replays = torch.zeros(num_envs, device=envs.unwrapped.device)
+    for _ in range(episodes * STEPS):
+        *_, info = envs.step(envs.action_space.sample())
+        replays += info["_final_info"] * (info["layout_level"] >= 0)
+    print(f"{replays.sum() / (num_envs * episodes):.0%} of the episodes were on levels played before")
+    print(f"{sampler.size} levels are in the buffer")
+    drawn = sampler.sample(1000)
+    print(f"a draw of 1000 has {len(np.unique(drawn['level']))} different ones")
+
+    state = sampler.state()  # arrays, for a checkpoint
+    again = gym.make_vec("sceniris_gym/TabletopReach-v0", **words | {"scene": envs.unwrapped.compiled})
+    again.reset(seed=1)
+    again.unwrapped.randomizer.levels.restore(state)
+    print(f"a resumed training has {again.unwrapped.randomizer.levels.size} of them")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,56 @@
+"""Ranges that follow success: a scripted player makes the region of the things as wide as it can cope with."""
+
+import mujoco
+import tyro
+
+import sceniris_gym
+from sceniris_gym.levels import Levels, Ranges
+
+NAME = "objects.cube.region"
+MJCF = """
+<mujoco>
+  <worldbody>
+    <light pos="0 -1 3" dir="0 .3 -1"/>
+    <geom name="ground" type="plane" size=".6 .6 .1" rgba=".7 .7 .7 1"/>
+    <body name="cube" pos="0 0 .05"><freejoint/><geom type="box" size=".05 .05 .05" mass=".1" rgba=".9 .5 .1 1"/></body>
+  </worldbody>
+</mujoco>
+"""
+OBJECTS = {"cube": {"on": "ground", "region": {"box": [[-0.4, -0.4], [0.4, 0.4]]}}}
+
+
+class Near(sceniris_gym.Task):
+    """A success is a cube at less than 0.2 m along x, wherever it is along y."""
+
+    def apply(self, s: sceniris_gym.State, action) -> None:
+        """Do nothing: there is nothing to control."""
+
+    def observe(self, s: sceniris_gym.State):
+        """Show where the cube is."""
+        return {"policy": {"cube": s.pose("cube")}}
+
+    def reward(self, s: sceniris_gym.State, action):
+        """Reward nothing."""
+        return {"near": 0.0 * s.pose("cube")[:, 0]}
+
+    def success(self, s: sceniris_gym.State):
+        """Say where the cube is near enough."""
+        return s.pose("cube")[:, 0].abs() < 0.2
+
+
+def main(num_envs: int = 256, steps: int = 200, device: str | None = None) -> None:
+    """Let the region grow."""
+    scene = {"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}
+    ranges = Ranges({NAME: [[-0.05, -0.05], [0.05, 0.05]]}, step=0.05, probe=1.0, episodes=64)
+    words = {"scene": scene, "device": device, "max_episode_steps": 2, "levels": Levels(replay=0.0, ranges=ranges)}
+    envs = sceniris_gym.SceneVectorEnv(Near, num_envs, **words)
+    envs.reset(seed=0)
+    for step in range(steps):
+        envs.step(envs.action_space.sample())
+        if step % (steps // 4) == 0 or step == steps - 1:
+            low_x, low_y, high_x, high_y = envs.randomizer.levels.ranges[NAME]
+            print(f"step {step}: x from {low_x:.2f} to {high_x:.2f} m, y from {low_y:.2f} to {high_y:.2f} m")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,278 @@
+"""`KnobTable`: numbers of a scene file that may change while it is used, world by world, without compiling it again.
+
+A knob narrows what the scene file says: a count, an interval, a region. So all that was proved of the scene, and every
+size that was worked out for it, stays true.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+from urllib.parse import quote, unquote
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import ArgumentError, LayoutIdError, UnknownNameError
+from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program, copied
+
+wp.set_module_options({"enable_backward": False})
+
+_FLOAT, _INT, _SAME = (wp.constant(i) for i in range(3))
+_PART = re.compile(r"([^=,:]+)=((?:[0-9a-f]{8})+)")
+
+
+@wp.struct
+class Target:
+    """A number of an array with a row for each world, and the knob that it has.
+
+    Attributes:
+        address: First element of the array.
+        width: Elements of a row.
+        offset: Number of the element in a row.
+        kind: A float, an integer, or a flag that tells whether `count` values are as in the scene file.
+        value: Column of the knob's value.
+        count: See `kind`.
+    """
+
+    address: wp.uint64
+    width: int
+    offset: int
+    kind: int
+    value: int
+    count: int
+
+
+class KnobTable:
+    """The knobs that some worlds of a scene have, each with its columns in a row of numbers.
+
+    Args:
+        compiled: The scene.
+        names: Names of knobs, or patterns such as "objects.*.region".
+        where: Begins errors.
+
+    Attributes:
+        knobs: The knobs, sorted by name.
+        first: The first column of each knob, by its name.
+        default: The numbers of the scene file, shape (nvalue,), float32.
+        of_draws: The knob of each draw of physics or looks, by the draw's name.
+
+    Raises:
+        UnknownNameError: There is no such knob.
+        ArgumentError: A part of the scene file that cannot be one, and the reason.
+    """
+
+    def __init__(self, compiled: CompiledScene, names: str | Sequence[str], where: str = "knobs") -> None:
+        known, refused = scene_knobs(compiled) if names else ({}, {})
+        chosen: dict[str, Knob] = {}
+        for name in (names,) if isinstance(names, str) else names:
+            found = [name] if name in known else fnmatch.filter(known, name)
+            if not found and name in refused:
+                raise ArgumentError(f"{where}: '{name}' cannot be a knob: {refused[name]}")
+            if not found:
+                raise UnknownNameError("knob", str(name), where, known)
+            chosen |= {one: known[one] for one in found}
+        self.knobs = tuple(chosen[name] for name in sorted(chosen))
+        columns = np.cumsum([0, *(len(knob.default) for knob in self.knobs)]).tolist()
+        self._by_name = {knob.name: knob for knob in self.knobs}
+        self.first = {knob.name: column for knob, column in zip(self.knobs, columns, strict=False)}
+        self.default = np.concatenate([knob.default for knob in self.knobs]) if chosen else np.zeros(0, np.float32)
+        self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the knobs, sorted."""
+        return tuple(self.first)
+
+    def knob(self, name: str, where: str = "set_knob") -> Knob:
+        """Return a knob by its name.
+
+        Raises:
+            UnknownNameError: It is none of these.
+        """
+        if name not in self.first:
+            raise UnknownNameError("knob", str(name), f"{where}, one of `knobs`", self.names)
+        return self._by_name[name]
+
+    def named(self, rows: Any) -> dict[str, Any]:
+        """Return columns of rows by the names of their knobs, each of shape (nrow, number of numbers)."""
+        return {k.name: rows[:, self.first[k.name] : self.first[k.name] + len(k.default)] for k in self.knobs}
+
+    def text(self, row: np.ndarray) -> str:
+        """Return the fifth part of a layout id: the knobs that differ from the scene file, sorted, float32 in hex."""
+        parts = []
+        for name, values in self.named(np.asarray(row, np.float32)[None]).items():
+            if (values[0] != self.knob(name).default).any():
+                bits = "".join(f"{number:08x}" for number in values[0].view(np.uint32))
+                parts.append(f"{quote(name, safe='./*')}={bits}")
+        return ",".join(parts)
+
+    def row(self, text: str) -> np.ndarray:
+        """Return the numbers that the fifth part of a layout id means, shape (nvalue,), float32.
+
+        Raises:
+            LayoutIdError: A malformed text, or as many numbers as the knob does not have.
+            UnknownNameError, ArgumentError: A knob that is not in the table, or numbers that it cannot have.
+        """
+        return self.rows(knobs_in(text), 1)[0]
+
+    def rows(self, values: Mapping[str, Any], nworld: int) -> np.ndarray:
+        """Return the numbers of all worlds in which some knobs have other values, shape (nworld, nvalue), float32.
+
+        Raises:
+            UnknownNameError, ArgumentError: A knob that is not in the table, or values that it cannot have.
+        """
+        rows = np.tile(self.default, (nworld, 1))
+        columns, found = self.part(values, nworld)
+        rows[:, columns] = found
+        return rows
+
+    def part(self, values: Mapping[str, Any], nworld: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the columns of some knobs, and their values in one row for all worlds, or in one for each.
+
+        Raises:
+            UnknownNameError, ArgumentError: As `rows`.
+        """
+        found = [self.knob(name).checked(value, nworld) for name, value in values.items()]
+        columns = [self.first[name] + k for name in values for k in range(len(self.knob(name).default))]
+        most = max(map(len, found), default=1)
+        wide = [np.broadcast_to(rows, (most, rows.shape[1])) for rows in found]
+        return np.array(columns, np.int32), np.concatenate([np.zeros((most, 0), np.float32), *wide], axis=1)
+
+    def fill(self, program: Program, nworld: int) -> tuple[Program, wp.array | None]:
+        """Return the program with a row for each world where knobs are, and the numbers that knobs have in it."""
+        names = {name for knob in self.knobs for name, _, _ in knob.places}
+        made, device = copied(Program, program), program.home_qpos.device
+        for name in names:
+            array = getattr(program, name)
+            with wp.ScopedDevice(device):
+                rows = np.repeat(array.numpy(), nworld, axis=0)
+                setattr(made, name, wp.array(rows, dtype=array.dtype, ndim=2))
+        return made, self.targets({name: getattr(made, name) for name in names})
+
+    def targets(self, arrays: Mapping[str, wp.array], places: Mapping[str, Any] | None = None) -> wp.array | None:
+        """Return the numbers that knobs have in arrays with a row for each world; None if there are none.
+
+        Args:
+            arrays: The arrays by name.
+            places: Places of knobs by their names, as `Knob.places`; None is those of the knobs themselves.
+        """
+        found = []
+        for knob in self.knobs:
+            for name, element, k in knob.places if places is None else places.get(knob.name, ()):
+                array, target = arrays[name], Target()
+                size = 1 if array.dtype is wp.bool else 4
+                target.address, target.width, target.offset = wp.uint64(array.ptr), array.strides[0] // size, element
+                target.kind = _SAME if size == 1 else _INT if knob.form == "count" else _FLOAT
+                target.value, target.count = self.first[knob.name] + k, len(knob.default)
+                found.append(target)
+        if not found:
+            return None
+        return wp.array(found, dtype=Target, device=next(iter(arrays.values())).device)
+
+    def boxes(self, compiled: CompiledScene) -> wp.array | None:
+        """Return the first column of each object's region on a support, -1 for none, int32; None if none has one."""
+        flat = {knob.name: self.first[knob.name] for knob in self.knobs if knob.form == "box" and not knob.places}
+        first = [flat.get(f"{compiled.config.key(name)}.region", -1) for name in compiled.placed]
+        return wp.array(first, dtype=int, device=compiled.device) if max(first, default=-1) >= 0 else None
+
+
+def knobs_in(text: str) -> dict[str, np.ndarray]:
+    """Return the knobs that the fifth part of a layout id names, with their numbers.
+
+    Raises:
+        LayoutIdError: A malformed text.
+    """
+    found = {}
+    for part in text.split(",") if text else ():
+        match = _PART.fullmatch(part)
+        if match is None:
+            raise LayoutIdError(f"layout id: its fifth part should be name=hex, 8 digits a number, got '{part}'.")
+        bits = [int(match[2][i : i + 8], 16) for i in range(0, len(match[2]), 8)]
+        found[unquote(match[1])] = np.array(bits, np.uint32).view(np.float32)
+    return found
+
+
+@wp.kernel
+def _write(
+    # In:
+    mask: wp.array[wp.bool],
+    knob: wp.array2d[float],
+    default_knob: wp.array[float],
+    targets: wp.array[Target],
+    rows: wp.array[int],
+):
+    worldid, i = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    row = int(worldid)
+    if rows:
+        row = rows[worldid]
+    row = row % knob.shape[0]
+    target = targets[i]
+    at = worldid * target.width + target.offset
+    value = knob[row, target.value]
+    if target.kind == _FLOAT:
+        floats = wp.array(ptr=target.address, shape=(at + 1,), dtype=float)
+        floats[at] = value
+    elif target.kind == _INT:
+        integers = wp.array(ptr=target.address, shape=(at + 1,), dtype=int)
+        integers[at] = int(value)
+    else:
+        same = wp.uint8(1)
+        for k in range(target.value, target.value + target.count):
+            if knob[row, k] != default_knob[k]:
+                same = wp.uint8(0)
+        flags = wp.array(ptr=target.address, shape=(at + 1,), dtype=wp.uint8)
+        flags[at] = same
+
+
+def launch_write(
+    targets: wp.array,
+    nworld: int,
+    mask: wp.array | None,
+    knob: wp.array,
+    default: wp.array,
+    rows: wp.array | None = None,
+) -> None:
+    """Write the knobs of the masked worlds into the arrays that hold them.
+
+    Args:
+        targets: See `KnobTable.targets`.
+        nworld: Number of worlds.
+        mask: Which worlds, shape (nworld,), bool; all if None.
+        knob: Numbers of the knobs, shape (nrow, nvalue); a single row is that of all worlds.
+        default: Those of the scene file, shape (nvalue,).
+        rows: Row of each world, shape (nworld,), int32; None gives world i row i.
+    """
+    dim = (nworld, targets.shape[0])
+    wp.launch(_write, dim, inputs=[mask, knob, default, targets, rows], device=knob.device)
+
+
+@wp.kernel
+def _set(
+    mask: wp.array[wp.bool],
+    columns: wp.array[int],
+    values: wp.array2d[float],
+    # Out:
+    knob: wp.array2d[float],
+):
+    worldid, k = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    column = int(k)
+    if columns:
+        column = columns[k]
+    knob[worldid, column] = values[worldid % values.shape[0], k]
+
+
+def launch_set(knob: wp.array, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+    """Write numbers into columns of the masked worlds, all if None; `values` have one row, or one per world."""
+    dim = (knob.shape[0], values.shape[1])
+    wp.launch(_set, dim, inputs=[mask, columns, values], outputs=[knob], device=knob.device)

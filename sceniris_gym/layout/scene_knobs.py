@@ -1,0 +1,185 @@
+"""`Knob`, and the knobs of a scene: the parts of its file that can be narrowed while it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.messages import short
+from sceniris_gym.config.relations import Sector
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.draws import FieldDraw
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A number or a few of a scene file that may change.
+
+    Attributes:
+        name: The key in the scene file, such as "groups.clutter.count".
+        default: Its numbers as the scene file has them, float32: least ones, then greatest ones; or weights.
+        form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), or
+            "weights".
+        least: The number of weights that should be above 0.
+        places: Where it is held: the name of an array, the element of a row, and which of its numbers.
+    """
+
+    name: str
+    default: np.ndarray
+    form: str = "interval"
+    least: int = 0
+    places: tuple[tuple[str, int, int], ...] = ()
+
+    def checked(self, value: Any, nworld: int) -> np.ndarray:
+        """Return a value for all worlds, or one for each, as float32 of shape (1 or nworld, number of numbers).
+
+        Raises:
+            ArgumentError: Anything else, or beyond what the scene file says.
+        """
+        value = value.detach().cpu().numpy() if hasattr(value, "detach") else value
+        try:
+            given = np.asarray(value.numpy() if isinstance(value, wp.array) else value, np.float32)
+        except (TypeError, ValueError):
+            given = np.zeros(0, np.float32)
+        width = len(self.default)
+        if given.size not in (width, nworld * width):
+            each = "[low, high]" if self.form in ("interval", "count") else f"{width} numbers"
+            raise ArgumentError(f"{self.name} should be {each}, or such for each of {nworld} worlds: {short(value)}.")
+        rows = given.reshape(-1, width)
+        half = width // 2 if self.form != "weights" else 0
+        low, high = rows[:, :half], rows[:, half:]
+        fits = np.isfinite(rows).all() and (high >= (low if half else 0.0)).all()
+        if half:
+            fits = fits and (low >= self.default[:half]).all() and (high <= self.default[half:]).all()
+        if not fits or (self.form == "box" and (low == high).any()):
+            first, last = self.default[:half].tolist(), self.default[half:].tolist()
+            limits = f"low and high within {first} and {last}, as the scene file has them"
+            raise ArgumentError(f"{self.name} should be {limits if half else 'numbers of 0 or more'}: {short(value)}.")
+        if self.form == "count" and (rows != np.round(rows)).any():
+            raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
+        if not half and ((rows > 0).sum(axis=1) < self.least).any():
+            raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0: {short(value)}.")
+        return rows
+
+
+def scene_knobs(compiled: CompiledScene) -> tuple[dict[str, Knob], dict[str, str]]:
+    """Return all knobs of a scene by name, and the reason for each part of a like kind that cannot be one."""
+    known, refused = {}, {}
+    for find in _FINDERS:
+        for name, found in find(compiled):
+            if isinstance(found, Knob):
+                known[name] = found
+            else:
+                refused[name] = found
+    return known, refused
+
+
+def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the intervals that joints are drawn from."""
+    scene, program = compiled.scene, compiled.program
+    first, choices = program.obj_drawadr.numpy(), program.draw_choicenum.numpy()
+    ranges = program.draw_range.numpy()[0]
+    for i, owner in enumerate(compiled.placed):
+        names = {joint: name for name, joint in scene.joints(owner).items()}
+        for k, joint in enumerate(scene.joint_configs(owner), first[i]):
+            name = f"{compiled.config.key(owner)}.joints.{names[joint]}"
+            if choices[k] > 0:
+                yield name, "it is a 'choice' of positions. Give a 'range' in the scene file."
+            else:
+                yield name, Knob(name, ranges[k], places=(("draw_range", 2 * k, 0), ("draw_range", 2 * k + 1, 1)))
+
+
+def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the counts of groups, and the weights of their members or of the variants of an object."""
+    for g, (group, words) in enumerate(compiled.config.groups.items()):
+        key = f"objects.{group}" if group in compiled.config.variants else f"groups.{group}"
+        if key.startswith("groups"):
+            name = f"{key}.count"
+            places = (("group", 4 * g + 2, 0), ("group", 4 * g + 3, 1))
+            yield name, Knob(name, np.array(words.count, np.float32), "count", places=places)
+        adr = int(compiled.program.group.numpy()[0, g, 0])
+        weights = np.array([words.weights.get(member, 1.0) for member in words.of], np.float32)
+        both = range(2 * len(words.of))  # those of both splits, one member after the other
+        places = tuple(("group_weight", 2 * adr + i, i // 2) for i in both)
+        if words.is_uniform:
+            places += (("group_uniform", g, 0),)
+        if words.splits:
+            yield f"{key}.weights", "its members have 'splits', each with weights of its own."
+        else:
+            yield f"{key}.weights", Knob(f"{key}.weights", weights, "weights", words.count[1], places)
+
+
+def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the intervals of distances of relations."""
+    program = compiled.program
+    first, number = program.obj_reladr.numpy(), program.obj_relnum.numpy()
+    low, high = program.rel_low.numpy()[0], program.rel_high.numpy()[0]
+    for i, owner in enumerate(compiled.placed):
+        part = compiled.config.parts.get(owner)
+        for r, relation in enumerate(() if part is None else part.relations[: number[i]]):
+            name, k = f"{compiled.config.key(owner)}.relations.{r}.distance", first[i] + r
+            if isinstance(relation, Sector) and np.isfinite(relation.high):
+                places = (("rel_low", k, 0), ("rel_high", k, 1))
+                yield name, Knob(name, np.array([low[k], high[k]], np.float32), places=places)
+            else:
+                yield name, "its relation has no greatest distance. Give 'max' or 'equal' in the scene file."
+
+
+def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the boxes around the regions of objects."""
+    program = compiled.program
+    cuts, heaps = program.obj_cutnum.numpy(), program.obj_heap.numpy()[:, 0]
+    first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
+    corners = np.concatenate([[getattr(program, f"tri_{name}").numpy()] for name in "abc"])
+    triadr, trinum = program.variant_triadr.numpy(), program.variant_trinum.numpy()
+    for i, owner in enumerate(compiled.placed):
+        name, part = f"{compiled.config.key(owner)}.region", compiled.config.parts.get(owner)
+        if part is None or not part.is_placed:
+            continue
+        if cuts[i] > 0 or heaps[i] >= 0 or (part.region is not None and part.region.points is not None):
+            yield name, "it is drawn from points, a heap, or what relations or a leaning support leave of its region."
+        elif part.support is None:
+            ends = ("obj_box_lower", "obj_box_upper")
+            box = np.concatenate([getattr(program, end).numpy()[0, i] for end in ends])
+            yield name, Knob(name, box, "box", places=tuple((ends[k // 3], 3 * i + k % 3, k) for k in range(6)))
+        else:
+            own = range(first[i], first[i] + number[i])
+            xy = np.concatenate([corners[:, triadr[v] : triadr[v] + trinum[v]].reshape(-1, 2) for v in own])
+            yield name, Knob(name, np.concatenate([xy.min(axis=0), xy.max(axis=0)]), "box")
+
+
+def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:
+    """Return the key of a draw of physics or looks in the scene file."""
+    owner, _, word = draw.name.rpartition(".")
+    config = compiled.config
+    if owner in config.all_robots:
+        return f"{config.key(owner)}.randomize.{word}"
+    known = owner in config.objects or owner in config.variants
+    return f"objects.{owner}.randomize.{word}" if known else f"randomize.{draw.name}"
+
+
+def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the intervals of what resets draw of physics and looks."""
+    for draw in compiled.scene.sim.draws:
+        name = draw_key(compiled, draw)
+        if draw.config.choice is not None or draw.config.distribution == "normal":
+            yield name, "it has a 'choice', or a 'normal' distribution. Give the ends of a 'uniform' one."
+        else:
+            yield name, Knob(name, np.array(draw.config.ends, np.float32).ravel())
+
+
+def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the clearances of objects and robots, which are none."""
+    for name in (*compiled.config.objects, *compiled.config.all_robots):
+        yield f"{compiled.config.key(name)}.clearance", "least distances of geoms are the same in all worlds."
+
+
+_FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (
+    *(_joints, _groups, _distances),
+    *(_regions, _randomize, _clearances),
+)

@@ -1,0 +1,110 @@
+"""Draw points anew in the worlds in which a knob narrows the region of an object on a support to a box.
+
+The region's triangles are clipped to the box, and a point is uniform by area in what is left of them.
+"""
+
+import warp as wp
+
+from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.device.random import uniforms
+from sceniris_gym.device.transforms import apply, pose_of
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.posing import pose_candidate
+from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, stream_of, trial_of
+from sceniris_gym.placement.polygons import area, clip, draw_in_polygon, half_plane, set_triangle
+from sceniris_gym.program.device import Cause, Program
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+# Number of the draw of a trial; joints have those before it, and regions that relations cut those behind it.
+_DRAW = wp.constant(1 << 15)
+
+
+@wp.func
+def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2]) -> int:
+    """Write the part of a triangle in a box (low x, low y, high x, high y from `first` on); return its corners."""
+    num = set_triangle(polygon, program.tri_a[tri], program.tri_b[tri], program.tri_c[tri])
+    for k in range(4):
+        corner = wp.vec2(box[first + 2 * (k // 2)], box[first + 1 + 2 * (k // 2)])
+        outwards = wp.vec2(0.0)
+        outwards[k % 2] = float(2 * (k // 2) - 1)
+        num = clip(polygon, num, half_plane(outwards, corner, 0.0))
+    return num
+
+
+@wp.func
+def _choose_triangle(
+    program: Program, variant: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2], u: float
+) -> int:
+    """Choose a triangle of a region by what a box leaves of its area, in two passes; -1 if it leaves none."""
+    left = float(0.0)
+    chosen = int(-1)
+    adr = program.variant_triadr[variant]
+    num = program.variant_trinum[variant]
+    for i in range(2 * num):
+        size = area(polygon, _clipped(program, adr + i % num, box, first, polygon))
+        if i == num:
+            left = -u * left
+        if i >= num and size > 0.0 and (left <= 0.0 or chosen < 0):
+            chosen = adr + i - num
+        left += size
+    return chosen
+
+
+@wp.func
+def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
+    """Return True if the box of a world differs from that of the scene file."""
+    narrowed = bool(False)
+    for k in range(first, first + 4):
+        if layouts.pending_knob[worldid, k] != layouts.default_knob[k]:
+            narrowed = True
+    return narrowed
+
+
+@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+def _draw_in_boxes(
+    program: Program,
+    split: wp.uint32,
+    lanes: int,
+    columns: wp.array[int],
+    # Layouts in: present, pending_seed, pending_episode, pending_knob, default_knob, place, body_pos, body_quat
+    layouts: LayoutsView,
+    # Search in: row_world, row_restart, candidates, row, obj, trial, cause, turn, heading, point, qpos, body_pos,
+    #   body_quat
+    # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
+    search: Search,
+):
+    polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
+    for c in range(wp.tid(), candidate_num(search), lanes):
+        obj = search.obj[c]
+        first = columns[obj]
+        row = search.row[c]
+        worldid = search.row_world[row]
+        if first < 0 or search.cause[c] != Cause.NONE:
+            continue
+        if not _is_narrowed(layouts, worldid, first):
+            continue
+        seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
+        u = uniforms(seed, episode, stream_of(program, split, obj), trial_of(program, search, c), _DRAW)
+        box = layouts.pending_knob[worldid]
+        tri = _choose_triangle(program, search.turn[c].variant, box, first, polygon, u[0])
+        if tri < 0:
+            search.cause[c] = Cause.EMPTY
+            continue
+        at = draw_in_polygon(polygon, _clipped(program, tri, box, first, polygon), u[1], u[2], u[3])
+        ground = program.obj_ground[obj]
+        frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
+        search.surface[c] = program.tri_surface[tri]
+        search.point[c] = apply(frame, wp.vec3(at[0], at[1], program.surface_height[program.tri_surface[tri]]))
+        pose_candidate(program, layouts, search, c, row, obj)
+
+
+def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
+    """Draw the points of this wave's candidates anew where a knob narrows their region.
+
+    Args:
+        work: The arrays of the generator.
+        columns: First column of each object's box in a row of knobs, -1 for none, shape (nobject,), int32.
+    """
+    lanes = work.size.lanes
+    work.launch(_draw_in_boxes, lanes, [work.program, work.split, lanes, columns, work.layouts], work.search)

@@ -1,0 +1,90 @@
+"""Intervals of knobs that follow success: the kernels that count outcomes at their ends, and move these."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.knobs import KnobTable
+from sceniris_gym.levels.buffer import Buffer
+from sceniris_gym.levels.choice import Ranges
+from sceniris_gym.program.device import fill_struct
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _count(
+    outcome: wp.array[float],
+    mask: wp.array[bool],
+    # Buffer in: probe, episodes, successes
+    # Buffer out: episodes, successes
+    buffer: Buffer,
+):
+    worldid = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    i = buffer.probe[worldid]
+    if i >= 0:
+        wp.atomic_add(buffer.episodes, i, 1)
+        wp.atomic_add(buffer.successes, i, int(outcome[worldid]))
+
+
+@wp.kernel
+def _move(
+    episodes: int,
+    low: float,
+    high: float,
+    # Buffer in: present, start, limit, step, episodes, successes
+    # Buffer out: present, episodes, successes
+    buffer: Buffer,
+):
+    i = wp.tid()
+    if buffer.episodes[i] < episodes:
+        return
+    rate = float(buffer.successes[i]) / float(buffer.episodes[i])
+    buffer.episodes[i] = 0
+    buffer.successes[i] = 0
+    moved = buffer.present[i]
+    if rate >= high:
+        moved += buffer.step[i]
+    elif rate <= low:
+        moved -= buffer.step[i]
+    least, most = wp.min(buffer.start[i], buffer.limit[i]), wp.max(buffer.start[i], buffer.limit[i])
+    buffer.present[i] = wp.clamp(moved, least, most)
+
+
+def launch_count(buffer: Buffer, words: Ranges, outcome: wp.array, mask: wp.array | None) -> None:
+    """Count the outcomes of the masked worlds' episodes, 1 for a success, and move the ends that have enough."""
+    device = outcome.device
+    wp.launch(_count, outcome.shape[0], inputs=[outcome, mask], outputs=[buffer], device=device)
+    inputs = [words.episodes, words.low, words.high]
+    wp.launch(_move, buffer.column.shape[0], inputs=inputs, outputs=[buffer], device=device)
+
+
+def set_ranges(buffer: Buffer, words: Ranges, table: KnobTable) -> None:
+    """Set the intervals of a buffer to their start.
+
+    Raises:
+        UnknownNameError, ArgumentError: A knob that is not in the table or no interval, or a start beyond it.
+    """
+    columns: dict[str, list] = {name: [] for name in ("column", "other", "present", "limit", "step", "band")}
+    for name, value in words.start.items():
+        knob = table.knob(name, "Ranges")
+        if knob.form == "weights":
+            raise ArgumentError(f"Ranges: {name} should be an interval, and is weights.")
+        first, half = table.first[name], len(knob.default) // 2
+        for k, (start, limit) in enumerate(zip(knob.checked(value, 1)[0], knob.default, strict=True)):
+            other, outwards = (k + half, -1.0) if k < half else (k - half, 1.0)
+            step = words.step * abs(float(knob.default[other] - limit))
+            if knob.form == "count":
+                step = max(1.0, round(step))
+            row = (first + k, first + other, start, limit, outwards * step)
+            for key, number in zip(columns, (*row, 0.0 if knob.form == "count" else outwards * step), strict=True):
+                columns[key].append(number)
+    arrays = {name: np.array(values) for name, values in columns.items()} | {"start": np.array(columns["present"])}
+    arrays |= {name: np.zeros(len(columns["column"])) for name in ("episodes", "successes")}
+    fill_struct(Buffer, buffer, arrays, str(buffer.base.device))
+    buffer.probes = words.probe

@@ -1,0 +1,125 @@
+"""Knobs: layouts of a world with a narrowed word are those of a scene file that says so, and all others keep theirs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sceniris_gym.commands.replay import replay
+from sceniris_gym.errors import LayoutIdError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.knobs import knobs_in
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.knobbed import knobbed_scene
+from tests.layout.scenes import full_tray
+
+NWORLD = 40
+EVEN = np.arange(NWORLD) % 2 == 0
+PARTS = ("qpos", "mocap_pos", "mocap_quat", "present", "attempts", "status")
+
+
+def _made(source: Any, episodes: int = 1) -> dict[str, np.ndarray]:
+    for _ in range(episodes):
+        source.generate()
+    return {name: getattr(source.layouts, name).numpy().copy() for name in PARTS}
+
+
+def _rows(made: dict[str, np.ndarray], rows: Any) -> list[bytes]:
+    return [values[rows].tobytes() for values in made.values()]
+
+
+def test_knobs_at_their_defaults_change_nothing(knobbed: CompiledScene):
+    """Not a bit of any layout, nor of its id, with all knobs of the scene, made ahead or not."""
+    generator = LayoutGenerator(knobbed, NWORLD, knobs="*")
+    assert {"groups.some.count", "objects.spot.region", "objects.high.region"} < set(generator.layouts.knobs.names)
+    plain = _made(LayoutGenerator(knobbed, NWORLD), 2)
+    assert _rows(_made(generator, 2), slice(None)) == _rows(plain, slice(None))
+    assert not any(generator.layouts.knobs.text(row) for row in generator.layouts.knob.numpy())
+
+
+NARROWED = {
+    "objects.cabinet.joints.door": ({"objects__cabinet__joints__door__range": [0.25, 0.5]}, [0.25, 0.5]),
+    "groups.some.count": ({"groups__some__count": [1, 2]}, [1, 2]),
+    "groups.some.weights": ({"groups__some__weights": {"a": 0.5, "b": 3.0, "c": 0.0}}, [0.5, 3.0, 0.0, 1.0]),
+}
+
+
+@pytest.mark.parametrize("name", NARROWED)
+def test_a_narrowed_world_has_the_layouts_of_a_file_that_says_so(knobbed: CompiledScene, tmp_path: Path, name: str):
+    """Bit for bit, in the masked worlds; the others keep theirs."""
+    words, value = NARROWED[name]
+    counts = {"groups__some__count": [0, 3]} if name == "groups.some.weights" else {}
+    base = compile_scene(knobbed_scene(tmp_path, **counts), "cpu") if counts else knobbed
+    wanted = _made(LayoutGenerator(compile_scene(knobbed_scene(tmp_path, **counts, **words), "cpu"), NWORLD), 2)
+    plain, generator = _made(LayoutGenerator(base, NWORLD), 2), LayoutGenerator(base, NWORLD, knobs=[name])
+    generator.generate()
+    generator.set_knobs({name: value}, EVEN)
+    found = _made(generator)
+    assert _rows(found, EVEN) == _rows(wanted, EVEN) != _rows(plain, EVEN)
+    assert _rows(found, ~EVEN) == _rows(plain, ~EVEN)
+
+
+def test_a_narrowed_distance_holds(knobbed: CompiledScene):
+    """In the worlds of the mask; the others go beyond it."""
+    name = "objects.near.relations.0.distance"
+    generator = LayoutGenerator(knobbed, NWORLD, knobs=[name])
+    generator.set_knobs({name: [0.3, 0.35]}, EVEN)
+    generator.generate()
+    valid = generator.layouts.status.numpy() == Status.VALID
+    away = generator.layouts.pose("near").numpy()[:, :2] - generator.layouts.pose("cabinet").numpy()[:, :2]
+    distance = np.hypot(*away.T)
+    assert ((distance > 0.3 - 1e-5) & (distance < 0.35 + 1e-5))[EVEN & valid].all()
+    assert not ((distance > 0.3) & (distance < 0.35))[~EVEN & valid].all()
+
+
+def test_layouts_made_ahead_follow_the_knobs(knobbed: CompiledScene):
+    """Whatever was made ahead before they changed."""
+    plain = LayoutGenerator(knobbed, NWORLD, knobs="*")
+    ahead = PreparedLayouts(LayoutGenerator(knobbed, NWORLD, knobs="*"))
+    rng = np.random.default_rng(0)
+    for step in range(8):
+        if step % 3 == 1:
+            low = int(rng.integers(0, 3))
+            for source in (plain, ahead):
+                source.set_knobs({"groups.some.count": [low, low + 1], "objects.cabinet.joints.door": [0.1, 0.2]}, EVEN)
+        mask = rng.random(NWORLD) < 0.6
+        for source in (plain, ahead):
+            source.generate(mask)
+        for name in (*PARTS, "knob"):
+            mine, other = (getattr(source.layouts, name).numpy() for source in (plain, ahead))
+            np.testing.assert_array_equal(mine, other, err_msg=f"{name}, step {step}")
+
+
+def test_an_id_with_knobs_makes_its_layout_again(knobbed: CompiledScene):
+    """In one world of another generator, from the text alone; float32 numbers are told exactly."""
+    generator = LayoutGenerator(knobbed, 3, knobs="*", seed=7)
+    values = {"objects.cabinet.joints.door": [0.1, 1.0 / 3.0], "groups.some.count": [1, 3]}
+    generator.set_knobs(values)
+    made = _made(generator)
+    text = generator.layouts.knobs.text(generator.layouts.knob.numpy()[2])
+    told = knobbed.layout_id(9, 0, knobs=text)
+    assert told.endswith(":groups.some.count=3f80000040400000,objects.cabinet.joints.door=3dcccccd3eaaaaab")
+    table = replay(knobbed, LayoutId.parse(told))
+    np.testing.assert_array_equal(table.qpos[0], made["qpos"][2])
+    np.testing.assert_array_equal(knobs_in(text)["groups.some.count"], [1.0, 3.0])
+    with pytest.raises(LayoutIdError, match="its fifth part should be name=hex"):
+        LayoutId.parse(f"{knobbed.hash}:train:1:0:groups.some.count=3f8")
+
+
+def test_a_layout_from_the_bank_has_the_default_knobs(tmp_path: Path):
+    """As the bank is made with these."""
+    full = full_tray(tmp_path)
+    generator = LayoutGenerator(full, 16, knobs="*.region")
+    generator.set_knobs({"objects.crate_0.region": [[-0.05, -0.05], [0.1, 0.1]]})
+    generator.generate()
+    fallback = generator.layouts.status.numpy() == Status.FALLBACK
+    differs = [generator.layouts.knobs.text(row) != "" for row in generator.layouts.knob.numpy()]
+    assert differs == (~fallback).tolist()
+    assert 0 < fallback.sum() < 16

@@ -1,0 +1,34 @@
+"""The knobs of a scene: their names, the values that they take, and the reasons for what is none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.program.compiled import CompiledScene
+
+
+def test_what_cannot_be_a_knob_says_so(knobbed: CompiledScene):
+    """By its name, with the reason or the nearest names; and values that a knob cannot have are refused."""
+    with pytest.raises(ArgumentError, match=r"'objects\.near\.region' cannot be a knob: .*relations"):
+        LayoutGenerator(knobbed, 2, knobs=["objects.near.region"])
+    with pytest.raises(UnknownNameError, match=r"'groups\.same\.count'.* Did you mean 'groups\.some\.count'"):
+        LayoutGenerator(knobbed, 2, knobs=["groups.same.count"])
+    generator = LayoutGenerator(knobbed, 2, knobs=["groups.*", "objects.cabinet.joints.*"])
+    wrong: dict[str, list[Any]] = {
+        "groups.some.count": [[-1, 2], [0, 5], [1.5, 2], [3, 2], [1], "two", [1, np.nan]],
+        "groups.some.weights": [[1, 1, 0, 0], [1, 1, 1, -1]],
+        "objects.cabinet.joints.door": [[0.0, 0.9]],
+    }
+    for name, values in wrong.items():
+        for value in values:
+            with pytest.raises(ArgumentError, match=name.replace(".", r"\.")):
+                generator.set_knobs({name: value})
+    with pytest.raises(UnknownNameError, match=r"'objects\.spot\.region'"):
+        generator.set_knobs({"objects.spot.region": [[0, 0], [1, 1]]})
+    generator.set_knobs({"groups.some.count": np.array([[0, 1], [2, 2]])})  # a value for each world
+    assert generator.layouts.view.next_knob.numpy()[:, 0].tolist() == [0.0, 2.0]

@@ -1,0 +1,143 @@
+"""Knobs of environments: through every door a world gets the layout and the physics that its knobs say."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.levels import Levels
+from sceniris_gym.vector.single_env import SceneEnv
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import SCENE, Reach, make_env, reach_scene  # noqa: F401, fixtures
+from tests.vector.stepping import actions, assert_equal
+
+SLIDE = "objects.cabinet.joints.slide"
+RANDOM = {**SCENE, "bank": 2, "objects": {**SCENE["objects"]}}
+RANDOM["objects"]["block"] = {**SCENE["objects"]["block"], "randomize": {"mass": {"scale": [0.5, 2.0]}}}
+MASS = "objects.block.randomize.mass"
+
+
+def _slides(envs: SceneVectorEnv) -> list[float]:
+    return envs.randomizer.layouts.joint("slide").tolist()
+
+
+def test_a_knob_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
+    """`set_knob`, `set_attr`, options of a reset: the next layouts of these worlds alone follow."""
+    doors = {
+        "set_knob": lambda envs, value, mask: envs.set_knob(SLIDE, value, mask),
+        "set_attr": lambda envs, value, mask: envs.set_attr(SLIDE, np.where(mask[:, None], value, [0.04, 0.16])),
+        "options": lambda envs, value, mask: envs.reset(options={"knobs": {SLIDE: value}, "reset_mask": mask}),
+    }
+    plain, mask = make_env(4), np.array([True, False, True, False])
+    plain.reset(seed=3)
+    plain.reset(options={"reset_mask": mask})
+    for name, door in doors.items():
+        envs = make_env(4, knobs=["objects.cabinet.joints.*"])
+        assert_equal(make_env(4).reset(seed=3)[0], envs.reset(seed=3)[0])
+        door(envs, [0.05, 0.06], mask)
+        if name != "options":
+            envs.reset(options={"reset_mask": mask})
+        slides, others = _slides(envs), _slides(plain)
+        assert all(0.05 <= slides[i] <= 0.06 for i in (0, 2)), name
+        assert [slides[i] for i in (1, 3)] == [others[i] for i in (1, 3)]
+    with pytest.raises(UnknownNameError, match=r"one of `knobs`: unknown knob 'objects\.block\.region'"):
+        envs.set_knob("objects.block.region", [[0, 0], [0.1, 0.1]])
+    with pytest.raises(ArgumentError, match="within"):
+        envs.set_knob(SLIDE, [0.0, 0.1])
+
+
+def test_an_id_with_knobs_is_a_layout_through_every_door(make_env):  # noqa: F811
+    """Bits of the observation after a reset to the id, or to seed, episode and knobs of an info."""
+    envs = make_env(3, knobs="*")
+    envs.reset(seed=5)
+    envs.set_knob(SLIDE, [0.07, 0.08], np.array([True, True, False]))
+    wanted, info = envs.reset()
+    ids = envs.layout_ids()
+    assert [name.count(":") for name in ids] == [4, 4, 3]
+    other = make_env(3, knobs=[SLIDE, "objects.block.region"])
+    assert_equal(other.reset(options={"layouts": ids})[0], wanted)
+    assert other.layout_ids() == ids
+    told = {"seed": info["layout_seed"], "episode": info["layout_episode"]}
+    told["knobs"] = {SLIDE: info["layout_knobs"][SLIDE]}
+    assert_equal(other.reset(options={"layouts": told})[0], wanted)
+    one = SceneEnv(Reach, scene=envs.compiled, knobs=SLIDE)
+    found, _ = one.reset(options={"layouts": ids[1]})
+    assert_equal({name: rows[None] for name, rows in found.items()}, {k: v[1:2] for k, v in wanted.items()})
+    one.set_knob(SLIDE, [0.1, 0.11])
+    assert one.reset()[1]["layout_knobs"][SLIDE].tolist() == pytest.approx([0.1, 0.11])
+    with pytest.raises(UnknownNameError, match=SLIDE):
+        make_env(3).reset(options={"layouts": ids})
+    with pytest.raises(SceneMismatchError):
+        other.reset(options={"layouts": f"{'0' * 16}{ids[0][16:]}"})
+
+
+@pytest.mark.parametrize("prefetch", [False, True])
+def test_draws_of_physics_follow_their_knobs(prefetch: bool):
+    """A narrowed factor of mass is what a scene that says so draws, with what follows from it, made ahead or not."""
+    narrow = {**RANDOM, "objects": {**RANDOM["objects"]}}
+    narrow["objects"]["block"] = {**SCENE["objects"]["block"], "randomize": {"mass": {"scale": [1.5, 1.75]}}}
+    words = {"device": "cpu", "prefetch": prefetch}
+    envs, told = SceneVectorEnv(Reach, 6, scene=RANDOM, knobs=[MASS], **words), np.arange(6) < 3
+    wanted, plain = (SceneVectorEnv(Reach, 6, scene=scene, **words) for scene in (narrow, RANDOM))
+    for number in range(4):
+        if number == 2:
+            envs.set_knob(MASS, [1.5, 1.75], told)
+        for one in (envs, wanted, plain):
+            one.reset(seed=2 if number == 0 else None)
+        for field in ("body_mass", "body_inertia", "body_invweight0"):
+            found, right, usual = (one.batch.fields.rows[field].numpy() for one in (envs, wanted, plain))
+            left = told & (number >= 2)
+            np.testing.assert_array_equal(found[left], right[left])
+            np.testing.assert_array_equal(found[~left], usual[~left])
+            assert (found[left] != usual[left]).any() == (number >= 2)
+
+
+def test_levels_are_replayed_with_their_knobs(make_env):  # noqa: F811
+    """A replayed level is the layout of its id, knobs and all, whatever the knobs are by then."""
+    levels = Levels("failure", replay=0.6, every=1, capacity=64)
+    envs, plain = make_env(4, max_episode_steps=2, levels=levels, knobs="*"), make_env(4, knobs="*")
+    envs.reset(seed=5)
+    replayed, seen = 0, set()
+    for step in range(40):
+        if step % 10 == 0:
+            envs.set_knob(SLIDE, [0.04 + 0.002 * step, 0.05 + 0.002 * step])
+        observation, _, _, _, info = envs.step(actions(4))
+        if info["_final_obs"].any():
+            told = {name: info[f"layout_{name}"] for name in ("seed", "episode", "knobs")}
+            assert_equal(plain.reset(options={"layouts": told})[0], observation)
+            replayed += int((info["layout_level"] >= 0).sum())
+            seen |= {tuple(row) for row in info["layout_knobs"][SLIDE].tolist()}
+    assert replayed > 10
+    assert len(seen) > 3
+    drawn = envs.randomizer.levels.sample(100)
+    assert {tuple(row) for row in drawn["knobs"][SLIDE].tolist()} <= seen | {tuple(map(float, row)) for row in seen}
+    envs.randomizer.levels.insert(np.array([77]), np.array([1]), np.array([0.0]), {SLIDE: [0.1, 0.12]})
+
+
+def test_layouts_from_the_bank_are_no_levels(make_env):  # noqa: F811
+    """Their outcomes count nowhere."""
+    envs = make_env(4, max_episode_steps=1, levels=Levels("failure", replay=0.0, every=1))
+    envs.reset(seed=0)
+    envs.state.layout_status.fill_(int(Status.FALLBACK))
+    envs.step(actions(4))
+    assert envs.randomizer.levels.size == 0
+    envs.step(actions(4))
+    assert envs.randomizer.levels.size == 4
+
+
+def test_gymnasium_makes_environments_with_knobs():
+    """By name, with patterns; a source of layouts of one's own has no knobs."""
+    envs = gymnasium.make_vec("sceniris_gym/TabletopReach-v0", num_envs=2, device="cpu", knobs="objects.*.region")
+    _, info = envs.reset(seed=0)
+    assert len(info["layout_knobs"]) == 5
+    with pytest.raises(ArgumentError, match="prefetch and knobs"):
+        gymnasium.make_vec(
+            "sceniris_gym/TabletopReach-v0",
+            num_envs=2,
+            scene=envs.unwrapped.compiled,  # type: ignore[attr-defined]
+            knobs="*",
+            layout_source=lambda compiled, num_envs: envs.unwrapped.randomizer.layout_source,  # type: ignore[attr-defined]
+        )
