@@ -94,7 +94,7 @@ def local(env: ManagerBasedRlEnv, entity: str) -> np.ndarray:
 
 
 def test_entities_with_variants_are_refused():
-    """mjlab chooses their variants when the environment is built; the error says what redraws them."""
+    """Mjlab chooses their variants when the environment is built; the error says what redraws them."""
     variants = {f"cube_{size}": get_cube_spec for size in (1, 2)}
     scene = {"objects": {"thing": {"on": "terrain", "region": NEAR}}, "bank": 4}
     with pytest.raises(NotSupportedError, match=r"objects\.thing: has variants.*SceneVectorEnv.*EntityCfg"):
