@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from sceniris_gym.errors import (
     import_extra,
 )
 from sceniris_gym.layout.requested import RequestedLayouts
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, refuse_starts
 from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.write import addresses_of
@@ -29,6 +30,7 @@ jnp: Any = jax.numpy
 
 _KEPT = ("steps", "truncation", "episode_done", "episode_metrics", "AutoResetWrapper_preserve_info")
 """Entries of `info` that Playground's and Brax's wrappers carry across a full reset."""
+_SEEDS = "seed should be two uint32 words, the high one first, shape (..., 2), as jax.random.PRNGKey(7) for the seed 7"
 
 
 class FreshLayouts(NamedTuple):
@@ -68,20 +70,21 @@ class LayoutFunction:
         Args:
             seed: Two words of 32 bits for each 64-bit seed, the high one first, shape (..., 2), uint32, as of
                 `jax.random.PRNGKey`; or keys of `jax.random.key`, or with x64 uint64 seeds, shape (...).
-            episode: Episodes from 0 on, integers of shape (...).
+            episode: Episodes from 0 to 2^31 - 1, integers of shape (...).
             where: Layouts to make, booleans of shape (...); the others are the start pose and cost nothing.
 
         Raises:
             SeedError: Seeds of another type or shape.
+            ArgumentError: Shapes that do not fit each other.
             ArgumentTypeError: Episodes that are no integers, or a `where` that is not boolean.
             SceneMismatchError: The scene is on another device than JAX.
         """
-        words, episode, where = _words(seed), jnp.asarray(episode), jnp.asarray(where)
-        if not jnp.issubdtype(episode.dtype, jnp.integer):
-            raise ArgumentTypeError(f"LayoutFunction: episode should be integers from 0 on, got {episode.dtype}.")
-        if where.dtype != bool:
-            raise ArgumentTypeError(f"LayoutFunction: where should be booleans, got {where.dtype}.")
-        lead = jnp.broadcast_shapes(words.shape[:-1], episode.shape, where.shape)
+        words, where = _words(seed), _array(where, "where should be booleans", jnp.bool_)
+        episode = _array(episode, "episode should be integers from 0 to 2**31 - 1", jnp.integer)
+        try:
+            lead = jnp.broadcast_shapes(words.shape[:-1], episode.shape, where.shape)
+        except ValueError as error:
+            raise ArgumentError(f"LayoutFunction: seed, episode and where should be of one shape. {error}") from None
         episode, where = (jnp.broadcast_to(array, lead) for array in (episode.astype(jnp.int32), where))
         return FreshLayouts(*_vmappable(self)(jnp.broadcast_to(words, (*lead, 2)), episode, where))
 
@@ -122,6 +125,7 @@ class FreshAutoReset:
             `mjx.forward`, and `mjx.kinematics` is quicker where no sensors are observed.
 
     Raises:
+        ArgumentTypeError: The environment has no `mj_model`.
         SceneMismatchError: The scene was not made from the model of the environment.
         ArgumentError: `_get_obs` takes other arguments, so that `observe` is needed.
     """
@@ -136,7 +140,9 @@ class FreshAutoReset:
         observe: Callable[[Any, dict[str, Any]], Any] | None = None,
         update: Callable[[Any, Any], Any] | None = None,
     ) -> None:
+        refuse_starts(compiled, "FreshAutoReset")
         self.env, self.layouts, self.full_reset = env, LayoutFunction(compiled, split=split), full_reset
+        check_type(getattr(env, "mj_model", None), type(compiled.mjm), "FreshAutoReset: env.mj_model")
         check_model(compiled, env.mj_model, "FreshAutoReset", "Compile a scene with model: env.mj_model.")
         self._update = import_extra("mujoco.mjx", "jax", "mujoco-mjx").forward if update is None else update
         try:
@@ -207,6 +213,7 @@ def fresh_training(compiled: CompiledScene, **words: Any) -> Callable[..., Fresh
         compiled: As of `FreshAutoReset`.
         **words: Other arguments of `FreshAutoReset`.
     """
+    check_type(compiled, CompiledScene, "fresh_training: compiled")
     wrapper = import_extra("mujoco_playground._src.wrapper", "jax", "playground")
 
     def wrap(env: Any, **arguments: Any) -> FreshAutoReset:
@@ -285,16 +292,22 @@ def _callable(requested: RequestedLayouts) -> Any:
     return wp.jax_callable(launch, num_outputs=4, graph_mode=wp.JaxCallableGraphMode.NONE)
 
 
+def _array(value: Any, wanted: str, kind: Any, error: type[Exception] = ArgumentTypeError) -> Any:
+    """Return an argument as an array of JAX, whose type is of that kind."""
+    with suppress(TypeError, ValueError, OverflowError):
+        if jnp.issubdtype((array := jnp.asarray(value)).dtype, kind):
+            return array
+    raise error(f"LayoutFunction: {wanted}, got {getattr(value, 'dtype', type(value))}.")
+
+
 def _words(seed: Any) -> Any:
     """Return seeds as two words of 32 bits each, shape (..., 2), uint32."""
-    seed = jnp.asarray(seed)
-    if jnp.issubdtype(seed.dtype, jax.dtypes.prng_key):
-        seed = jax.random.key_data(seed)
-    if seed.dtype == jnp.uint64:
-        return jnp.stack([seed >> 32, seed], axis=-1).astype(jnp.uint32)
-    if seed.dtype != jnp.uint32 or seed.shape[-1:] != (2,):
-        raise SeedError(
-            "LayoutFunction: seed should be two uint32 words for each 64-bit seed, the high one first, shape (..., 2), "
-            f"got {seed.dtype} of shape {seed.shape}. jax.random.PRNGKey(7) is the seed 7."
-        )
-    return seed
+    words = _array(seed, _SEEDS, np.generic, SeedError)
+    if jnp.issubdtype(words.dtype, jax.dtypes.prng_key):
+        seed = words = jax.random.key_data(words)
+    if words.dtype == jnp.uint64:
+        return jnp.stack([words >> 32, words], axis=-1).astype(jnp.uint32)
+    dtype = getattr(seed, "dtype", words.dtype)  # jnp.asarray cuts 64 bits to 32 without x64
+    if dtype != jnp.uint32 or words.shape[-1:] != (2,):
+        raise SeedError(f"LayoutFunction: {_SEEDS}, got {dtype} of shape {words.shape}.")
+    return words

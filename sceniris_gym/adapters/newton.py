@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask, fill_mask
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, refuse_starts
 from sceniris_gym.sim.fit import check_fit, check_model
 
 newton: Any = import_extra("newton", "newton")
@@ -123,7 +123,8 @@ class NewtonRandomizer(StaysHere):
         layouts: The latest layout of each world.
 
     Raises:
-        ArgumentError: The solver runs on MuJoCo C, or has all worlds of the model in one.
+        ArgumentError: The solver runs on MuJoCo C, or has all worlds of the model in one; or the solver or a state is
+            another model's.
         SceneMismatchError: The scene is not that of the model, worlds differ, or joints start elsewhere.
     """
 
@@ -144,12 +145,15 @@ class NewtonRandomizer(StaysHere):
         arguments += [(state, newton.State, "states") for state in states or (None,)]
         for argument, kind, name in arguments:
             check_type(argument, kind, f"NewtonRandomizer: {name}")
+        refuse_starts(compiled, "NewtonRandomizer")
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
-        if data is None or solver.use_mujoco_cpu or data.nworld != nworld:
+        if data is None or solver.use_mujoco_cpu or solver.model is not model or data.nworld != nworld:
             raise ArgumentError(
-                "NewtonRandomizer: solver should be a SolverMuJoCo with use_mujoco_cpu=False and a world of its own "
+                "NewtonRandomizer: solver should be a SolverMuJoCo of the model, with use_mujoco_cpu=False and a world "
                 f"for each of the {nworld} worlds of the model, as newton.ModelBuilder.replicate makes them."
             )
+        if any(state.joint_q.shape != model.joint_q.shape for state in states):
+            raise ArgumentError("NewtonRandomizer: states should be those of the model: model.state().")
         if layout_source is None:
             layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split)
         check_type(layout_source, LayoutSource, "NewtonRandomizer: layout_source")

@@ -81,7 +81,9 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
     if not claims:
         return []
     scene, found = compiled.scene, []
-    present = {claim.name: table.present[:, compiled.slots.index(claim.name)] for claim in claims}
+    # with something in the hand the arm would have to put it down first
+    full = np.isin(table.start, [i for i, kind in enumerate(compiled.config.start) if kind.is_held])
+    present = {claim.name: table.present[:, compiled.slots.index(claim.name)] & ~full for claim in claims}
     for robot in dict.fromkeys(claim.robot for claim in claims):
         home, name = scene.home_of(robot)
         tcp, chain = home.tcps[name], None

@@ -97,6 +97,7 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
         "status": Status(int(table.status[0])).name.lower(),
         "first_pass_valid": bool(table.first_pass_valid[0]),
         "attempts": int(table.attempts[0]),
+        **({"start": int(table.start[0])} if compiled.config.start else {}),
         "objects": objects,
     }
 

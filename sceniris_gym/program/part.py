@@ -73,7 +73,7 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     # a support leans as it likes, unless it is static or placed before
     firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in chosen]
     chosen = [o if is_firm else replace(o, tilts=True) for o, is_firm in zip(chosen, firm, strict=True)]
-    made = upload_plan(replace(plan, objects=chosen), compiled.device)
+    made = upload_plan(replace(plan, objects=chosen), compiled.device, starts=False)
     program, whole = made.program, compiled.program
     program.ngroup = 0  # who is present has been drawn
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate

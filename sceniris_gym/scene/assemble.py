@@ -237,7 +237,7 @@ def attach(
     child.option, child.visual = spec.option, spec.visual  # the scene's apply; equal ones raise no warning
     _keep_files_apart(spec, child, name)
     if len(tops) == 1 and not around:
-        tops[0].name = tops[0].name or name
+        tops[0].name = tops[0].name or "/"  # unlike all names of the asset, which `name` may be one of
         old = tops[0].name
         spec.attach(child, prefix=f"{name}/", frame=frame)
         root = spec.body(f"{name}/{old}")

@@ -67,7 +67,7 @@ def check_fit(
     except _MisfitError as misfit:
         cure = cure or (_CURE_OF_VARIANTS if compiled.config.variants else _CURE)
         raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
-    _check_layouts(compiled, m, d, layouts)
+    _check_layouts(compiled, m, d, layouts, where)
 
 
 def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: str) -> None:
@@ -169,15 +169,15 @@ def _short(values: np.ndarray) -> str:
     return text if len(values) == 1 else f"[{text}]"
 
 
-def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: Layouts) -> None:
+def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: Layouts, where: str) -> None:
     if layouts.compiled.hash != compiled.hash:
         raise SceneMismatchError(
-            f"ResetRandomizer: layout_source makes layouts of scene {layouts.compiled.hash} and should make "
+            f"{where}: layout_source makes layouts of scene {layouts.compiled.hash} and should make "
             f"them of {compiled.hash}, the compiled scene."
         )
     if layouts.nworld != d.nworld:
         raise SceneMismatchError(
-            f"ResetRandomizer: layout_source makes layouts for {layouts.nworld} worlds and should make them for "
+            f"{where}: layout_source makes layouts for {layouts.nworld} worlds and should make them for "
             f"{d.nworld}, as many as data has."
         )
     device = d.qpos.device
@@ -187,4 +187,4 @@ def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: 
         ("model", m.qpos0.device),
     ):
         if other != device:
-            raise SceneMismatchError(f"ResetRandomizer: {what} is on {other} and should be on {device}, where data is.")
+            raise SceneMismatchError(f"{where}: {what} is on {other} and should be on {device}, where data is.")

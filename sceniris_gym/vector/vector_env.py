@@ -554,6 +554,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        if self.compiled.config.start:
+            info["layout_start"] = s.start.clone()
         if self.randomizer.layouts.knobs.knobs:
             info["layout_knobs"] = self.randomizer.layouts.knobs.named(s.layout_knob.clone())
         if s.variants.names:

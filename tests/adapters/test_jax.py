@@ -119,8 +119,8 @@ def test_keys_and_64_bit_integers_are_seeds(layouts: LayoutFunction, mid: Compil
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ((jnp.arange(6), 0), SeedError, r"two uint32 words .* got int32 of shape \(\)"),
-        ((jnp.zeros((6, 2), jnp.int32), 0), SeedError, r"got int32 of shape \(2,\).*PRNGKey"),
+        ((jnp.arange(6), 0), SeedError, r"two uint32 words, .* got int32 of shape \(\)"),
+        ((jnp.zeros((6, 2), jnp.int32), 0), SeedError, r"as jax\.random\.PRNGKey\(7\) .* got int32 of shape \(2,\)"),
         ((jnp.zeros((6, 3), jnp.uint32), 0), SeedError, r"got uint32 of shape \(3,\)"),
         ((jnp.array(SEEDS), 0.0), ArgumentTypeError, "episode should be integers"),
         ((jnp.array(SEEDS), 0, 1), ArgumentTypeError, "where should be booleans"),
@@ -135,6 +135,35 @@ def test_other_arguments_are_refused(layouts: LayoutFunction, arguments: Any, er
 
     with pytest.raises(error, match=message):
         jax.vmap(jax.vmap(call))(seeds.reshape(2, 3, *seeds.shape[1:]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ((None, 0), SeedError, r"two uint32 words.* got <class 'NoneType'>"),
+        (("7", 0), SeedError, "got <class 'str'>"),
+        ((2**40, 0), SeedError, "got <class 'int'>"),
+        (([[0, 7], [8]], 0), SeedError, "got <class 'list'>"),
+        (
+            (np.array([7, 8], np.uint64), 0),
+            SeedError,
+            r"got uint64 of shape \(2,\)",
+        ),  # which is not the seed 7 << 32 | 8
+        ((SEEDS, None), ArgumentTypeError, r"episode should be integers .* got <class 'NoneType'>"),
+        ((SEEDS, "1"), ArgumentTypeError, "episode should be integers"),
+        ((SEEDS, 2**31), ArgumentTypeError, r"integers from 0 to 2\*\*31 - 1, got <class 'int'>"),
+        ((SEEDS, 0, None), ArgumentTypeError, "where should be booleans, got <class 'NoneType'>"),
+        ((SEEDS, 0, "all"), ArgumentTypeError, "where should be booleans"),
+        ((SEEDS, np.arange(4)), ArgumentError, r"should be of one shape\. .*\(6,\), \(4,\)"),
+        ((SEEDS, 0, np.ones(5, bool)), ArgumentError, r"should be of one shape\. .*\(5,\)"),
+    ],
+)
+def test_arguments_that_are_no_arrays_or_do_not_fit_each_other_are_refused(
+    layouts: LayoutFunction, arguments: Any, error: type, message: str
+):
+    """By their names, and not by JAX."""
+    with pytest.raises(error, match=message):
+        layouts.qpos(*arguments)
 
 
 def test_a_scene_on_another_device_is_refused(mid: CompiledScene):
@@ -391,6 +420,10 @@ def placed_dofs(compiled: CompiledScene) -> np.ndarray:
 
 def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: FreshAutoReset, mid: CompiledScene):
     """With a word on what would be right."""
+    with pytest.raises(ArgumentTypeError, match=r"FreshAutoReset: env\.mj_model should be a MjModel, got .*NoneType"):
+        FreshAutoReset(None, mid)
+    with pytest.raises(ArgumentTypeError, match="fresh_training: compiled should be a CompiledScene"):
+        fresh_training("mid")  # pyright: ignore[reportArgumentType]
     with pytest.raises(SceneMismatchError, match=r"FreshAutoReset: model\.nq is 37 .* model: env\.mj_model"):
         FreshAutoReset(fresh.env, mid)
     with pytest.raises(ArgumentError, match=r"observe should return .*float32\(\d+, \d+\).*got float32\(\d+, 3\)"):

@@ -17,6 +17,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
@@ -272,6 +273,13 @@ def test_other_models_are_refused():
     for args, name in (((model, solver), "states"), ((solver, model, model.state()), "model")):
         with pytest.raises(ArgumentTypeError, match=rf"NewtonRandomizer: {name} should be a"):
             NewtonRandomizer(compiled, *args)
+    other, _ = room(2)
+    with pytest.raises(ArgumentError, match=r"solver should be a SolverMuJoCo of the model"):
+        NewtonRandomizer(compiled, model, room()[1], model.state())
+    with pytest.raises(ArgumentError, match=r"states should be those of the model: model\.state\(\)"):
+        NewtonRandomizer(compiled, model, solver, model.state(), other.state())
+    with pytest.raises(SceneMismatchError, match=r"NewtonRandomizer: layout_source makes layouts for 2 worlds"):
+        NewtonRandomizer(compiled, model, solver, model.state(), layout_source=LayoutGenerator(compiled, 2))
     with pytest.raises(MaskError, match=r"shape \(5,\)"):
         NewtonRandomizer(compiled, model, solver, model.state()).reset(np.ones(3, bool))
 

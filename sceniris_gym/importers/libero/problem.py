@@ -112,7 +112,7 @@ def read_problem(path: str | Path) -> Problem:
     """
     file = user_path(path, Path(), "read_bddl")
     try:
-        text = file.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = "it does not exist" if not file.is_file() else str(error)
         raise SceneFileError(f"read_bddl: '{file}' cannot be read: {why}. Give a problem file (.bddl).") from None
@@ -122,8 +122,10 @@ def read_problem(path: str | Path) -> Problem:
     places: dict[str, str] = {}
     for key, found in things.items():
         for name, kind in _typed(sections[key]):
-            if name in places:
-                raise SceneKeyError(f"{name.where}: '{name}' should be another name: {places[name]} has it, too.")
+            if name in places or name == "world":
+                raise SceneKeyError(
+                    f"{name.where}: '{name}' should be another name: {places.get(name, 'MuJoCo')} has it."
+                )
             found[str(name)], places[str(name)] = kind, name.where
     problem = Problem(
         file,
@@ -175,7 +177,7 @@ def _sections(group: Group, file: Path) -> dict[str, Group]:
     """Return the sections by name without ':', those that are not in the file empty."""
     found = {name: Group() for name in _SECTIONS}
     for part in group[1:]:
-        head = str(part[0]) if isinstance(part, Group) and part else str(part)
+        head = str([*part, "()"][0]) if isinstance(part, Group) else f"{part} without parentheses"
         if head not in ("problem", *(f":{name}" for name in _SECTIONS)):
             raise UnknownNameError("section", head, part.where, [f":{name}" for name in _SECTIONS])
         found.setdefault(head.removeprefix(":"), Group()).extend(part[1:])
@@ -195,7 +197,7 @@ def _region(group: Group) -> Region:
         given.pop(":rgba", None)
         if any(box[0] > box[2] or box[1] > box[3] for box in boxes) or not isinstance(name, Word):
             raise ValueError
-    except (KeyError, TypeError, ValueError):
+    except (IndexError, KeyError, TypeError, ValueError):
         raise SceneKeyError(
             f"{group.where}: {short(group)} should be a region: a name, '(:target THING)', and for one on the work "
             "surface '(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', with '(:yaw_rotation ((LEAST GREATEST)))' if it turns."

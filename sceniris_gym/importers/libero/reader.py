@@ -80,7 +80,8 @@ def read_bddl(
     problem = read_problem(path)
     if not (isinstance(widen, int | float) and 0.0 < widen < math.inf):
         raise ArgumentError(f"read_bddl: widen {widen!r} should be a positive number, such as 2.")
-    more = [name for name in OBJECTS if name not in problem.objects.values()]
+    taken = {*problem.objects.values(), *problem.things}  # classes and names
+    more = [name for name in OBJECTS if not taken & {name, f"{_CLUTTER}_{name}"}]
     if isinstance(clutter, bool) or not isinstance(clutter, int) or not 0 <= 2 * clutter <= len(more):
         raise ArgumentError(f"read_bddl: clutter {clutter!r} should be a whole number from 0 to {len(more) // 2}.")
     added = {f"{_CLUTTER}_{name}": name for name in more[: 2 * clutter]}

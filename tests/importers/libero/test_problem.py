@@ -46,6 +46,14 @@ def test_predicates_are_read_in_any_case(tmp_path: Path):
     assert problem.goal[0] == Predicate("Turnoff", ("flat_stove_1",))
 
 
+def test_files_of_editors_on_windows_are_read(tmp_path: Path):
+    """With a byte order mark, and line ends of two characters."""
+    path = write(tmp_path)
+    plain = read_problem(path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert read_problem(path) == plain
+
+
 WRONG = [
     ("(On plate_1 kitchen", "(Onto plate_1 kitchen", UnknownNameError, "unknown predicate 'Onto'. Did you mean 'On'?"),
     ("(Turnon flat", "(Not flat", UnknownNameError, "unknown predicate 'Not'"),
@@ -71,6 +79,9 @@ WRONG = [
     ("plate_1 - plate\n", "plate_1\n", SceneKeyError, "'plate_1' should be followed by '- CLASS'"),
     ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "'flat_stove_1' should be another name: "),
     ("(:obj_of_interest", "(:objekt", UnknownNameError, "unknown section ':objekt'. Did you mean ':objects'?"),
+    ("plate_1 - plate\n", "world - plate\n", SceneKeyError, "'world' should be another name: MuJoCo has it"),
+    ("(:fixtures", ":regions (:fixtures", UnknownNameError, "unknown section ':regions without parentheses'"),
+    ("(:target flat_stove_1)", "()", SceneKeyError, "should be a region"),
     ("(:language put", "(:language (put)", SceneKeyError, "should be a word without parentheses"),
     ("(top_region (:target wooden_cabinet_1))", "(top_region (:target wooden_1))", UnknownNameError, "region"),
 ]

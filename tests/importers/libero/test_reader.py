@@ -12,7 +12,7 @@ from sceniris_gym.errors import ArgumentError, ModelWarning, SceneFileError, Sce
 from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
-from tests.importers.libero.problems import STACK, write
+from tests.importers.libero.problems import KITCHEN, STACK, write
 
 
 @pytest.mark.parametrize("text", ["kitchen", "floor"])
@@ -43,6 +43,18 @@ def test_the_notice_names_the_classes_and_their_sizes(tmp_path: Path):
     assert "plate (0.138 x 0.137 x 0.019 m)" in text
     assert "akita_black_bowl" in text
     assert text.endswith("Give assets=, the folder of LIBERO's models.")
+
+
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
+@pytest.mark.parametrize("name", ["clutter_alphabet_soup", "object", "top_level"])
+def test_things_of_any_name_stay_as_the_file_has_them(name: str, tmp_path: Path):
+    """Also one that clutter or a part of a model has, too."""
+    task = read_bddl(write(tmp_path, KITCHEN.replace("plate_1", name)), clutter=2)
+    added = [thing for thing in task.problem.objects if thing not in ("akita_black_bowl_1", "akita_black_bowl_2", name)]
+    assert task.problem.objects[name] == "plate" and len(added) == len(set(added)) == 4
+    assert set(task.scene.objects) == {*added, *task.problem.things} - {"kitchen_table"}
+    task = read_bddl(write(tmp_path, KITCHEN.replace("wooden_cabinet_1", name)), clutter=2)
+    assert task.problem.fixtures[name] == "wooden_cabinet" and name in task.scene.objects
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [
