@@ -103,15 +103,6 @@ def _first_above(cumulative: wp.array[int], wanted: int) -> int:
     return low
 
 
-@wp.kernel
-def _tick(
-    # Buffer in: resets
-    # Buffer out: resets
-    buffer: Buffer,
-):
-    buffer.resets[0] = buffer.resets[0] + 1
-
-
 @wp.func
 def _set_fresh_knobs(buffer: Buffer, worldid: int):
     """Give the next level of a world the knobs of a fresh one: its own, and the present ranges."""
@@ -133,6 +124,15 @@ def _probe_end(buffer: Buffer, worldid: int, u: float):
     inner = buffer.present[i] - buffer.band[i]
     far = buffer.next_knob[worldid, buffer.other[i]]
     buffer.next_knob[worldid, buffer.other[i]] = wp.where(buffer.step[i] > 0.0, wp.max(inner, far), wp.min(inner, far))
+
+
+@wp.kernel
+def _tick(
+    # Buffer in: resets
+    # Buffer out: resets
+    buffer: Buffer,
+):
+    buffer.resets[0] = buffer.resets[0] + 1
 
 
 @wp.kernel
