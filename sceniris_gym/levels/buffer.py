@@ -7,6 +7,7 @@ import warp as wp
 from warp.utils import array_scan
 
 from sceniris_gym.device.random import philox, uniform
+from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.device import allocate
 
@@ -102,15 +103,6 @@ def _first_above(cumulative: wp.array[int], wanted: int) -> int:
     return low
 
 
-@wp.kernel
-def _tick(
-    # Buffer in: resets
-    # Buffer out: resets
-    buffer: Buffer,
-):
-    buffer.resets[0] = buffer.resets[0] + 1
-
-
 @wp.func
 def _set_fresh_knobs(buffer: Buffer, worldid: int):
     """Give the next level of a world the knobs of a fresh one: its own, and the present ranges."""
@@ -132,6 +124,15 @@ def _probe_end(buffer: Buffer, worldid: int, u: float):
     inner = buffer.present[i] - buffer.band[i]
     far = buffer.next_knob[worldid, buffer.other[i]]
     buffer.next_knob[worldid, buffer.other[i]] = wp.where(buffer.step[i] > 0.0, wp.max(inner, far), wp.min(inner, far))
+
+
+@wp.kernel
+def _tick(
+    # Buffer in: resets
+    # Buffer out: resets
+    buffer: Buffer,
+):
+    buffer.resets[0] = buffer.resets[0] + 1
 
 
 @wp.kernel
@@ -221,6 +222,51 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None,
     wp.launch(_forget, buffer.base.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
 
+@wp.func
+def _tell(
+    buffer: Buffer,
+    row: int,
+    level: int,
+    seed: wp.array[wp.uint64],
+    episode: wp.array[int],
+    outcome: float,
+    knob: wp.array2d[float],
+):
+    """Update the level of a row, or insert it."""
+    if level >= 0:
+        if buffer.seed[level] == seed[row] and buffer.episode[level] == episode[row]:
+            value = outcome
+            if buffer.counts_success == 1:
+                value = buffer.value[level] + buffer.rate * (value - buffer.value[level])
+            buffer.value[level] = value
+            return
+    # a fresh level, or one that another has replaced: it takes the next of the places that this row may fill
+    nrow = buffer.inserted.shape[0]
+    number = row % nrow + buffer.inserted[row % nrow] * nrow
+    if number >= buffer.vacant.shape[0]:
+        return
+    place = buffer.vacant[number]
+    if place < 0:
+        return
+    buffer.inserted[row % nrow] = buffer.inserted[row % nrow] + 1
+    old = -1.0
+    if buffer.stamp[place] >= 0:
+        old = _score(buffer, place)
+    before = buffer.value[place]
+    value = outcome
+    if buffer.counts_success == 1:
+        value = 0.5 + buffer.rate * (value - 0.5)
+    buffer.value[place] = value
+    if _score(buffer, place) < old:
+        buffer.value[place] = before
+        return
+    buffer.seed[place] = seed[row]
+    buffer.episode[place] = episode[row]
+    buffer.stamp[place] = buffer.resets[0]
+    for k in range(buffer.knob.shape[1]):
+        buffer.knob[place, k] = knob[row, k]
+
+
 @wp.kernel
 def _update(
     level: wp.array[int],
@@ -237,39 +283,7 @@ def _update(
     if mask:
         if not mask[row]:
             return
-    place = level[row]
-    if place >= 0:
-        if buffer.seed[place] == seed[row] and buffer.episode[place] == episode[row]:
-            value = outcome[row]
-            if buffer.counts_success == 1:
-                value = buffer.value[place] + buffer.rate * (value - buffer.value[place])
-            buffer.value[place] = value
-            return
-    # a fresh level, or one that another has replaced: it takes the next of the places that this row may fill
-    nrow = buffer.inserted.shape[0]
-    number = row % nrow + buffer.inserted[row % nrow] * nrow
-    if number >= buffer.vacant.shape[0]:
-        return
-    place = buffer.vacant[number]
-    if place < 0:
-        return
-    buffer.inserted[row % nrow] = buffer.inserted[row % nrow] + 1
-    old = -1.0
-    if buffer.stamp[place] >= 0:
-        old = _score(buffer, place)
-    before = buffer.value[place]
-    value = outcome[row]
-    if buffer.counts_success == 1:
-        value = 0.5 + buffer.rate * (value - 0.5)
-    buffer.value[place] = value
-    if _score(buffer, place) < old:
-        buffer.value[place] = before
-        return
-    buffer.seed[place] = seed[row]
-    buffer.episode[place] = episode[row]
-    buffer.stamp[place] = buffer.resets[0]
-    for k in range(buffer.knob.shape[1]):
-        buffer.knob[place, k] = knob[row, k]
+    _tell(buffer, row, level[row], seed, episode, outcome[row], knob)
 
 
 def launch_update(
@@ -284,6 +298,42 @@ def launch_update(
     """Update levels by the outcomes of episodes, or insert them; see `LevelSampler.launch_update`."""
     inputs = [level, seed, episode, outcome, knob, mask]
     wp.launch(_update, level.shape[0], inputs=inputs, outputs=[buffer], device=buffer.base.device)
+
+
+@wp.kernel
+def _finish(
+    success: wp.array[bool],
+    finished: wp.array[bool],
+    # Layouts in: seed, episode, status, knob
+    layouts: LayoutsView,
+    # Buffer in: seed, episode, value, stamp, level, probe, inserted, episodes, successes, vacant, resets,
+    #   counts_success, wants_failure, rate
+    # Buffer out: seed, episode, value, stamp, knob, inserted, episodes, successes
+    buffer: Buffer,
+):
+    worldid = wp.tid()
+    if not finished[worldid] or layouts.status[worldid] == Status.FALLBACK:
+        return
+    if buffer.counts_success == 1:
+        outcome = wp.where(success[worldid], 1.0, 0.0)
+        _tell(buffer, worldid, buffer.level[worldid], layouts.seed, layouts.episode, outcome, layouts.knob)
+    end = buffer.probe[worldid]
+    if end >= 0:
+        wp.atomic_add(buffer.episodes, end, 1)
+        wp.atomic_add(buffer.successes, end, wp.where(success[worldid], 1, 0))
+
+
+def launch_finish(buffer: Buffer, layouts: LayoutsView, success: wp.array, finished: wp.array) -> None:
+    """Count how episodes ended: update or insert their levels, and count for the ends that they were at.
+
+    Args:
+        buffer: The buffer.
+        layouts: The layouts of the episodes; those from the bank are no levels.
+        success: Worlds that succeeded, shape (nworld,), bool.
+        finished: Worlds whose episode ended, shape (nworld,), bool.
+    """
+    inputs, device = [success, finished, layouts], buffer.base.device
+    wp.launch(_finish, buffer.base.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
 
 @wp.func

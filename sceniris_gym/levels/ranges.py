@@ -1,4 +1,4 @@
-"""Intervals of knobs that follow success: the kernels that count outcomes at their ends, and move these."""
+"""Intervals of knobs that follow success: the kernel that moves their ends by what was counted."""
 
 from __future__ import annotations
 
@@ -12,24 +12,6 @@ from sceniris_gym.levels.choice import Ranges
 from sceniris_gym.program.device import fill_struct
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.kernel
-def _count(
-    outcome: wp.array[float],
-    mask: wp.array[bool],
-    # Buffer in: probe, episodes, successes
-    # Buffer out: episodes, successes
-    buffer: Buffer,
-):
-    worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
-    i = buffer.probe[worldid]
-    if i >= 0:
-        wp.atomic_add(buffer.episodes, i, 1)
-        wp.atomic_add(buffer.successes, i, int(outcome[worldid]))
 
 
 @wp.kernel
@@ -56,11 +38,9 @@ def _move(
     buffer.present[i] = wp.clamp(moved, least, most)
 
 
-def launch_count(buffer: Buffer, words: Ranges, outcome: wp.array, mask: wp.array | None) -> None:
-    """Count the outcomes of the masked worlds' episodes, 1 for a success, and move the ends that have enough."""
-    device = outcome.device
-    wp.launch(_count, outcome.shape[0], inputs=[outcome, mask], outputs=[buffer], device=device)
-    inputs = [words.episodes, words.low, words.high]
+def launch_move(buffer: Buffer, words: Ranges) -> None:
+    """Move the ends at which enough episodes were counted."""
+    inputs, device = [words.episodes, words.low, words.high], buffer.base.device
     wp.launch(_move, buffer.column.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
 

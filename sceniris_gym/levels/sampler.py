@@ -18,12 +18,13 @@ from sceniris_gym.levels.buffer import (
     KEPT,
     create_buffer,
     launch_choose,
+    launch_finish,
     launch_forget,
     launch_refresh,
     launch_update,
 )
 from sceniris_gym.levels.choice import Levels
-from sceniris_gym.levels.ranges import launch_count, set_ranges
+from sceniris_gym.levels.ranges import launch_move, set_ranges
 
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
@@ -106,20 +107,16 @@ class LevelSampler(LayoutSource):
         self.source.launch_reseed(seeds, mask, episodes)
         self._launch_forget(seeds, mask)
 
-    def launch_finish(self, success: wp.array, mask: wp.array | None) -> None:
-        """Tell how the present episodes of the masked worlds ended.
-
-        Layouts from the bank are no levels: leave their worlds out.
+    def launch_finish(self, success: wp.array, finished: wp.array) -> None:
+        """Tell how episodes ended; those on layouts from the bank do not count.
 
         Args:
-            success: 1 for a success and 0 for a failure, shape (nworld,), float32.
-            mask: Which worlds, shape (nworld,), bool; all if None.
+            success: Worlds that succeeded, shape (nworld,), bool.
+            finished: Worlds whose episode ended, shape (nworld,), bool.
         """
-        layouts = self.layouts
-        if self.levels.score != "given":
-            self.launch_update(self.level, layouts.seed, layouts.episode, success, mask)
+        launch_finish(self._buffer, self.layouts.view, success, finished)
         if self.levels.ranges is not None:
-            launch_count(self._buffer, self.levels.ranges, success, mask)
+            launch_move(self._buffer, self.levels.ranges)
 
     def launch_update(
         self,
