@@ -54,9 +54,8 @@ from sceniris_gym.program.part import chosen_objects, part_of
 
 # With more pieces of regions than this a candidate costs so much that fewer restarts are tried at once.
 _MOST_PIECES = 1024
-# A redraw places few objects, in few worlds at a time: the most candidates of a wave, and how many it is filled up to,
-# which is 12 times as many as it takes where 2% of 4,096 worlds redraw one.
-_MOST_REDRAWN, _BUSY_REDRAWN = 1 << 14, 1 << 10
+# A redraw places few objects, in few worlds at a time: candidates beyond this wait for the next wave.
+_MOST_REDRAWN = 1 << 14
 
 
 class LayoutGenerator(Fixed, LayoutSource):
@@ -192,10 +191,7 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _try_restarts(self, stage: ReachStage | None) -> None:
         """Try restart after restart until one of every pending world passes everything, or the world falls back."""
         once = partial(self._round, stage)
-        if self.compiled.program.restarts == 0:  # a loop in a graph takes time even where it runs once
-            once()
-        else:
-            repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
+        repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restart of every pending world, or several: place all objects, then look for joints."""
@@ -297,7 +293,7 @@ def make_redraw(
     """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
-    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN), busy=min(size.busy, _BUSY_REDRAWN))
+    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
     return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 

@@ -51,6 +51,13 @@ def launch_go_home(work: Workspace, reach: Reach, starts: Starts) -> None:
     work.launch(_go_home, work.nworld, [work.program, reach, starts], work.layouts, work.search)
 
 
+@wp.func
+def _reaches(starts: Starts, kind: int, column: int) -> bool:
+    """Return True if the arm starts at a target where that was placed, or straight above."""
+    pose = starts.pose[kind]
+    return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD
+
+
 @wp.kernel
 def _ask_tiers(
     starts: Starts,
@@ -68,7 +75,7 @@ def _ask_tiers(
         return
     kind = layouts.start[search.row_world[row]]
     tier = reach.reach_tier[column]
-    if starts.pose[kind] != StartPose.HOME and starts.target[kind, column]:
+    if _reaches(starts, kind, column):
         tier = int(Tier.CLEAR)
     reach_search.tier[row, column] = tier
     for i in range(MAX_JOINTS):
@@ -98,7 +105,7 @@ def _leave_grasps(
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         row = reach_search.row[c]
         kind = layouts.start[search.row_world[row]]
-        if starts.pose[kind] != StartPose.HOME and starts.target[kind, reach_search.column[row]]:
+        if _reaches(starts, kind, reach_search.column[row]):
             if not starts.grasp[kind, reach_search.grasp[c]] and reach_search.start[c] == 0:
                 reach_search.failed[c] = ReachStep.MAP
 

@@ -55,6 +55,7 @@ def test_the_arm_is_where_its_kind_says():
         assert np.abs(arm[kind == HOME] - home).max() <= 0.02 + 1e-6
         asked = np.isin(kind, (PREGRASP, STANDING, LIFTED, HELD))
         assert (np.isnan(rows["grasp_qpos"][:, block, 0]) == ~asked).all()
+        assert (np.isnan(rows["pregrasp_qpos"][:, block, 0]) == ~np.isin(kind, (PREGRASP, STANDING))).all()
         np.testing.assert_array_equal(arm[kind == PREGRASP], rows["pregrasp_qpos"][kind == PREGRASP, block, :7])
         np.testing.assert_allclose(arm[kind == HANDLE], rows["grasp_qpos"][kind == HANDLE, cabinet, :7], atol=5e-3)
         for held in (LIFTED, HELD):
