@@ -128,7 +128,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             compiled.device,
         )
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
-        self._stage = ReachStage(compiled, reaching, self._work) if staged else None
+        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and staged else None
         starts = compiled.starts
         self._start_stage = StartStage(compiled, starts, self._work) if starts is not None else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
