@@ -35,7 +35,6 @@ TITLES = {
     StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
     StructName("sceniris_gym.sim.inertia_tables", "Inertia"): "Inertia",
     StructName("sceniris_gym.levels.buffer", "Buffer"): "Buffer",
-    StructName("sceniris_gym.levels.ranges", "RangesView"): "Ranges",
 }
 KERNELS = [
     pytest.param(module, kernel, id=f"{module.name.partition('.')[2]}.{kernel.name}")

@@ -53,9 +53,8 @@ from sceniris_gym.program.part import chosen_objects, part_of
 
 # With more pieces of regions than this a candidate costs so much that fewer restarts are tried at once.
 _MOST_PIECES = 1024
-# A redraw places few objects, in few worlds at a time: the most candidates of a wave, and how many it is filled up to,
-# which is 25 times as many as it takes where 2% of 4,096 worlds redraw one.
-_MOST_REDRAWN, _BUSY_REDRAWN = 1 << 14, 1 << 11
+# A redraw places few objects, in few worlds at a time: candidates beyond this wait for the next wave.
+_MOST_REDRAWN = 1 << 14
 
 
 class LayoutGenerator(Fixed, LayoutSource):
@@ -293,7 +292,7 @@ def make_redraw(
     """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
-    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN), busy=min(size.busy, _BUSY_REDRAWN))
+    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
     return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 

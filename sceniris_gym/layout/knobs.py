@@ -78,6 +78,7 @@ class KnobTable:
             chosen |= {one: known[one] for one in found}
         self.knobs = tuple(chosen[name] for name in sorted(chosen))
         columns = np.cumsum([0, *(len(knob.default) for knob in self.knobs)]).tolist()
+        self._by_name = {knob.name: knob for knob in self.knobs}
         self.first = {knob.name: column for knob, column in zip(self.knobs, columns, strict=False)}
         self.default = np.concatenate([knob.default for knob in self.knobs]) if chosen else np.zeros(0, np.float32)
         self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
@@ -95,7 +96,7 @@ class KnobTable:
         """
         if name not in self.first:
             raise UnknownNameError("knob", str(name), f"{where}, one of `knobs`", self.names)
-        return next(knob for knob in self.knobs if knob.name == name)
+        return self._by_name[name]
 
     def named(self, rows: Any) -> dict[str, Any]:
         """Return columns of rows by the names of their knobs, each of shape (nrow, number of numbers)."""

@@ -35,16 +35,13 @@ def kernel_modules(work: Workspace, *, staged: bool, starts: bool = False) -> tu
     """
     visual, block_dim = work.program.visual, work.size.block_dim
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
+    by_lane += [standing] if work.statics is not None else []
     by_lane += [waves, poses, ik] if staged else []
     by_lane += [start_kinds, start_poses, start_search] if starts else []
     by_lane += [free_grasps] if work.search.free.shape[1] > 0 else []
     by_block = [accept, *([points] if work.related else []), *([hits] if staged else []), *([start] if starts else [])]
-    kernels = (
-        *collision.lane_kernels(work),
-        *(containment.LANE_KERNELS if visual else ()),
-        *standing.lane_kernels(work),
-    )
-    lanes = [wp.get_module(m.__name__) for m in by_lane] + [k.module for k in kernels]
+    lanes = [wp.get_module(m.__name__) for m in by_lane]
+    lanes += [k.module for k in collision.lane_kernels(work) + (containment.LANE_KERNELS if visual else ())]
     blocks = [wp.get_module(m.__name__) for m in by_block]
     own = collision.block_kernels(visual, block_dim) + (
         free_grasps.BLOCK_KERNELS if work.search.free.shape[1] > 0 else ()

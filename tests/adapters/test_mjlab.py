@@ -163,25 +163,6 @@ def test_chosen_environments_get_the_layouts_of_ids():
         term.choose(["a:train:0:0"], [1])
 
 
-def test_a_curriculum_sets_knobs_by_steps():
-    """In the environments that are reset, from their next layout on, as the page has it."""
-    (program,) = (text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if "wider" in text)
-    cfg, cubes = plain_cfg(cubes_on()), {"cube_0": {"on": "terrain", "region": NEAR}}
-    words = {"cfg": cfg, "cubes": cubes, "PlaceLayoutsCfg": PlaceLayoutsCfg}
-    exec(compile(program.replace("20_000", "2"), "mjlab.md", "exec"), words)
-    env = ManagerBasedRlEnv(cfg, "cpu")
-    env.reset()
-    term = env.event_manager.get_term_cfg("layouts").func
-    narrow = term.layouts.pose("cube_0")[:, :2].clone()
-    assert ((narrow[:, 0] >= 0.3) & (narrow[:, 0] <= 0.35) & (narrow[:, 1].abs() <= 0.05)).all()
-    for _ in range(3):
-        env.step(torch.zeros(NUM_ENVS, 0))
-    env.reset(env_ids=torch.tensor([1, 4]))
-    assert (term.layouts.pose("cube_0")[:, :2] == narrow).all(dim=1).tolist() == [True, False, True, True, False, True]
-    knob = [term.layouts.knobs.text(row) != "" for row in term.layouts.knob.numpy()]
-    assert knob == [True, False, True, True, False, True]
-
-
 def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():
     """A cabinet without a freejoint, which mjlab gives a mocap root, with its drawer drawn and a cube on its tray."""
     scene = {

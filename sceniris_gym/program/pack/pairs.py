@@ -95,7 +95,7 @@ class PairRules:
         self.mjm, self.colliders, self.trees = scene.mjm, colliders, Trees(colliders)
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
         self.is_physics = scene.config.geometry == "physics"
-        self._simulated = self.contacts if self.is_physics else ContactRules(scene.mjm, "physics")
+        self._simulated = self.contacts if self.is_physics else scene.contact_rules
         self._fixed = is_static(scene.mjm).tolist()
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 

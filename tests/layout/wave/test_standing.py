@@ -10,7 +10,6 @@ import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, read
 from tests.layout.sizes import sizes
@@ -64,11 +63,3 @@ def test_the_size_of_a_search_changes_nothing(tmp_path: Path, size: str):
     compiled = tower(tmp_path)
     small = make(compiled, 16, size=sizes("cpu")["1-3-0-1"])
     assert make(compiled, 16, size=sizes("cpu")[size]).bits() == small.bits()
-
-
-def test_overflowed_candidates_may_be_tested_in_the_same_launch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Both kernels give the same bits where nothing collides."""
-    compiled = tower(tmp_path)
-    apart = make(compiled, 16)
-    monkeypatch.setattr(Workspace, "repeats_while_standing", True)
-    assert make(compiled, 16).bits() == apart.bits()
