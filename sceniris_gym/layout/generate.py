@@ -24,6 +24,7 @@ from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.reaching.start import StartStage
 from sceniris_gym.layout.redraw import Redraw
+from sceniris_gym.layout.scene_knobs import STARTS
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
@@ -127,7 +128,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             compiled.device,
         )
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
-        self._stage = ReachStage(compiled, reaching, self._work) if staged else None
+        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and staged else None
         starts = compiled.starts
         self._start_stage = StartStage(compiled, starts, self._work) if starts is not None else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
@@ -185,7 +186,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             self._stage.launch_start()
         if self._start_stage is not None:
             self._start_stage.launch_start()
-            launch_draw_kinds(self._work, self.compiled.starts, mask)
+            launch_draw_kinds(self._work, self.compiled.starts, mask, self.layouts.knobs.first.get(STARTS, -1))
 
     def _try_restarts(self, stage: ReachStage | None) -> None:
         """Try restart after restart until one of every pending world passes everything, or the world falls back."""

@@ -15,6 +15,9 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import FieldDraw
 
+STARTS = "start.weights"
+"""The knob of the weights of the kinds of starts."""
+
 
 @dataclass(frozen=True)
 class Knob:
@@ -114,6 +117,13 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
             yield f"{key}.weights", Knob(f"{key}.weights", weights, "weights", words.count[1], places)
 
 
+def _starts(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the weights of the kinds of starts."""
+    if compiled.config.start:
+        weights = np.array([kind.weight for kind in compiled.config.start], np.float32)
+        yield STARTS, Knob(STARTS, weights, "weights", least=1)
+
+
 def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
     """Yield the intervals of distances of relations."""
     program = compiled.program
@@ -180,6 +190,6 @@ def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
 
 
 _FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (
-    *(_joints, _groups, _distances),
+    *(_joints, _groups, _starts, _distances),
     *(_regions, _randomize, _clearances),
 )

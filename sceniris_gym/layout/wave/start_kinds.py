@@ -18,12 +18,31 @@ from sceniris_gym.program.device_starts import Starts, is_drawn
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+@wp.func
+def _weighted_kind(layouts: LayoutsView, worldid: int, column: int, num: int, u: float, usual: int) -> int:
+    """Return the kind at share `u` of the weights that knobs give; the usual one where these are as in the file."""
+    total = float(0.0)
+    differs = bool(False)
+    for k in range(column, column + num):
+        total += layouts.pending_knob[worldid, k]
+        differs = differs or layouts.pending_knob[worldid, k] != layouts.default_knob[k]
+    if not differs:
+        return usual
+    kind = int(0)
+    below = layouts.pending_knob[worldid, column]
+    while kind < num - 1 and u * total >= below:
+        kind += 1
+        below += layouts.pending_knob[worldid, column + kind]
+    return kind
+
+
 @wp.kernel
 def _draw_kinds(
     starts: Starts,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: pending_seed, pending_episode
+    column: int,
+    # Layouts in: pending_seed, pending_episode, pending_knob, default_knob
     # Layouts out: start
     layouts: LayoutsView,
 ):
@@ -36,12 +55,21 @@ def _draw_kinds(
     kind = int(0)
     while kind < starts.cdf.shape[0] - 1 and u >= starts.cdf[kind]:
         kind += 1
+    if column >= 0:
+        kind = _weighted_kind(layouts, worldid, column, starts.cdf.shape[0], u, kind)
     layouts.start[worldid] = kind
 
 
-def launch_draw_kinds(work: Workspace, starts: Starts, mask: wp.array | None) -> None:
-    """Draw the kind of start of the masked worlds, once they have their pending episodes."""
-    work.launch(_draw_kinds, work.nworld, [starts, mask, work.split], work.layouts)
+def launch_draw_kinds(work: Workspace, starts: Starts, mask: wp.array | None, column: int = -1) -> None:
+    """Draw the kind of start of the masked worlds, once they have their pending episodes.
+
+    Args:
+        work: The arrays of the generator.
+        starts: The kinds.
+        mask: Which worlds, shape (nworld,), bool; all if None.
+        column: First column of their weights in a row of knobs, -1 for none.
+    """
+    work.launch(_draw_kinds, work.nworld, [starts, mask, work.split, column], work.layouts)
 
 
 @wp.kernel(grid_stride=False)
