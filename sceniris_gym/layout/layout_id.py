@@ -34,8 +34,8 @@ class LayoutId:
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
             raise LayoutIdError(
                 f"layout id '{text}' should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
-                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31. Knobs may follow as "
-                "name=hex, with 8 digits a number."
+                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31. Knobs may follow "
+                "as name=hex, with 8 digits a number."
             )
         return cls(found[1], found[2], int(found[3]), int(found[4]), found[5] or "")
 
