@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.start import StartConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
-from sceniris_gym.grasping.grasps import PREFIX
+from sceniris_gym.grasping.grasps import PREFIX, matches
 from sceniris_gym.grasping.grip import Fingers, Grip
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.device_starts import StartPose
@@ -148,11 +147,8 @@ def _pose(config: StartConfig) -> StartPose:
 
 def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarray:
     """Return which grasps of a target match the glob of a start, shape (ngrasp,), bool."""
-    names = [grasp.name.removesuffix(" rolled") for grasp in target.grasp_set.grasps]
-    found = [
-        config.grasp is None or fnmatchcase(n, config.grasp) or fnmatchcase(n.removeprefix(PREFIX), config.grasp)
-        for n in names
-    ]
+    names = [grasp.name for grasp in target.grasp_set.grasps]
+    found = [config.grasp is None or matches(name, config.grasp) for name in names]
     if target.name == config.of and not any(found):
         raise UnknownNameError("grasp", str(config.grasp), where, {name.removeprefix(PREFIX) for name in names})
     return np.array(found, bool)

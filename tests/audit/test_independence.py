@@ -16,6 +16,7 @@ READING = {
     "stacks",  # which things stand on which, as `on` and `near` say too
     "robot",  # which arm, and where its base and TCP are
     "fields",
+    "folders",  # whose files are variants
     "section",  # mistakes in a scene file, and files
     "messages",
     "validation",

@@ -50,6 +50,8 @@ def _viperx(packages: Path) -> dict[str, Any]:
     whole = mujoco.MjSpec.from_file(str(folder / "bimanual_viperx_transfer_cube.xml"))
     spec = mujoco.MjSpec()
     spec.worldbody.add_frame(pos=[0.069, -0.5, 0.0]).attach_body(whole.body("vx300s_left"), "", "")
+    for body in spec.bodies:
+        body.gravcomp = 1.0  # which the controllers of both arms do
     home = {"shoulder": -0.96, "elbow": 1.16, "wrist_angle": -0.3, "left_finger": 0.05, "right_finger": -0.05}
     mjm = spec.compile()
     qpos = np.zeros(mjm.nq)

@@ -6,7 +6,6 @@ The kind belongs to the episode, not to a restart: otherwise restarts would favo
 import warp as wp
 
 from sceniris_gym.device.random import START_STREAM, uniforms
-from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.draw import draw_static
 from sceniris_gym.layout.wave.posing import pose_candidate
@@ -17,9 +16,6 @@ from sceniris_gym.program.device import Cause, ObjectKind, Program
 from sceniris_gym.program.device_starts import Starts, is_drawn
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-_LEVEL = wp.constant(1.0e-3)
-"""Largest distance [m] of a surface from the height of a marker's point."""
 
 
 @wp.func
@@ -123,35 +119,14 @@ def launch_redraw_joints(work: Workspace, starts: Starts) -> None:
     work.launch(_redraw_joints, lanes, [work.program, starts, work.split, lanes, work.layouts], work.search)
 
 
-@wp.func
-def _cross(a: wp.vec2, b: wp.vec2) -> float:
-    return a[0] * b[1] - a[1] * b[0]
-
-
-@wp.func
-def _surface_at(program: Program, obj: int, at: wp.vec3) -> int:
-    """Return the surface of an object's region that a point in the support's frame lies on; -1 for none."""
-    variant = program.obj_variantadr[obj]
-    adr = program.variant_triadr[variant]
-    for tri in range(adr, adr + program.variant_trinum[variant]):
-        p = wp.vec2(at[0], at[1])
-        a = _cross(program.tri_b[tri] - program.tri_a[tri], p - program.tri_a[tri])
-        b = _cross(program.tri_c[tri] - program.tri_b[tri], p - program.tri_b[tri])
-        c = _cross(program.tri_a[tri] - program.tri_c[tri], p - program.tri_c[tri])
-        outside = wp.min(a, wp.min(b, c)) < -_LEVEL and wp.max(a, wp.max(b, c)) > _LEVEL
-        if not outside and wp.abs(at[2] - program.surface_height[program.tri_surface[tri]]) < _LEVEL:
-            return program.tri_surface[tri]
-    return -1
-
-
 @wp.kernel(grid_stride=False)
 def _put_at_markers(
     program: Program,
     starts: Starts,
     lanes: int,
-    # Layouts in: start, present, place, body_pos, body_quat
+    # Layouts in: start, present, place
     layouts: LayoutsView,
-    # Search in: row_world, candidates, row, obj, turn, heading, point, qpos, body_pos, body_quat
+    # Search in: row_world, row_surface, candidates, row, obj, turn, heading, point, qpos, body_pos, body_quat
     # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
     search: Search,
 ):
@@ -163,15 +138,9 @@ def _put_at_markers(
             continue
         place = layouts.place[row, program.obj_place[marker]]
         point = wp.vec3(place[0], place[1], place[2] - program.obj_gap[marker])
-        ground = program.obj_ground[obj]
-        frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-        surface = _surface_at(program, marker, wp.transpose(frame.rot) * (point - frame.pos))
-        if surface < 0:
-            search.cause[c] = Cause.EMPTY
-            continue
         search.cause[c] = Cause.NONE
         search.point[c] = point
-        search.surface[c] = surface
+        search.surface[c] = search.row_surface[row, marker]
         pose_candidate(program, layouts, search, c, row, obj)
 
 

@@ -16,6 +16,7 @@ from tests.layout.sizes import sizes
 from tests.oracle.stack_judge import STILL, StackJudge
 
 _LAYOUTS = 64
+ROOT = Path(__file__).parents[3]
 
 
 def tower(folder: Path, **words: Any) -> CompiledScene:
@@ -45,6 +46,15 @@ def test_a_tower_stands(tmp_path: Path):
     counts = generator.rejection_counts()
     assert counts["a"]["falls"] == 0
     assert min(counts[name]["falls"] for name in "bcd") > 0
+
+
+def test_a_tower_of_hulls_stands_and_is_not_hard_to_make():
+    """The scene whose rate is measured: nothing moves, and most layouts come about in the first restart."""
+    compiled = compile_on_cpu(str(ROOT / "benchmarks" / "five_blocks.yaml"), bank=8)
+    generator = LayoutGenerator(compiled, _LAYOUTS)
+    generator.generate()
+    assert not moving(compiled, generator).any()
+    assert generator.layouts.first_pass_valid.numpy().mean() > 0.4
 
 
 def test_a_tower_that_may_fall_does(tmp_path: Path):
