@@ -145,6 +145,8 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
     try:
         columns = read_arrays(path)
         found = str(columns["hash"])
+        for part in ("layouts", "rejected"):  # files of version 0.1.0 know no starts
+            columns.setdefault(f"{part}_start", np.full(len(columns[f"{part}_status"]), -1, np.int32))
         table, rejected = (
             LayoutTable(**{name: columns[f"{part}_{name}"] for name in COLUMNS}, scene=found)
             for part in ("layouts", "rejected")

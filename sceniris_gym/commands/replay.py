@@ -122,4 +122,4 @@ def report(found: Mapping) -> str:
 
 def default_picture(layout: str) -> Path:
     """Return the default path of a layout's picture."""
-    return Path("demo") / f"{layout}.png".replace(":", "-")
+    return Path("demo") / f"{layout[:200]}.png".replace(":", "-")

@@ -93,6 +93,28 @@ def local(env: ManagerBasedRlEnv, entity: str) -> np.ndarray:
     return (env.sim.data.qpos[:, adr] - env.scene.env_origins).cpu().numpy()
 
 
+def test_episodes_start_with_the_fingers_around_a_cube():
+    """The event writes the arm and the fingers, and tells the kind; in the other worlds the arm is at home."""
+    cfg, scene = lifting_cfg(1), cubes_on(count=1, reachable="ik")
+    scene["robot"] = {"in_model": "robot/arm", "tcp": {"site": "robot/grasp_site"}}
+    scene["start"] = [{"weight": 1}, {"robot": "grasp", "of": "cube_0"}]
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=scene)
+    cfg.scene.num_envs = 12
+    env = ManagerBasedRlEnv(cfg, device="cpu")
+    env.reset()
+    term = env.event_manager.get_term_cfg("layouts").func
+    kinds, layouts = env.extras["layout_start"].numpy(), term.layouts.qpos.numpy()
+    assert set(kinds) == {0, 1}
+    mjm = env.sim.mj_model
+    arm = [mjm.joint(f"robot/joint{i}").qposadr[0] for i in range(1, 7)]
+    fingers = [mjm.joint(f"robot/{side}_finger").qposadr[0] for side in ("left", "right")]
+    qpos = env.sim.data.qpos.numpy()
+    np.testing.assert_array_equal(qpos[:, arm + fingers], layouts[:, arm + fingers])
+    assert np.ptp(qpos[kinds == 0][:, arm], axis=0).max() == 0.0
+    assert np.ptp(qpos[kinds == 1][:, arm], axis=0).max() > 0.1
+    env.close()
+
+
 def test_entities_with_variants_are_refused():
     """Their variants are chosen by mjlab when the environment is built; the error says what redraws them."""
     variants = {f"cube_{size}": get_cube_spec for size in (1, 2)}

@@ -110,7 +110,7 @@ def test_an_id_with_knobs_makes_its_layout_again(knobbed: CompiledScene):
     table = replay(knobbed, LayoutId.parse(told))
     np.testing.assert_array_equal(table.qpos[0], made["qpos"][2])
     np.testing.assert_array_equal(knobs_in(text)["groups.some.count"], [1.0, 3.0])
-    with pytest.raises(LayoutIdError, match="its fifth part should be name=hex"):
+    with pytest.raises(LayoutIdError, match="Knobs may follow as name=hex, with 8 digits"):
         LayoutId.parse(f"{knobbed.hash}:train:1:0:groups.some.count=3f8")
 
 
