@@ -292,7 +292,7 @@ def test_a_scene_and_a_task_draw_physics_from_the_seed(capsys: pytest.CaptureFix
     assert "after a reset of 2 worlds, 14 keep their masses" in out
     envs = SceneVectorEnv(example.RoughLift, 8, scene=example.SCENE, device="cpu")
     envs.reset(seed=0)
-    envs.step(torch.zeros(envs.action_space.shape))
+    envs.step(torch.from_numpy(np.zeros_like(envs.action_space.sample())))
     contact, count = envs.state.data.contact, int(envs.state.data.nacon.numpy()[0])
     found = (contact.geom.numpy()[:count] == envs.state.mjm.geom("table/top").id).any(axis=1)
     worlds, sliding = contact.worldid.numpy()[:count][found], contact.friction.numpy()[:count][found, 0]
