@@ -1,5 +1,7 @@
 """Knobs: widen the regions of things while an environment runs, and make a layout again by its id."""
 
+from typing import Any
+
 import gymnasium as gym
 import torch
 import tyro
@@ -19,7 +21,7 @@ def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> No
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     envs = gym.make_vec("sceniris_gym/TabletopReach-v0", num_envs=num_envs, device=device, knobs=KNOBS)
-    base = envs.unwrapped
+    base: Any = envs.unwrapped
     _, info = envs.reset(seed=0)
     widest = {name: values[0] for name, values in info["layout_knobs"].items()}
     for k in range(1, resets + 1):

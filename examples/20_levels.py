@@ -1,5 +1,7 @@
 """Levels: play layouts again from which there is most to learn, and save and resume what is known of them."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import torch
@@ -20,11 +22,12 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
     levels = Levels("failure", replay=0.5, capacity=1 << 14, every=4)
-    words = {"num_envs": num_envs, "device": device, "max_episode_steps": STEPS, "levels": levels}
+    words: dict[str, Any] = {"num_envs": num_envs, "device": device, "max_episode_steps": STEPS, "levels": levels}
     envs = gym.make_vec("sceniris_gym/TabletopReach-v0", **words)
-    sampler = envs.unwrapped.randomizer.levels
+    base: Any = envs.unwrapped
+    sampler = base.randomizer.levels
     envs.reset(seed=0)
-    replays = torch.zeros(num_envs, device=envs.unwrapped.device)
+    replays = torch.zeros(num_envs, device=base.device)
     for _ in range(episodes * STEPS):
         *_, info = envs.step(envs.action_space.sample())
         replays += info["_final_info"] * (info["layout_level"] >= 0)
@@ -34,10 +37,10 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
     print(f"a draw of 1000 has {len(np.unique(drawn['level']))} different ones")
 
     state = sampler.state()  # arrays, for a checkpoint
-    again = gym.make_vec("sceniris_gym/TabletopReach-v0", **words | {"scene": envs.unwrapped.compiled})
+    again: Any = gym.make_vec("sceniris_gym/TabletopReach-v0", **words | {"scene": base.compiled}).unwrapped
     again.reset(seed=1)
-    again.unwrapped.randomizer.levels.restore(state)
-    print(f"a resumed training has {again.unwrapped.randomizer.levels.size} of them")
+    again.randomizer.levels.restore(state)
+    print(f"a resumed training has {again.randomizer.levels.size} of them")
 
 
 if __name__ == "__main__":

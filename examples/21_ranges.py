@@ -44,11 +44,13 @@ def main(num_envs: int = 256, steps: int = 200, device: str | None = None) -> No
     ranges = Ranges({NAME: [[-0.05, -0.05], [0.05, 0.05]]}, step=0.05, probe=1.0, episodes=64)
     words = {"scene": scene, "device": device, "max_episode_steps": 2, "levels": Levels(replay=0.0, ranges=ranges)}
     envs = sceniris_gym.SceneVectorEnv(Near, num_envs, **words)
+    levels = envs.randomizer.levels
+    assert levels is not None
     envs.reset(seed=0)
     for step in range(steps):
         envs.step(envs.action_space.sample())
         if step % (steps // 4) == 0 or step == steps - 1:
-            low_x, low_y, high_x, high_y = envs.randomizer.levels.ranges[NAME]
+            low_x, low_y, high_x, high_y = levels.ranges[NAME]
             print(f"step {step}: x from {low_x:.2f} to {high_x:.2f} m, y from {low_y:.2f} to {high_y:.2f} m")
 
 

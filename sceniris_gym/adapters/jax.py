@@ -20,7 +20,7 @@ from sceniris_gym.errors import (
     import_extra,
 )
 from sceniris_gym.layout.requested import RequestedLayouts
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, refuse_starts
 from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.write import addresses_of
@@ -140,6 +140,7 @@ class FreshAutoReset:
         observe: Callable[[Any, dict[str, Any]], Any] | None = None,
         update: Callable[[Any, Any], Any] | None = None,
     ) -> None:
+        refuse_starts(compiled, "FreshAutoReset")
         self.env, self.layouts, self.full_reset = env, LayoutFunction(compiled, split=split), full_reset
         check_type(getattr(env, "mj_model", None), type(compiled.mjm), "FreshAutoReset: env.mj_model")
         check_model(compiled, env.mj_model, "FreshAutoReset", "Compile a scene with model: env.mj_model.")

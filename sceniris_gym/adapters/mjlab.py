@@ -43,8 +43,10 @@ class PlaceLayouts(ManagerTermBase):
     pure function of scene, split, seed and episode. It does not know of other events, so objects may start inside a
     robot whose joints another event offsets. List this event after those that write the same entities.
 
-    After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, and `layout_fallback` (the layout came
-    from the bank of valid ones), each of shape (num_envs,); `extras["log"]` has the share of such environments.
+    After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, `layout_fallback` (the layout came from
+    the bank of valid ones), and `layout_start` if the scene has kinds of starts, each of shape (num_envs,);
+    `extras["log"]` has the share of environments with a layout from the bank. Starts write the joints of the arm and
+    the fingers; the controls of the next step should close them.
 
     Attributes:
         compiled: The compiled scene; `compiled.layout_id(seed, episode, cfg.split)` names a layout.
@@ -169,6 +171,8 @@ class PlaceLayouts(ManagerTermBase):
         extras["layout_seed"] = wp.to_torch(layouts.seed).view(torch.int64).clone()
         extras["layout_episode"] = wp.to_torch(layouts.episode).long()
         extras["layout_fallback"] = fallback
+        if self.compiled.config.start:
+            extras["layout_start"] = wp.to_torch(layouts.start).long()
         extras.setdefault("log", {})["Layouts/fallback_share"] = fallback.float().mean()
 
 
@@ -316,6 +320,9 @@ def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
     """Return the entities with joints that are drawn, and the numbers of these joints inside the entity."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
+    if compiled.starts is not None and compiled.reaching is not None:
+        for one in compiled.reaching.arms:
+            adr += [*one.arm.qposadr.tolist(), *one.gripper.qposadr.tolist(), *(c.adr for c in one.gripper.couplings)]
     found = []
     for entity in env.scene.entities.values():
         own = entity.indexing.joint_q_adr

@@ -46,23 +46,16 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
             refresh=lambda: None,
             graph=True,
         )
-        self._number, self._resets = wp.to_torch(self._replacer.number), False
+        self._number = wp.to_torch(self._replacer.number)
 
     @property
     def command(self) -> Tensor:
         """See the class."""
         return self._number[:, None].float()
 
-    def reset(self, env_ids: Tensor) -> dict[str, float]:
-        """Draw the timers of these environments anew, and begin their counts."""
-        self._resets = True
-        extras = super().reset(env_ids)
-        self._resets = False
-        self._number[env_ids] = 0
-        return extras
-
     def _resample_command(self, env_ids: Tensor) -> None:
-        if self._resets:
+        if not self.command_counter[env_ids].any():  # a reset, in which the event has placed everything
+            self._number[env_ids] = 0
             return
         due = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
         due[env_ids] = True

@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask, fill_mask
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, refuse_starts
 from sceniris_gym.sim.fit import check_fit, check_model
 
 newton: Any = import_extra("newton", "newton")
@@ -145,6 +145,7 @@ class NewtonRandomizer(StaysHere):
         arguments += [(state, newton.State, "states") for state in states or (None,)]
         for argument, kind, name in arguments:
             check_type(argument, kind, f"NewtonRandomizer: {name}")
+        refuse_starts(compiled, "NewtonRandomizer")
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
         if data is None or solver.use_mujoco_cpu or solver.model is not model or data.nworld != nworld:
             raise ArgumentError(

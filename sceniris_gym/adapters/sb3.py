@@ -80,7 +80,7 @@ class SB3VecEnv(VecEnv):
         mask = as_reset_mask(options, self.num_envs)
         chosen = slice(None) if mask is None else mask
         self._returns[chosen], self._lengths[chosen] = 0.0, 0
-        self.reset_infos = _rows(self._layouts(info), self.num_envs)
+        self.reset_infos = _rows(self._layouts(info), range(self.num_envs))
         self._reset_seeds()
         self._reset_options()
         return self.seen(observation)
@@ -181,7 +181,7 @@ class SB3VecEnv(VecEnv):
         rows = torch.as_tensor(worlds, device=self.env.device)
         last = self.seen(info["final_obs"], rows)
         success, broken = (to_host(info["final_info"][name][rows]) for name in ("success", "broken"))
-        layouts = _rows({name: values[rows] for name, values in self._layouts(info).items()}, len(worlds))
+        layouts = _rows(self._layouts(info), worlds)
         seconds = round(time.time() - self._began, 6)
         for k, i in enumerate(worlds):
             infos[i] = {
@@ -194,7 +194,7 @@ class SB3VecEnv(VecEnv):
             self.reset_infos[i] = layouts[k]
         self._returns[worlds], self._lengths[worlds] = 0.0, 0
 
-    def _layouts(self, info: dict[str, Any]) -> dict[str, Tensor]:
+    def _layouts(self, info: dict[str, Any]) -> dict[str, Any]:
         return {name: values for name, values in info.items() if name.startswith("layout_")}
 
     def _owner(self, name: str) -> Any:
@@ -220,7 +220,10 @@ def to_host(tensor: Tensor) -> np.ndarray:
     return tensor.cpu().numpy()
 
 
-def _rows(columns: dict[str, Tensor], count: int) -> list[dict[str, Any]]:
-    """Turn columns into one dict of plain numbers for each row."""
-    lists = {name: to_host(values).tolist() for name, values in columns.items()}
-    return [{name: values[i] for name, values in lists.items()} for i in range(count)]
+def _rows(columns: dict[str, Any], worlds: Sequence[int] | np.ndarray) -> list[dict[str, Any]]:
+    """Turn columns, and dicts of them, into one dict of plain numbers for each of these worlds."""
+    lists = {
+        name: _rows(values, worlds) if isinstance(values, dict) else to_host(values[torch.as_tensor(worlds)]).tolist()
+        for name, values in columns.items()
+    }
+    return [{name: values[i] for name, values in lists.items()} for i in range(len(worlds))]

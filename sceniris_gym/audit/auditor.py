@@ -28,6 +28,7 @@ from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
 from sceniris_gym.audit.presence import excess_of_groups, presence
 from sceniris_gym.audit.scene import JudgedScene
 from sceniris_gym.audit.standing import Misplaced, StandingAudit
+from sceniris_gym.audit.starts import StartAudit
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -118,6 +119,7 @@ class Auditor:
         self.collisions = CollisionAudit(scene.tree, scene.solids, pairs)
         self.outlines = Outlines(scene)
         self.standing = StandingAudit(scene, self.outlines, heaps)
+        self.starts = StartAudit(scene, self.outlines)
         self.balance = BalanceAudit(scene, self.standing)
         hulls = self.standing.hulls
         if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
@@ -130,7 +132,8 @@ class Auditor:
 
         Args:
             table: The layouts.
-            settled: Number of layouts, from the first on, that are also stepped for half a second.
+            settled: Number of layouts, from the first on, that are also stepped for half a second; without those in
+                which a hand holds something in the air, which would open.
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
@@ -138,23 +141,31 @@ class Auditor:
         tally = ContactTally(self.scene.mjm, self.scene.config.geometry, self.heaped)
         for start, some in table.chunks(CHUNK):
             poses, there = poses_of(self.scene.mjm, some), presence(self.scene.config, some)
+            grasped, moved, sides = self.starts.grasped(some), self.starts.moved(some), {}
             found, supporting = self.standing.check(poses)
-            found = sorted(found + self.balance.check(poses, supporting, there), key=lambda m: (m.row, m.name))
-            misplaced += [replace(m, row=start + m.row) for m in found if there[m.name][m.row]]
+            found += self.balance.check(poses, supporting, there)
+            found = [m for m in found if m.name not in moved or not moved[m.name][m.row]]
             nearer = {
                 (c.row, c.geoms): replace(c, row=start + c.row)
                 for c in self.collisions.missed(poses, supporting)
                 if all(there[owner][c.row] for owner in c.owners if owner in there)
+                and not self.starts.excuses(some, c, grasped)
             }
-            for c in tally.add(start, self.contacts.contacts(some, supporting)):
+            contacts = self.contacts.contacts(some, supporting)
+            for c in tally.add(start, self.starts.between(contacts, grasped, sides)):
                 nearer.setdefault(
                     (c.row, c.geoms), Conflict(start + c.row, c.geoms, c.owners, -c.depth, -(c.home or 0.0))
                 )
             conflicts += [nearer[key] for key in sorted(nearer)]
-            excess.append(self.excess(some, poses))
+            found += self.starts.check(some, poses, there, sides)
+            found = sorted((m for m in found if there[m.name][m.row]), key=lambda m: (m.row, m.name))
+            misplaced += [replace(m, row=start + m.row) for m in found]
+            excess.append(self.starts.excuse(self.excess(some, poses), moved))
             self.progress("layouts judged", start + len(some), len(table))
         report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), count(excess))
-        return self._settle(report, table[slice(0, settled)])
+        first = table[slice(0, settled)]
+        in_the_air = np.any([np.zeros(len(first), bool), *self.starts.grasped(first, in_the_air=True).values()], axis=0)
+        return self._settle(report, first[~in_the_air])
 
     def _settle(self, report: Report, table: LayoutTable) -> Report:
         """Return the report with the motion of free objects in some layouts."""

@@ -36,7 +36,8 @@ class Misplaced:
         name: The object.
         cause: "support" (its pivot is on no surface of its support, or not in its region), "footprint" (part of it
             overhangs), "overhead" (it is covered but should be open above, or the reverse), "heap" (it matches no
-            settled row) or "falls" (it or what is on it has its centre of mass outside of the patch that carries it).
+            settled row), "start" (it is not in the fingers, or not at its marker) or "falls" (it or what is on it has
+            its centre of mass outside of the patch that carries it).
     """
 
     row: int

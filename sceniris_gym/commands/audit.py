@@ -81,7 +81,9 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
     if not claims:
         return []
     scene, found = compiled.scene, []
-    present = {claim.name: table.present[:, compiled.slots.index(claim.name)] for claim in claims}
+    # with something in the hand the arm would have to put it down first
+    full = np.isin(table.start, [i for i, kind in enumerate(compiled.config.start) if kind.is_held])
+    present = {claim.name: table.present[:, compiled.slots.index(claim.name)] & ~full for claim in claims}
     for robot in dict.fromkeys(claim.robot for claim in claims):
         home, name = scene.home_of(robot)
         tcp, chain = home.tcps[name], None
@@ -143,6 +145,8 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
     try:
         columns = read_arrays(path)
         found = str(columns["hash"])
+        for part in ("layouts", "rejected"):  # files of version 0.1.0 know no starts
+            columns.setdefault(f"{part}_start", np.full(len(columns[f"{part}_status"]), -1, np.int32))
         table, rejected = (
             LayoutTable(**{name: columns[f"{part}_{name}"] for name in COLUMNS}, scene=found)
             for part in ("layouts", "rejected")

@@ -97,6 +97,7 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
         "status": Status(int(table.status[0])).name.lower(),
         "first_pass_valid": bool(table.first_pass_valid[0]),
         "attempts": int(table.attempts[0]),
+        **({"start": int(table.start[0])} if compiled.config.start else {}),
         "objects": objects,
     }
 
@@ -121,4 +122,4 @@ def report(found: Mapping) -> str:
 
 def default_picture(layout: str) -> Path:
     """Return the default path of a layout's picture."""
-    return Path("demo") / f"{layout}.png".replace(":", "-")
+    return Path("demo") / f"{layout[:200]}.png".replace(":", "-")

@@ -31,6 +31,7 @@ from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig, with_chains, without_chains
+from sceniris_gym.config.start import StartConfig, check_starts
 from sceniris_gym.config.validation import SceneNames, check_names
 from sceniris_gym.config.variants import owners_of, variants_of, with_members, with_variants
 
@@ -81,6 +82,7 @@ class SceneConfig(Section):
     heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
     stacks: dict[ObjectName, StackConfig] = Field(default_factory=dict)
     cameras: dict[ObjectName, CameraConfig] = Field(default_factory=dict)
+    start: tuple[StartConfig, ...] = ()
     geometry: Literal["physics", "visual"] = "physics"
     attempts: Attempts = 10
     restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
@@ -150,7 +152,8 @@ class SceneConfig(Section):
         A base that refers to a target, directly or through other objects, is placed after it instead.
         """
         parts = self.parts
-        needs = self._named(name)
+        markers = [kind.place[name] for kind in self.start if name in kind.place]
+        needs = tuple(dict.fromkeys([*self._named(name), *markers]))
         if not parts[name].reachable or self.robot_for(name) not in parts:
             return needs
         robot = self.robot_for(name)
@@ -274,5 +277,7 @@ class SceneConfig(Section):
             has_floor=self.floor is not None,
             has_model=self.model is not None,
         )
-        check_names(names, where_now.get() or type(self).__name__)
+        where = where_now.get() or type(self).__name__
+        check_names(names, where)
+        check_starts(self.start, self.objects, self.groups, where)
         return self

@@ -122,6 +122,8 @@ def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
         "status": ("int32", ()),
         "attempts": ("int32", ()),
     }
+    if compiled.config.start:
+        columns["start"] = ("int32", ())
     if reaching is not None:
         nreach, njoint = len(reaching.targets), reaching.njoint
         columns |= {

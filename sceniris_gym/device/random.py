@@ -18,6 +18,7 @@ NAMED_STREAM = 1 << 30  # numbers drawn by name, with the name as their trial
 BANK_STREAM = (1 << STREAM_BITS) - 1
 GROUP_STREAM = (1 << STREAM_BITS) - 2
 REACH_STREAM = (1 << STREAM_BITS) - 3
+START_STREAM = (1 << STREAM_BITS) - 4
 REDRAW_STREAM = (1 << STREAM_BITS) - 5  # with the number of the redraw as trial: the seed of all its draws
 
 _M0 = wp.constant(wp.uint32(0xD2511F53))

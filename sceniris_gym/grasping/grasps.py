@@ -135,7 +135,7 @@ class Graspable:
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
         """Return the grasps whose names match a glob; the half turn of a site matches with it."""
         known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
-        found = {name for name, site in known.items() if _matches(site, pattern)}
+        found = {name for name, site in known.items() if matches(site, pattern)}
         if known and not found:
             where = f"{self.scene.config.where}: objects.{self.name}.grasp"
             raise UnknownNameError("grasp", pattern, where, {site.removeprefix(PREFIX) for site in known.values()})
@@ -210,7 +210,9 @@ class Graspable:
         return points @ self._turn(body).T + self._turn(0) @ (self._home.xpos[body] - self._home.xpos[self.root])
 
 
-def _matches(name: str, pattern: str) -> bool:
+def matches(name: str, pattern: str) -> bool:
+    """Return whether the name of a grasp matches a glob, that of a site with or without its prefix or half a turn."""
+    name = name.removesuffix(_ROLLED)
     return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
 
 

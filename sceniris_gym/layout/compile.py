@@ -27,6 +27,7 @@ from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.progress import tell
@@ -52,6 +53,7 @@ _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND
 # The columns of the bank.
 _BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
 _REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
+_START_BANK = ("start",)
 # The entries of a file of the cache beside the scene.
 _KEY, _WARNINGS = "key", "warnings"
 
@@ -138,7 +140,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
         raise _infeasible(probed, evaluation.generator)
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
-    bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK), columns, strict=True))
+    bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK, *_START_BANK), columns, strict=True))
     program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
     program.bank_ntrain = len(train.found)
     # these two set how much is tried at once, and change no layout
@@ -146,6 +148,9 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     program.restart_rate = (made - first + 0.5) / (made + 1.0)
     rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
     program.obj_effort = wp.array(1.0 + rejected / made, dtype=float, device=compiled.device)
+    if compiled.starts is not None:
+        starts = _with_rows(Starts, compiled.starts, bank, _START_BANK, compiled.device)
+        compiled = replace(compiled, starts=starts)
     if compiled.reaching is None:
         return replace(compiled, program=program)
     arms = tuple(
@@ -191,7 +196,7 @@ class _Probe:
             self.generator.generate()
             drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
             valid = layouts.status.numpy() == Status.VALID
-            rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK)]
+            rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK, *_START_BANK)]
             self.found += zip(*rows, strict=True)
             self.made += nworld
             self.first += int(layouts.first_pass_valid.numpy().sum())

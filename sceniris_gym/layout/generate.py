@@ -22,7 +22,9 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
+from sceniris_gym.layout.reaching.start import StartStage
 from sceniris_gym.layout.redraw import Redraw
+from sceniris_gym.layout.scene_knobs import STARTS
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
@@ -43,6 +45,7 @@ from sceniris_gym.layout.wave.rounds import (
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
+from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers, launch_redraw_joints
 from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -51,9 +54,8 @@ from sceniris_gym.program.part import chosen_objects, part_of
 
 # With more pieces of regions than this a candidate costs so much that fewer restarts are tried at once.
 _MOST_PIECES = 1024
-# A redraw places few objects, in few worlds at a time: the most candidates of a wave, and how many it is filled up to,
-# which is 25 times as many as it takes where 2% of 4,096 worlds redraw one.
-_MOST_REDRAWN, _BUSY_REDRAWN = 1 << 14, 1 << 11
+# A redraw places few objects, in few worlds at a time: candidates beyond this wait for the next wave.
+_MOST_REDRAWN = 1 << 14
 
 
 class LayoutGenerator(Fixed, LayoutSource):
@@ -125,14 +127,17 @@ class LayoutGenerator(Fixed, LayoutSource):
             search,
             compiled.device,
         )
-        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and reaching.staged else None
+        staged = reaching is not None and (reaching.staged or compiled.starts is not None)
+        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and staged else None
+        starts = compiled.starts
+        self._start_stage = StartStage(compiled, starts, self._work) if starts is not None else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._redraws: dict[tuple[str, ...], Redraw] = {}
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
-        load_kernels(self._work, staged=self._stage is not None)
+        load_kernels(self._work, staged=self._stage is not None, starts=starts is not None)
         if self._stage is not None:
             self._stage.launch_pose_hands()
         self.reseed(seed)
@@ -179,6 +184,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
+        if self._start_stage is not None:
+            self._start_stage.launch_start()
+            launch_draw_kinds(self._work, self.compiled.starts, mask, self.layouts.knobs.first.get(STARTS, -1))
 
     def _try_restarts(self, stage: ReachStage | None) -> None:
         """Try restart after restart until one of every pending world passes everything, or the world falls back."""
@@ -188,16 +196,25 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restart of every pending world, or several: place all objects, then look for joints."""
         launch_open_rows(self._work, stage is not None)
+        if self._start_stage is not None:
+            self._start_stage.launch_go_home()
         repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
         if stage is not None:
             stage.launch()
+        if self._start_stage is not None and stage is self._stage:
+            self._start_stage.launch()
         launch_settle(self._work)
+        if self._start_stage is not None:
+            self._start_stage.launch_take_kinds()
 
     def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
         launch_open_candidates(work)
         launch_draw(work)
+        starts = self.compiled.starts
+        if starts is not None:
+            launch_redraw_joints(work, starts)
         if self._boxes is not None:
             launch_draw_in_boxes(work, self._boxes)
         if work.related:
@@ -205,6 +222,8 @@ class LayoutGenerator(Fixed, LayoutSource):
             launch_find_pieces(work)
             launch_measure_pieces(work)
             launch_draw_points(work)
+        if starts is not None:
+            launch_put_at_markers(work, starts)
         launch_prefilter(work)
         launch_test_collisions(work)
         if work.program.visual:
@@ -274,7 +293,7 @@ def make_redraw(
     """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
-    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN), busy=min(size.busy, _BUSY_REDRAWN))
+    size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
     return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 

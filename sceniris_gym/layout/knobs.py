@@ -7,7 +7,6 @@ size that was worked out for it, stays true.
 from __future__ import annotations
 
 import fnmatch
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote, unquote
@@ -15,7 +14,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, LayoutIdError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
@@ -23,7 +22,9 @@ from sceniris_gym.program.device import Program, copied
 wp.set_module_options({"enable_backward": False})
 
 _FLOAT, _INT, _SAME = (wp.constant(i) for i in range(3))
-_PART = re.compile(r"([^=,:]+)=((?:[0-9a-f]{8})+)")
+_KNOB = r"[^=,:]+=(?:[0-9a-f]{8})+"
+PARTS = rf"{_KNOB}(?:,{_KNOB})*"
+"""Regular expression of the fifth part of a layout id."""
 
 
 @wp.struct
@@ -78,6 +79,7 @@ class KnobTable:
             chosen |= {one: known[one] for one in found}
         self.knobs = tuple(chosen[name] for name in sorted(chosen))
         columns = np.cumsum([0, *(len(knob.default) for knob in self.knobs)]).tolist()
+        self._by_name = {knob.name: knob for knob in self.knobs}
         self.first = {knob.name: column for knob, column in zip(self.knobs, columns, strict=False)}
         self.default = np.concatenate([knob.default for knob in self.knobs]) if chosen else np.zeros(0, np.float32)
         self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
@@ -95,7 +97,7 @@ class KnobTable:
         """
         if name not in self.first:
             raise UnknownNameError("knob", str(name), f"{where}, one of `knobs`", self.names)
-        return next(knob for knob in self.knobs if knob.name == name)
+        return self._by_name[name]
 
     def named(self, rows: Any) -> dict[str, Any]:
         """Return columns of rows by the names of their knobs, each of shape (nrow, number of numbers)."""
@@ -107,14 +109,13 @@ class KnobTable:
         for name, values in self.named(np.asarray(row, np.float32)[None]).items():
             if (values[0] != self.knob(name).default).any():
                 bits = "".join(f"{number:08x}" for number in values[0].view(np.uint32))
-                parts.append(f"{quote(name, safe='./*')}={bits}")
+                parts.append(f"{quote(name, safe='.')}={bits}")
         return ",".join(parts)
 
     def row(self, text: str) -> np.ndarray:
         """Return the numbers that the fifth part of a layout id means, shape (nvalue,), float32.
 
         Raises:
-            LayoutIdError: A malformed text, or as many numbers as the knob does not have.
             UnknownNameError, ArgumentError: A knob that is not in the table, or numbers that it cannot have.
         """
         return self.rows(knobs_in(text), 1)[0]
@@ -181,18 +182,12 @@ class KnobTable:
 
 
 def knobs_in(text: str) -> dict[str, np.ndarray]:
-    """Return the knobs that the fifth part of a layout id names, with their numbers.
-
-    Raises:
-        LayoutIdError: A malformed text.
-    """
+    """Return the knobs that the fifth part of a layout id names, with their numbers."""
     found = {}
     for part in text.split(",") if text else ():
-        match = _PART.fullmatch(part)
-        if match is None:
-            raise LayoutIdError(f"layout id: its fifth part should be name=hex, 8 digits a number, got '{part}'.")
-        bits = [int(match[2][i : i + 8], 16) for i in range(0, len(match[2]), 8)]
-        found[unquote(match[1])] = np.array(bits, np.uint32).view(np.float32)
+        name, digits = part.split("=")
+        bits = [int(digits[i : i + 8], 16) for i in range(0, len(digits), 8)]
+        found[unquote(name)] = np.array(bits, np.uint32).view(np.float32)
     return found
 
 

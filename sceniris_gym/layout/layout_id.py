@@ -6,11 +6,11 @@ import re
 from dataclasses import dataclass
 
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
-from sceniris_gym.layout.knobs import knobs_in
+from sceniris_gym.layout.knobs import PARTS
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS
 from sceniris_gym.scene.model import SceneModel
 
-_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)(?::([^:]+))?")
+_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)(?::({PARTS}))?")
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class LayoutId:
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
             raise LayoutIdError(
                 f"layout id '{text}' should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
-                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31."
+                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31. Knobs may follow "
+                "as name=hex, with 8 digits a number."
             )
-        knobs_in(found[5] or "")
         return cls(found[1], found[2], int(found[3]), int(found[4]), found[5] or "")
 
     @classmethod

@@ -43,6 +43,7 @@ class LayoutsView:
     status: wp.array[int]
     attempts: wp.array[int]
     first_pass_valid: wp.array[int]
+    start: wp.array[int]
     present: wp.array2d[int]
     grasp: wp.array2d[int]
     grasp_qpos: wp.array3d[float]
@@ -98,7 +99,9 @@ def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy the element `i` of each part of a row's layout to a world: poses, present objects and grasps."""
+    """Copy the element `i` of each part of a row's layout to a world: poses, start, present objects and grasps."""
+    if i == 0:
+        layouts.start[worldid] = source.start[row]
     if i < layouts.qpos.shape[1]:
         layouts.qpos[worldid, i] = source.qpos[row, i]
     if i < source.mocap_pos.shape[1]:
@@ -167,6 +170,7 @@ class Layouts(StaysHere):
         status: A `Status` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
         first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
+        start: Number of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
         present: 1 where an object is present, 0 where its group left it out, shape (nworld, nslot), slots in the order
             of `CompiledScene.slots`.
         grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`; -1
@@ -187,7 +191,7 @@ class Layouts(StaysHere):
     knobs: KnobTable
 
     seed, episode, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(5))
-    status, attempts, first_pass_valid, present = (_RowsOfWorlds() for _ in range(4))
+    status, attempts, first_pass_valid, start, present = (_RowsOfWorlds() for _ in range(5))
     grasp, grasp_qpos, pregrasp_qpos, knob = (_RowsOfWorlds() for _ in range(4))
 
     def pose(self, name: str) -> Any:
@@ -268,7 +272,7 @@ class Layouts(StaysHere):
             zeros(nworld, "seed next_seed pending_seed status attempts first_pass_valid")
             view.knob, view.next_knob, view.pending_knob = (wp.array(own, dtype=float, ndim=2) for _ in range(3))
             view.default_knob = wp.array(table.default, dtype=float)
-            for name in ("episode", "next_episode", "pending_episode"):
+            for name in ("episode", "next_episode", "pending_episode", "start"):
                 setattr(view, name, wp.full(nworld, -1, dtype=int))
             counts = max(len(compiled.placed), 1), len(Cause)
             zeros(counts, "rejections")

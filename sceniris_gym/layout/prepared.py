@@ -93,15 +93,15 @@ def _forget(
 
 @wp.kernel
 def _serve(
-    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
     #   pregrasp_qpos, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
     # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp,
-    #   grasp_qpos, pregrasp_qpos, knob, rejections, next_episode
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present,
+    #   grasp, grasp_qpos, pregrasp_qpos, knob, rejections, next_episode
     served: LayoutsView,
 ):
     worldid, i = wp.tid()

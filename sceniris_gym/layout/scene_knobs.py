@@ -15,6 +15,9 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import FieldDraw
 
+STARTS = "start.weights"
+"""The knob of the weights of the kinds of starts."""
+
 
 @dataclass(frozen=True)
 class Knob:
@@ -51,17 +54,18 @@ class Knob:
             each = "[low, high]" if self.form in ("interval", "count") else f"{width} numbers"
             raise ArgumentError(f"{self.name} should be {each}, or such for each of {nworld} worlds: {short(value)}.")
         rows = given.reshape(-1, width)
-        low, high = np.split(rows, 2, axis=1) if self.form != "weights" else (rows, rows)
-        first, last = np.split(self.default, 2) if self.form != "weights" else (np.zeros(1), np.full(1, np.inf))
-        wide = low < high if self.form == "box" else low <= high
-        if not (wide & (low >= first) & (high <= last) & np.isfinite(rows).all()).all():
-            limits = "numbers of 0 or more"
-            if self.form != "weights":
-                limits = f"low and high within {first.tolist()} and {last.tolist()}, as the scene file has them"
-            raise ArgumentError(f"{self.name} should be {limits}: {short(value)}.")
+        half = width // 2 if self.form != "weights" else 0
+        low, high = rows[:, :half], rows[:, half:]
+        fits = np.isfinite(rows).all() and (high >= (low if half else 0.0)).all()
+        if half:
+            fits = fits and (low >= self.default[:half]).all() and (high <= self.default[half:]).all()
+        if not fits or (self.form == "box" and (low == high).any()):
+            first, last = self.default[:half].tolist(), self.default[half:].tolist()
+            limits = f"low and high within {first} and {last}, as the scene file has them"
+            raise ArgumentError(f"{self.name} should be {limits if half else 'numbers of 0 or more'}: {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
             raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
-        if ((rows > 0).sum(axis=1) < self.least).any():
+        if not half and ((rows > 0).sum(axis=1) < self.least).any():
             raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0: {short(value)}.")
         return rows
 
@@ -111,6 +115,13 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
             yield f"{key}.weights", "its members have 'splits', each with weights of its own."
         else:
             yield f"{key}.weights", Knob(f"{key}.weights", weights, "weights", words.count[1], places)
+
+
+def _starts(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+    """Yield the weights of the kinds of starts."""
+    if compiled.config.start:
+        weights = np.array([kind.weight for kind in compiled.config.start], np.float32)
+        yield STARTS, Knob(STARTS, weights, "weights", least=1)
 
 
 def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
@@ -179,6 +190,6 @@ def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
 
 
 _FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (
-    *(_joints, _groups, _distances),
+    *(_joints, _groups, _starts, _distances),
     *(_regions, _randomize, _clearances),
 )

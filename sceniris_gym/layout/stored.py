@@ -30,15 +30,15 @@ _UNIT = 1.0e-4
 
 @wp.kernel
 def _serve(
-    # Layouts in: qpos, mocap_pos, mocap_quat, present, grasp, grasp_qpos, pregrasp_qpos
+    # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos
     stored: LayoutsView,
     mask: wp.array[wp.bool],
     stride: int,
     width: int,
     # Layouts in: seed, episode, status, next_seed, next_episode, pending_seed, pending_episode, next_knob,
     #   pending_knob, default_knob
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, present, grasp, grasp_qpos, pregrasp_qpos, knob,
-    #   next_episode, pending_seed, pending_episode, pending_knob
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos,
+    #   knob, next_episode, pending_seed, pending_episode, pending_knob
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
@@ -144,7 +144,7 @@ def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:
     """Return the columns that are served, with joints of grasps as wide as Layouts have them."""
     view = LayoutsView()
-    columns = {name: getattr(table, name) for name in ("qpos", "mocap_pos", "mocap_quat", "present", "grasp")}
+    columns = {name: getattr(table, name) for name in ("qpos", "mocap_pos", "mocap_quat", "start", "present", "grasp")}
     padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
     for name in ("grasp_qpos", "pregrasp_qpos"):
         columns[name] = np.pad(getattr(table, name), padding, constant_values=np.nan)

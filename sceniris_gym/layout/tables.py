@@ -25,7 +25,9 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     def read(array: wp.array) -> np.ndarray:
         return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
 
-    columns = {name: read(getattr(layouts, name)) for name in ("attempts", "status", "seed", "episode", "grasp")}
+    columns = {
+        name: read(getattr(layouts, name)) for name in ("attempts", "status", "start", "seed", "episode", "grasp")
+    }
     njoint = 0 if layouts.reaching is None else layouts.reaching.njoint
     states = LayoutTable.from_states(
         read(layouts.qpos),

@@ -76,7 +76,7 @@ class Levels:
     temperature: float = 0.3
     staleness: float = 0.1
     rate: float = 0.25
-    every: int = 16
+    every: int = 32
     ranges: Ranges | None = None
 
     def __post_init__(self) -> None:

@@ -18,12 +18,13 @@ from sceniris_gym.levels.buffer import (
     KEPT,
     create_buffer,
     launch_choose,
+    launch_finish,
     launch_forget,
     launch_refresh,
     launch_update,
 )
 from sceniris_gym.levels.choice import Levels
-from sceniris_gym.levels.ranges import KEPT_RANGES, create_ranges, launch_count, launch_probe
+from sceniris_gym.levels.ranges import launch_move, set_ranges
 
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
@@ -55,12 +56,12 @@ class LevelSampler(LayoutSource):
         self._device, self._stream = device, wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
         self._since, table, words = 0, self.layouts.knobs, levels.ranges
         self._buffer = buffer = create_buffer(levels, nworld, device, len(table.default))
-        self._ranges = None if words is None else create_ranges(words, table, nworld, device)
         wp.copy(buffer.base, self.layouts.view.next_seed)
         for knob in (buffer.base_knob, buffer.next_knob) if table.knobs else ():
             wp.copy(knob, self.layouts.view.next_knob)
-        self._launch_probe(None, begins=False)
-        self._launch_knobs(None)
+        if words is not None:
+            set_ranges(buffer, words, table)
+        self._launch_forget(None, None)
 
     @property
     def level(self) -> wp.array:
@@ -81,7 +82,6 @@ class LevelSampler(LayoutSource):
         """Serve the masked worlds their levels, and choose those that follow."""
         self.source.launch_generate(mask)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
-        self._launch_probe(mask, begins=True)
         self._launch_knobs(mask)
         self.source.launch_reseed(self._buffer.next_seed, mask, self._buffer.next_episode)
 
@@ -89,19 +89,13 @@ class LevelSampler(LayoutSource):
         """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
         for knob in (self._buffer.base_knob, self._buffer.next_knob):
             launch_set(knob, columns, values, mask)
-        launch_forget(self._buffer, None, mask, self._next_probe, restores=False)
+        launch_forget(self._buffer, None, mask, restores=False)
         self.source.launch_set_knobs(columns, values, mask)
 
-    @property
-    def _next_probe(self) -> wp.array | None:
-        return None if self._ranges is None else self._ranges.next_probe
-
-    def _launch_probe(self, mask: wp.array | None, *, begins: bool) -> None:
-        """Give the masked worlds whose next level is fresh the knobs of the ranges."""
-        b = self._buffer
-        if self._ranges is not None and self.levels.ranges is not None:
-            words = (self.levels.ranges.probe, b.base, b.decision, b.next_level, b.next_knob)
-            launch_probe(self._ranges, mask, self._stream, *words, begins=begins)
+    def _launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
+        """Forget what was chosen for the masked worlds; their next levels have the knobs of fresh ones."""
+        launch_forget(self._buffer, seeds, mask)
+        self._launch_knobs(mask)
 
     def _launch_knobs(self, mask: wp.array | None) -> None:
         """Hand the knobs of the next levels on."""
@@ -111,24 +105,18 @@ class LevelSampler(LayoutSource):
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """See `LayoutSource`; the worlds draw their fresh levels by these seeds from then on."""
         self.source.launch_reseed(seeds, mask, episodes)
-        launch_forget(self._buffer, seeds, mask, self._next_probe)
-        self._launch_probe(mask, begins=False)
-        self._launch_knobs(mask)
+        self._launch_forget(seeds, mask)
 
-    def launch_finish(self, success: wp.array, mask: wp.array | None) -> None:
-        """Tell how the present episodes of the masked worlds ended.
-
-        Layouts from the bank are no levels: leave their worlds out.
+    def launch_finish(self, success: wp.array, finished: wp.array) -> None:
+        """Tell how episodes ended; those on layouts from the bank do not count.
 
         Args:
-            success: 1 for a success and 0 for a failure, shape (nworld,), float32.
-            mask: Which worlds, shape (nworld,), bool; all if None.
+            success: Worlds that succeeded, shape (nworld,), bool.
+            finished: Worlds whose episode ended, shape (nworld,), bool.
         """
-        layouts = self.layouts
-        if self.levels.score != "given":
-            self.launch_update(self.level, layouts.seed, layouts.episode, success, mask)
-        if self._ranges is not None and self.levels.ranges is not None:
-            launch_count(self._ranges, self.levels.ranges, success, mask)
+        launch_finish(self._buffer, self.layouts.view, success, finished)
+        if self.levels.ranges is not None:
+            launch_move(self._buffer, self.levels.ranges)
 
     def launch_update(
         self,
@@ -176,12 +164,10 @@ class LevelSampler(LayoutSource):
     @property
     def ranges(self) -> dict[str, np.ndarray]:
         """The present intervals of the knobs that follow success, by name. Waits for the device."""
-        if self._ranges is None or self.levels.ranges is None:
-            return {}
         row = self.layouts.knobs.default[None].copy()
-        row[0, self._ranges.column.numpy()] = self._ranges.present.numpy()
+        row[0, self._buffer.column.numpy()] = self._buffer.present.numpy()
         named = self.layouts.knobs.named(row)
-        return {name: named[name][0] for name in self.levels.ranges.start}
+        return {} if self.levels.ranges is None else {name: named[name][0] for name in self.levels.ranges.start}
 
     def update(self, level: Any, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Give scores to levels that were played: those of the buffer are updated, others inserted.
@@ -238,14 +224,7 @@ class LevelSampler(LayoutSource):
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device."""
-        return {name: array.numpy().copy() for name, array in self._kept().items()}
-
-    def _kept(self) -> dict[str, wp.array]:
-        """Return the arrays from which all others follow, by name."""
-        kept = {name: getattr(self._buffer, name) for name in KEPT}
-        if self._ranges is not None:
-            kept |= {f"ranges.{name}": getattr(self._ranges, name) for name in KEPT_RANGES}
-        return kept
+        return {name: getattr(self._buffer, name).numpy().copy() for name in KEPT}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Go on from a `state` of a sampler of the same capacity and number of worlds.
@@ -253,7 +232,8 @@ class LevelSampler(LayoutSource):
         Raises:
             ArgumentError: It is of another one.
         """
-        for name, array in self._kept().items():
+        for name in KEPT:
+            array = getattr(self._buffer, name)
             if name not in state or state[name].shape != array.shape:
                 raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
             if array.size:

@@ -38,6 +38,12 @@ def draw_joints(
 
 
 @wp.func
+def joint_uniform(seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, i: int) -> float:
+    """Return the uniform number in [0, 1) that joint `i` of an object is drawn by."""
+    return uniforms(seed, episode, stream, trial, _FIRST_DRAW + i // 4)[i % 4]
+
+
+@wp.func
 def follow_joints(program: Program, obj: int, qpos: wp.array[float]):
     """Set the joints that follow the drawn joints of an object by equalities."""
     adr = program.obj_followadr[obj]

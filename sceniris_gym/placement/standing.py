@@ -7,8 +7,9 @@ mean of the outer products of the patch's corners around their mean, as each cor
 with it, so leaning is worked out in passes; what is top-heavy does not come to rest. A load that falls by f until it is
 carried is shaken, so that the margin is to be above t sqrt(f h), with h the height of its centre; `Law` has t.
 
-Corners of a patch are looked for in 32 directions, so its hull is a little smaller than the exact one. MuJoCo keeps
-four contacts of two convex geoms that are not both boxes; a patch then has the four corners of the largest area.
+Corners of a patch of several parts are looked for in 32 directions, or in 12 if the whole foot is on the support, so
+its hull is a little smaller than the exact one. MuJoCo keeps four contacts of two convex geoms that are not both boxes;
+a patch then has the four corners of the largest area.
 """
 
 import warp as wp

@@ -15,6 +15,7 @@ from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import WORLD_FIELDS, Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.reach import set_map_and_arm
 from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget, load_map, robot_arm
@@ -31,8 +32,9 @@ def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
     """Return a compiled scene as arrays, without its model and the maps of its arms."""
     arrays = {name: getattr(compiled, name) for name in _HOME}
     arrays |= {f"program.{name}": value for name, value in _fields(Program, compiled.program).items()}
-    if compiled.statics is not None:
-        arrays |= {f"statics.{name}": value for name, value in _fields(Statics, compiled.statics).items()}
+    for part, declared, instance in (("statics", Statics, compiled.statics), ("starts", Starts, compiled.starts)):
+        if instance is not None:
+            arrays |= {f"{part}.{name}": value for name, value in _fields(declared, instance).items()}
     for i, mesh in enumerate(compiled.meshes):
         arrays[f"mesh.{i}"] = mesh.points.numpy()
     words: dict[str, Any] = {name: getattr(compiled, name) for name in _COUNTS}
@@ -59,9 +61,11 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
     words = json.loads(str(arrays["words"]))
     program = Program()
     _fill(Program, program, arrays, "program.", device)
-    statics = Statics() if any(name.startswith("statics.") for name in arrays) else None
-    if statics is not None:
-        _fill(Statics, statics, arrays, "statics.", device)
+    parts: dict[str, Any] = {"statics": None, "starts": None}
+    for part, declared in (("statics", Statics), ("starts", Starts)):
+        if any(name.startswith(f"{part}.") for name in arrays):
+            parts[part] = declared()
+            _fill(declared, parts[part], arrays, f"{part}.", device)
     with_mesh = np.flatnonzero(arrays[f"program.{_MESHES}"])
     meshes = tuple(device_mesh(arrays[f"mesh.{i}"], device) for i in range(len(with_mesh)))
     ids = np.zeros(len(arrays[f"program.{_MESHES}"]), np.uint64)
@@ -73,7 +77,7 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
         device=device,
         program=program,
         reaching=_reaching(scene, device, arrays, words) if "targets" in words else None,
-        statics=statics,
+        **parts,
         meshes=meshes,
         **kept,
     )

@@ -13,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import AUTO, SceneConfig
-from sceniris_gym.errors import ArgumentError, SeedError
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.checks.constraints import check_constraints
@@ -29,6 +29,7 @@ from sceniris_gym.program.checks.standing import check_standing
 from sceniris_gym.program.checks.supports import check_supports
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS
 from sceniris_gym.program.pack.program import pack_program
@@ -36,6 +37,7 @@ from sceniris_gym.program.pack.reach import fill_views
 from sceniris_gym.program.pack.regions import cut_pieces
 from sceniris_gym.program.pack.relations import most_sides
 from sceniris_gym.program.pack.standing import pack_statics
+from sceniris_gym.program.pack.starts import pack_starts
 from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.scene.model import SceneModel
@@ -75,6 +77,7 @@ class CompiledScene:
         program: The placement program on the device.
         reaching: The arms and their reach targets, None if there are none.
         statics: How objects stand, on the device; None if none can fall.
+        starts: The kinds of starts, on the device; None if the scene has the start pose alone.
         home_qpos: Start pose, shape (nq,).
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
         sides: The most half-planes that hold the pieces of one object's relations.
@@ -87,6 +90,7 @@ class CompiledScene:
     program: Program
     reaching: Reaching | None
     statics: Statics | None
+    starts: Starts | None
     home_qpos: np.ndarray
     home_xpos: np.ndarray
     home_xquat: np.ndarray
@@ -180,6 +184,19 @@ class CompiledScene:
         return slice(first, end) if split == "eval" else slice(0, first)
 
 
+def refuse_starts(compiled: CompiledScene, where: str) -> None:
+    """Refuse a scene with kinds of starts where nothing closes the fingers.
+
+    Raises:
+        NotSupportedError: It has some.
+    """
+    if compiled.starts is not None:
+        raise NotSupportedError(
+            f"{where}: '{compiled.config.name}' has 'start', and nothing closes the fingers here. Leave the word out, "
+            "or take SceneVectorEnv or ResetRandomizer."
+        )
+
+
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     """Check a scene and upload it to a device. The bank is still empty; `layout.compile.compile_scene` fills it.
 
@@ -192,8 +209,8 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     return upload_plan(plan, device)
 
 
-def upload_plan(plan: Plan, device: str) -> CompiledScene:
-    """Upload a plan to a device, unchecked and with an empty bank."""
+def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScene:
+    """Upload a plan to a device, unchecked and with an empty bank; with the scene's kinds of starts, or without."""
     scene = plan.scene
     is_visual = scene.config.geometry == "visual"
     colliders = collect_colliders(plan.pieces, is_visual, device)
@@ -214,6 +231,7 @@ def upload_plan(plan: Plan, device: str) -> CompiledScene:
         "bank_mocap_pos": np.zeros((0, mocap, 3)),
         "bank_mocap_quat": np.zeros((0, mocap, 4)),
     }
+    found = pack_starts(plan, arrays["bound_qpos"], device) if starts else None
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
@@ -227,6 +245,7 @@ def upload_plan(plan: Plan, device: str) -> CompiledScene:
         program=program,
         reaching=plan.reaching,
         statics=pack_statics(plan, device),
+        starts=found,
         home_qpos=scene.home_qpos.astype(np.float32),
         home_xpos=plan.home.xpos.astype(np.float32),
         home_xquat=plan.home.xquat.astype(np.float32),

@@ -77,6 +77,7 @@ class Reach:
     arm_scene: wp.array[int]  # the robot with all but markers; its hand may touch the target
     arm_hand: wp.array[int]  # the hand alone with all but markers and the target
     arm_target: wp.array[int]  # the hand with the target
+    arm_held: wp.array[int]  # the robot and the target, which its hand may touch, with all but markers
     # How many broad-phase pairs in `arm_hand` of each reach target are with bodies of no placed object, or of one
     # before each object, and how many there are; they are in that order.
     hand_before: wp.array[int]

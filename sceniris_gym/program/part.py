@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,6 +15,9 @@ from sceniris_gym.program.compiled import CompiledScene, upload_plan
 from sceniris_gym.scene.support import is_static
 
 _FAR = float(np.finfo(np.float32).max)
+# A round tries a single object so many times as often as it takes on average, after which hardly a world is left; see
+# benchmarks/NOTES.md.
+_ENOUGH = 16.0
 
 
 def chosen_objects(
@@ -69,14 +73,15 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     # a support leans as it likes, unless it is static or placed before
     firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in chosen]
     chosen = [o if is_firm else replace(o, tilts=True) for o, is_firm in zip(chosen, firm, strict=True)]
-    made = upload_plan(replace(plan, objects=chosen), compiled.device)
+    made = upload_plan(replace(plan, objects=chosen), compiled.device, starts=False)
     program, whole = made.program, compiled.program
     program.ngroup = 0  # who is present has been drawn
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
     program.obj_effort = wp.array(whole.obj_effort.numpy()[numbers], dtype=float, device=compiled.device)
     if len(names) == 1 and (made.reaching is None or not made.reaching.staged):
-        # to begin again with a single object is to go on, and then no round has to end in between
-        program.attempts, program.restarts = whole.attempts * (whole.restarts + 1), 0
+        # to begin again with a single object is to go on with its trials, so a round takes more of them
+        program.attempts = max(whole.attempts, math.ceil(_ENOUGH * float(program.obj_effort.numpy()[0])))
+        program.restarts = math.ceil(whole.attempts * (whole.restarts + 1) / program.attempts) - 1
     for bounds in (program.bound_qpos, program.bound_mocap):  # all else may be anywhere, as long as it is finite
         bounds.fill_(_FAR)
     program.quat_qposadr = wp.zeros(0, dtype=int, device=compiled.device)

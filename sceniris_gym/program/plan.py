@@ -172,7 +172,7 @@ def _placed_object(
 ) -> PlacedObject:
     """Work out one step of the program."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
-    drawn = [_joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
+    drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
     intervals = {d.qposadr: d.intervals for d in drawn}
     followers = followers_of(scene.couplings, intervals)
     step = PlacedObject(name, _stream(scene.config, name), ObjectKind.STATIC, bodies, config, drawn, followers)
@@ -210,7 +210,7 @@ def _placed_object(
     )
 
 
-def _joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRange:
+def joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRange:
     """Return the positions that a joint is drawn from, by its words in the scene file."""
     mjm = scene.mjm
     adr = int(mjm.jnt_qposadr[joint])

@@ -123,7 +123,7 @@ def stances(
         home: MjData at the start pose.
     """
     number = {o.name: i for i, o in enumerate(objects)}
-    around = _Surroundings(scene, pieces, home, ContactRules(scene.mjm, "physics"), number)
+    around = _Surroundings(scene, pieces, home, scene.contact_rules, number)
     return [
         _stance(around, o) if o.config is not None and o.config.has_to_stand and o.heap is None else None
         for o in objects

@@ -29,6 +29,7 @@ class LayoutTable:
         first_pass_valid: Whether it was valid without a restart, shape (nrow,), bool.
         attempts: Candidates drawn for it, shape (nrow,), int32.
         status: Codes of `layout.layouts.Status`, shape (nrow,), int32.
+        start: Number of the kind of start in the scene file, -1 where there is none, shape (nrow,), int32.
         seed: Seed of the world, shape (nrow,), uint64.
         episode: Episode of the world, -1 where it is unknown, shape (nrow,), int32.
         grasp: The accepted grasp of each reach target, as an index into its grasps, -1 where the object is absent,
@@ -49,6 +50,7 @@ class LayoutTable:
     first_pass_valid: np.ndarray
     attempts: np.ndarray
     status: np.ndarray
+    start: np.ndarray
     seed: np.ndarray
     episode: np.ndarray
     grasp: np.ndarray
@@ -81,6 +83,7 @@ class LayoutTable:
             first_pass_valid=no,
             attempts=zero,
             status=zero,
+            start=np.full(nrow, -1, np.int32),
             seed=np.zeros(nrow, np.uint64),
             episode=np.full(nrow, -1, np.int32),
             grasp=np.zeros((nrow, 0), np.int32),

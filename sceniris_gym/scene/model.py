@@ -191,10 +191,14 @@ class SceneModel:
                 or a joint that follows another one.
             NotSupportedError: A ball joint.
         """
-        where = f"{self.config.where}: {self.config.key(name)}.joints"
+        return self.resolve_joints(
+            name, self._joint_words(name), f"{self.config.where}: {self.config.key(name)}.joints"
+        )
+
+    def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
+        """Return the joints of an object, or of the robot, that names and patterns choose; see `joint_configs`."""
         joints = self.joints(name)
         found: dict[int, JointConfig] = {}
-        words = self._joint_words(name)
         for word in sorted(words, key=lambda word: word not in joints):  # a stable sort: names first
             matching = [word] if word in joints else fnmatch.filter(joints, word)
             if not matching:

@@ -139,13 +139,14 @@ class ModelFields:
             where: The caller, for errors.
 
         Raises:
-            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors of another shape.
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors or a mask of another shape.
         """
         if self.ask(name, of, where=where).dtype in (wp.int32, wp.bool):
             raise ArgumentError(f"{where}: '{name}' has no numbers to scale. Write into model_field('{name}').")
+        for argument, given in (("factor", factor), ("mask", mask)):
+            if (shape := getattr(given, "shape", type(given).__name__)) != (self._nworld,):
+                raise ArgumentError(f"{where}: {argument} should have shape ({self._nworld},), got {shape}.")
         factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
-        if factors.shape != (self._nworld,):
-            raise ArgumentError(f"{where}: factor should have shape ({self._nworld},), got {factors.shape}.")
         rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
         word = _WORDS.get(name)
@@ -172,29 +173,28 @@ class ModelFields:
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
 
-    def make_ahead(self, source: LayoutSource, split: str) -> bool:
-        """Have what follows from the draws of the scene made ahead with the layouts of a source.
+    def make_ahead(self, source: LayoutSource, split: str) -> None:
+        """Have what follows from the draws of the scene made ahead with the layouts of a source, if that can do so.
 
         Variants are drawn in place, and so is what follows from a field that somebody asked for.
 
         Args:
             source: The source.
             split: "train" or "eval".
-
-        Returns:
-            True if it will be.
         """
         sources = {name for kind in FOLLOWERS for name in kind.SOURCES}
         draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
-        if self._drawer is None or not draws or self.varied or self._ahead is not None:
-            return False
+        if self._ahead is not None:  # two sources reset these worlds
+            self._written.fill_(1)
+        if not draws or self.varied or self._ahead is not None or sources & self.asked:
+            return
 
         def make(mask: wp.array, layouts: Layouts) -> None:
             twin.launch_draw(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
 
         in_place = source.make_beside(make)
         if in_place is None:
-            return False
+            return
         m, d = copy.copy(self._model), copy.copy(self._data)
         m.opt = copy.copy(m.opt)
         for name, values in self._nominal.items():
@@ -212,7 +212,6 @@ class ModelFields:
             self._ahead = MadeAhead(copied, in_place, self._written, stale, wp.zeros(1, dtype=int))
         self._drawer = self._make_drawer()
         self.use_knobs(self._knobs)
-        return True
 
     def launch_draw(
         self,

@@ -35,6 +35,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, update_stages
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.fit import check_fit
+from sceniris_gym.sim.grips import grips_of
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
@@ -380,12 +381,13 @@ class ResetRandomizer(Fixed, StaysHere):
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            seed, episode = layouts.seed, layouts.episode
+            seed, episode, start = layouts.seed, layouts.episode, layouts.start
             if isinstance(layouts, LayoutTable):
                 seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
+                start = wp.array(start, dtype=int)
             own = isinstance(layouts, Layouts) and layouts.knobs.names == self.layouts.knobs.names
             knob = layouts.knob if isinstance(layouts, Layouts) and own else None
-            self._launch_write(poses, present, seed, episode, knob, on_device)
+            self._launch_write(poses, present, start, seed, episode, knob, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
@@ -416,12 +418,14 @@ class ResetRandomizer(Fixed, StaysHere):
         if not self._whole:
             bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
         words = {"bodies": bodies, "origins": origins, "plastic": plastic, "count": self.replacer.number}
+        words["grips"] = grips_of(self.compiled, self.fields.rest, self.device)
         return StateWriter(mjm, d, self._mask, self.fields.rest, **words)
 
     def _launch_reset(self) -> None:
         layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        self._launch_write(_poses(layouts), layouts.present, layouts.seed, layouts.episode, layouts.knob)
+        start, seed, episode = layouts.start, layouts.seed, layouts.episode
+        self._launch_write(_poses(layouts), layouts.present, start, seed, episode, layouts.knob)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
@@ -435,6 +439,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self,
         poses: Poses,
         present: Any,
+        start: wp.array,
         seed: wp.array,
         episode: wp.array,
         knob: wp.array | None,
@@ -451,7 +456,7 @@ class ResetRandomizer(Fixed, StaysHere):
             wp.copy(self._nacon, d.nacon)
             mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
-        self._writer.launch(poses, rows)
+        self._writer.launch(poses, rows, start if self.compiled.config.start else None, drawn)
         self._launch_stages()
 
 

@@ -1,14 +1,15 @@
 """`StateWriter`: writes layouts into the simulation's Data by mask, the whole of a world or chosen bodies."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.sim.rest import RestMap, history_samples, rest_value
+from sceniris_gym.sim.grips import Grips, control_at_start
+from sceniris_gym.sim.rest import RestMap, history_samples
 
 wp.set_module_options({"enable_backward": False})
 
@@ -82,6 +83,9 @@ def _write_state(
     rest: RestMap,
     origins: wp.array[wp.vec3],
     mask: wp.array[wp.bool],
+    grips: Grips,
+    start: wp.array[int],
+    start_rows: wp.array[int],
     rows: wp.array[int],
     # Layouts in:
     qpos_in: wp.array2d[float],
@@ -107,6 +111,9 @@ def _write_state(
         if i == 0:
             count_out[worldid] = 0
     row = row_of(worldid, rows)
+    kind = int(-1)
+    if start:
+        kind = start[row_of(worldid, start_rows)]
 
     if i < qposadr.shape[0]:
         position = float(qpos_in[row, qposadr[i]])
@@ -126,11 +133,11 @@ def _write_state(
     if i < elemid.shape[0]:
         element, nu = elemid[i], ctrl_out.shape[1]
         if element < nu:
-            ctrl_out[worldid, element] = rest_value(rest, worldid, element, qpos_in[row])
+            ctrl_out[worldid, element] = control_at_start(grips, kind, rest, worldid, element, qpos_in[row])
         else:
-            act_out[worldid, element - nu] = rest_value(rest, worldid, element, qpos_in[row])
+            act_out[worldid, element - nu] = control_at_start(grips, kind, rest, worldid, element, qpos_in[row])
     if i < sampleadr.shape[0]:
-        history_out[worldid, sampleadr[i]] = rest_value(rest, worldid, sampled[i], qpos_in[row])
+        history_out[worldid, sampleadr[i]] = control_at_start(grips, kind, rest, worldid, sampled[i], qpos_in[row])
     if i < plastic.shape[0]:
         plastic_out[worldid, i] = plastic[i]
 
@@ -153,6 +160,7 @@ class StateWriter:
             bodies; read at every launch. None adds nothing.
         plastic: Plastic references of springs at home, shape (nplastic,), for whole worlds.
         count: A count of each world that begins at 0 again, shape (nworld,), int32.
+        grips: The Grips of the scene; None closes no fingers.
     """
 
     def __init__(
@@ -167,6 +175,7 @@ class StateWriter:
         origins: wp.array | None = None,
         plastic: np.ndarray | None = None,
         count: wp.array | None = None,
+        grips: Any = None,
     ) -> None:
         whole = bodies is None and joints is None
         places = addresses_of(mjm, range(mjm.nbody) if whole else bodies or [], rest, joints)
@@ -189,20 +198,34 @@ class StateWriter:
         self._lists = [wp.array(values, dtype=int, ndim=1, device=device) for values in lists]
         self._lists.append(wp.array([] if plastic is None else plastic, dtype=float, ndim=1, device=device))
         self._dim = (d.nworld, max(values.shape[0] for values in self._lists))
-        self._inputs = [*self._lists, rest, origins, mask]
+        self._inputs = [*self._lists, rest, origins, mask, Grips() if grips is None else grips]
         self._outputs = [d.qpos, d.qvel, d.qacc_warmstart, d.mocap_pos, d.mocap_quat, d.ctrl, d.act]
         self._outputs += [getattr(d, name, None) for name in ("history", "plastic")]  # not in all versions
         self._outputs.append(count)
 
-    def launch(self, poses: Poses, rows: wp.array | None = None) -> None:
+    def launch(
+        self,
+        poses: Poses,
+        rows: wp.array | None = None,
+        start: wp.array | None = None,
+        start_rows: wp.array | None = None,
+    ) -> None:
         """Write rows of `poses` into the masked worlds.
 
         Args:
             poses: The poses to write.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
+            start: Kind of start of each row of layouts, shape (nrow,), int32; None closes no fingers.
+            start_rows: The same as `rows` for `start`.
         """
         outputs, device = self._outputs, self._outputs[0].device
-        wp.launch(_write_state, self._dim, inputs=[*self._inputs, rows, *poses], outputs=outputs, device=device)
+        wp.launch(
+            _write_state,
+            self._dim,
+            inputs=[*self._inputs, start, start_rows, rows, *poses],
+            outputs=outputs,
+            device=device,
+        )
 
 
 def _spread(first: np.ndarray, widths: np.ndarray) -> np.ndarray:

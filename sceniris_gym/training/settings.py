@@ -103,6 +103,7 @@ class Options:
         levels: replay layouts by "learnability" or by "failure" (see docs/levels.md); by default each is fresh
         uniform: place uniformly, without checks for collisions and reach
         reachable: keep `reachable` of the scene's objects
+        judged: task in whose layouts the policy is judged; by default its own
         changes: settings to try instead of the task's, as name=value
         layouts: layouts that the policy is judged on
         every: iterations between two lines of the log
@@ -122,6 +123,7 @@ class Options:
     levels: str | None = None
     uniform: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     reachable: bool = True
+    judged: str | None = None
     changes: tuple[str, ...] = ()
     layouts: int = 4096
     every: int = 10

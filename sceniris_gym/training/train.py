@@ -79,7 +79,8 @@ class Run:
             source = layout_sources.uniform()
         words = {"layout_source": source, "levels": Levels(options.levels) if options.levels else None}
         self.env = RslRlVecEnv(make_env(options.task, options.num_envs, compiled, **words), seed)
-        self.judges = judges_of(options.task, options.layouts, options.device)
+        self._judged = (options.judged or options.task).removeprefix(NAMESPACE)
+        self.judges = judges_of(self._judged, options.layouts, options.device)
         self._warm_up()
         self.runner = runner_of(self.env, self.settings, options.seed)
         self.seconds = self.judged_at = self.saved_at = 0.0
@@ -190,7 +191,7 @@ class Run:
         """Judge the policy; the verdict on each layout goes to a file that has the last evaluation alone."""
         self.judged_at = self.seconds
         policy, options = self.runner.get_inference_policy(str(self.env.device)), self.options
-        found = {name: judge(policy, env, options.task, options.layouts) for name, env in self.judges.items()}
+        found = {name: judge(policy, env, self._judged, options.layouts) for name, env in self.judges.items()}
         with replacing(options.out / JUDGED) as temporary:
             temporary.write_text(as_json({"env_steps": self.env_steps, "seconds": self.seconds, **found}))
         self._tell("eval", without_layouts(found))

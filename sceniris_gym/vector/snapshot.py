@@ -19,7 +19,7 @@ from sceniris_gym.vector.variants import VariantView
 
 _OF_LAYOUTS = (
     *("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "present"),
-    *("knob", "grasp", "grasp_qpos", "pregrasp_qpos"),
+    *("start", "knob", "grasp", "grasp_qpos", "pregrasp_qpos"),
 )
 
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")

@@ -59,6 +59,8 @@ class State:
         dt: Duration of a control step [s].
         seed: Seed of each world's layout, shape (num_envs,), int64 (from 2^63 on as its two's complement).
         episode: Episode of each world's layout, -1 before the first reset, shape (num_envs,), int32.
+        start: Number of the kind of start of each world in the scene file, -1 in scenes without, shape (num_envs,),
+            int32.
         layout_status: 0 for no layout yet, 1 for a valid one, 2 for one from the bank, shape (num_envs,), int32.
         layout_knob: Numbers of the knobs that each layout was made with, shape (num_envs, nvalue).
     """
@@ -73,6 +75,7 @@ class State:
         self._elapsed = wp.from_torch(self.elapsed)
         self.seed, self.episode = wp.to_torch(layouts.seed).view(torch.int64), wp.to_torch(layouts.episode)
         self.layout_status, self.layout_knob = wp.to_torch(layouts.status), wp.to_torch(layouts.knob)
+        self.start = wp.to_torch(layouts.start)
         d = batch.data
         self.ctrl = wp.to_torch(d.ctrl)
         self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
@@ -358,7 +361,7 @@ class State:
             mask: Which worlds, shape (num_envs,), bool.
 
         Raises:
-            UnknownNameError, ArgumentError: As in `model_field`; or factors of another shape.
+            UnknownNameError, ArgumentError: As in `model_field`; or factors or a mask of another shape.
         """
         self._batch.fields.scale(name, of, factor, wp.from_torch(mask, dtype=wp.bool), "State.scale_field")
 

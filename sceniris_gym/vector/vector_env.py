@@ -515,8 +515,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Count the successes of the episodes that finished on layouts of their own, if the worlds play levels."""
         sampler = self.randomizer.levels
         if sampler is not None and sampler.counts:
-            counted = self.statistics.finished & (self.state.layout_status == Status.VALID)
-            sampler.launch_finish(wp.from_torch(success.float()), wp.from_torch(counted))
+            sampler.launch_finish(wp.from_torch(success), wp.from_torch(self.statistics.finished))
 
     def _reset_worlds(self, mask: Tensor) -> None:
         """Reset the worlds of a mask on the device, to which the task may write."""
@@ -557,6 +556,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
+        if self.compiled.config.start:
+            info["layout_start"] = s.start.clone()
         if self.randomizer.layouts.knobs.knobs:
             info["layout_knobs"] = self.randomizer.layouts.knobs.named(s.layout_knob.clone())
         if s.variants.names:

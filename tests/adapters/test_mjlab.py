@@ -93,6 +93,28 @@ def local(env: ManagerBasedRlEnv, entity: str) -> np.ndarray:
     return (env.sim.data.qpos[:, adr] - env.scene.env_origins).cpu().numpy()
 
 
+def test_episodes_start_with_the_fingers_around_a_cube():
+    """The event writes the arm and the fingers, and tells the kind; in the other worlds the arm is at home."""
+    cfg, scene = lifting_cfg(1), cubes_on(count=1, reachable="ik")
+    scene["robot"] = {"in_model": "robot/arm", "tcp": {"site": "robot/grasp_site"}}
+    scene["start"] = [{"weight": 1}, {"robot": "grasp", "of": "cube_0"}]
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=scene)
+    cfg.scene.num_envs = 12
+    env = ManagerBasedRlEnv(cfg, device="cpu")
+    env.reset()
+    term = env.event_manager.get_term_cfg("layouts").func
+    kinds, layouts = env.extras["layout_start"].numpy(), term.layouts.qpos.numpy()
+    assert set(kinds) == {0, 1}
+    mjm = env.sim.mj_model
+    arm = [mjm.joint(f"robot/joint{i}").qposadr[0] for i in range(1, 7)]
+    fingers = [mjm.joint(f"robot/{side}_finger").qposadr[0] for side in ("left", "right")]
+    qpos = env.sim.data.qpos.numpy()
+    np.testing.assert_array_equal(qpos[:, arm + fingers], layouts[:, arm + fingers])
+    assert np.ptp(qpos[kinds == 0][:, arm], axis=0).max() == 0.0
+    assert np.ptp(qpos[kinds == 1][:, arm], axis=0).max() > 0.1
+    env.close()
+
+
 def test_entities_with_variants_are_refused():
     """Their variants are chosen by mjlab when the environment is built; the error says what redraws them."""
     variants = {f"cube_{size}": get_cube_spec for size in (1, 2)}
@@ -161,25 +183,6 @@ def test_chosen_environments_get_the_layouts_of_ids():
         term.choose(["a:train:0:0"])
     with pytest.raises(SceneMismatchError, match="should be of scene"):
         term.choose(["a:train:0:0"], [1])
-
-
-def test_a_curriculum_sets_knobs_by_steps():
-    """In the environments that are reset, from their next layout on, as the page has it."""
-    (program,) = (text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if "wider" in text)
-    cfg, cubes = plain_cfg(cubes_on()), {"cube_0": {"on": "terrain", "region": NEAR}}
-    words = {"cfg": cfg, "cubes": cubes, "PlaceLayoutsCfg": PlaceLayoutsCfg}
-    exec(compile(program.replace("20_000", "2"), "mjlab.md", "exec"), words)
-    env = ManagerBasedRlEnv(cfg, "cpu")
-    env.reset()
-    term = env.event_manager.get_term_cfg("layouts").func
-    narrow = term.layouts.pose("cube_0")[:, :2].clone()
-    assert ((narrow[:, 0] >= 0.3) & (narrow[:, 0] <= 0.35) & (narrow[:, 1].abs() <= 0.05)).all()
-    for _ in range(3):
-        env.step(torch.zeros(NUM_ENVS, 0))
-    env.reset(env_ids=torch.tensor([1, 4]))
-    assert (term.layouts.pose("cube_0")[:, :2] == narrow).all(dim=1).tolist() == [True, False, True, True, False, True]
-    knob = [term.layouts.knobs.text(row) != "" for row in term.layouts.knob.numpy()]
-    assert knob == [True, False, True, True, False, True]
 
 
 def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():

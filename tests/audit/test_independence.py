@@ -12,9 +12,11 @@ READING = {
     "orientation",  # the DrawnOrientation that an orientation means
     "groups",
     "heaps",  # which things fill what, and the file of their rows
+    "start",  # which arm holds what, and what is at its marker
     "stacks",  # which things stand on which, as `on` and `near` say too
     "robot",  # which arm, and where its base and TCP are
     "fields",
+    "folders",  # whose files are variants
     "section",  # mistakes in a scene file, and files
     "messages",
     "validation",

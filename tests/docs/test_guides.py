@@ -15,7 +15,18 @@ from sceniris_gym.cli import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-WITH_PROGRAMS = ("index", "own_model", "own_task", "tasks", "levels", "images", "randomisation", "variants", "redraws")
+WITH_PROGRAMS = (
+    "index",
+    "own_model",
+    "own_task",
+    "tasks",
+    "levels",
+    "images",
+    "randomisation",
+    "variants",
+    "redraws",
+    "starts",
+)
 PAGES = (
     *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
     *("libraries", "mjlab", "jax", "newton", "training", "reach", "libero", "several_gpus"),

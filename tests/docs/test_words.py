@@ -18,6 +18,7 @@ from sceniris_gym.config.randomize import DrawConfig, SceneDraws
 from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig
+from sceniris_gym.config.start import StartConfig
 
 PAGE = Path(__file__).parents[2] / "docs" / "language" / "words.md"
 MODELS: dict[str, type[BaseModel]] = {
@@ -37,6 +38,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "camera": CameraConfig,
     "group": GroupConfig,
     "stack": StackConfig,
+    "start": StartConfig,
     "heap": HeapConfig,
     "draw": DrawConfig,
     "whole scene": SceneDraws,

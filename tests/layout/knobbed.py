@@ -25,6 +25,7 @@ def knobbed_scene(folder: Path, **words: Any) -> dict[str, Any]:
     }
     groups = {"some": {"of": ["a", "b", "c", "d"], "count": [0, 4], "weights": {"a": 2.0}}}
     scene = {"floor": {"size": [1.2, 1.2]}, "objects": objects, "groups": groups, "attempts": 8, "bank": 4}
+    scene["start"] = [{}, {"weight": 3.0, "joints": {"cabinet/door": {"range": [0.9, 0.95]}}}]
     for key, value in words.items():
         place: Any = scene
         *path, last = key.split("__")

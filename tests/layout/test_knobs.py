@@ -47,6 +47,7 @@ def test_knobs_at_their_defaults_change_nothing(knobbed: CompiledScene):
 NARROWED = {
     "objects.cabinet.joints.door": ({"objects__cabinet__joints__door__range": [0.25, 0.5]}, [0.25, 0.5]),
     "groups.some.count": ({"groups__some__count": [1, 2]}, [1, 2]),
+    "start.weights": ({"start": [{"weight": 7.0}, {"joints": {"cabinet/door": {"range": [0.9, 0.95]}}}]}, [7.0, 1.0]),
     "groups.some.weights": ({"groups__some__weights": {"a": 0.5, "b": 3.0, "c": 0.0}}, [0.5, 3.0, 0.0, 1.0]),
 }
 
@@ -109,7 +110,7 @@ def test_an_id_with_knobs_makes_its_layout_again(knobbed: CompiledScene):
     table = replay(knobbed, LayoutId.parse(told))
     np.testing.assert_array_equal(table.qpos[0], made["qpos"][2])
     np.testing.assert_array_equal(knobs_in(text)["groups.some.count"], [1.0, 3.0])
-    with pytest.raises(LayoutIdError, match="its fifth part should be name=hex"):
+    with pytest.raises(LayoutIdError, match="Knobs may follow as name=hex, with 8 digits"):
         LayoutId.parse(f"{knobbed.hash}:train:1:0:groups.some.count=3f8")
 
 

@@ -17,7 +17,7 @@ from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.scene.model import build_model
-from tests.layout.scenes import box_mjcf
+from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.placement.supports import PLATE, TILES, tiles_mjcf
 
 _COUNT = 200
@@ -107,6 +107,25 @@ def test_a_patch_is_the_hull_of_the_foot_cut_with_the_support(tmp_path: Path, ti
         patch = shapely.MultiPoint(corners.numpy()[i, :num]).convex_hull
         assert expected.buffer(1e-6).covers(patch)
         assert patch.area >= 0.98 * expected.area
+
+
+def test_a_foot_that_is_wholly_on_its_support_is_one_part(tmp_path: Path):
+    """A bench on two boards has a patch of few corners, all of them its own, that reaches to its four ends."""
+    boards = "".join(f'<geom type="box" size=".02 .05 .02" pos="{x} 0 .02"/>' for x in (-0.1, 0.1))
+    seat = '<geom type="box" size=".12 .05 .01" pos="0 0 .05"/>'
+    bench = write_mjcf(tmp_path, "bench", boards + seat)
+    words = {"orientation": "fixed", "on": "slab", "ratio_on_support": 1.0}
+    objects = {
+        "slab": {"asset": box_mjcf(tmp_path, "slab", 0.4, 0.4, 0.02), "on": "floor"},
+        "bench": {"asset": bench, **words},
+        "crate": {"asset": box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.1), "on": "bench"},
+    }
+    compiled = upload_scene(build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects})), "cpu")
+    corners, found = wp.zeros((1, MOST_CORNERS), dtype=wp.vec2), wp.zeros(1, dtype=int)
+    ground, heading = wp.zeros(1, dtype=wp.vec3), wp.zeros(1, dtype=float)
+    wp.launch(_find, 1, [compiled.statics, heading, ground], [corners, found], device="cpu")
+    patch = {(round(float(x), 4), round(float(y), 4)) for x, y in corners.numpy()[0, : found.numpy()[0]]}
+    assert patch == {(x, y) for x in (-0.12, 0.12) for y in (-0.05, 0.05)}
 
 
 def test_a_foot_off_its_support_has_no_patch(tmp_path: Path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.program.standing import BOXES, OTHERS, carrier_of, levels_of
+from sceniris_gym.program.standing import BOXES, FLAT, OTHERS, carrier_of, levels_of
 from tests.layout.scenes import box_mjcf
 from tests.program.scenes import scene_of
 
@@ -92,17 +92,20 @@ def test_what_cannot_hang_over_is_certain(tmp_path: Path):
     assert certain == {"on_floor", "whole", "inside"}
 
 
-def test_boxes_have_a_law_of_their_own(tmp_path: Path):
-    """A box on the floor or on a box; anything else has four contacts at most."""
+def test_boxes_and_flat_feet_have_laws_of_their_own(tmp_path: Path):
+    """A box on the floor or on a box, and a hull with four corners below; anything else has four contacts at most."""
     objects = {
         "crate": {"asset": box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.05), "on": "floor"},
         "book": {"asset": "book", "on": "crate"},
         "can": {"asset": "can", "on": "crate"},
+        "block": {"asset": "block", "on": "crate"},
     }
-    crate, book, can = build_plan(scene_of(objects)).stances
+    crate, book, can, block = build_plan(scene_of(objects)).stances
     assert crate is not None
+    assert block is not None
     assert book is not None
     assert can is not None
     assert (crate.law, crate.has_four) == (BOXES, False)
+    assert (block.law, block.has_four) == (FLAT, True)
     assert (can.law, can.has_four) == (OTHERS, True)
     assert can.margin > 0.02

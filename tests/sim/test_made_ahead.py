@@ -104,6 +104,18 @@ def test_nothing_is_copied_where_a_task_writes(scene: CompiledScene):
     np.testing.assert_allclose(rows["body_subtreemass"].numpy()[:, 0], rows["body_mass"].numpy().sum(axis=1), rtol=1e-5)
 
 
+def test_nothing_is_copied_where_two_sources_reset_the_same_worlds(scene: CompiledScene):
+    """Each with layouts of its own; fields follow what was drawn last."""
+    one = make(scene, prefetch=True)
+    words = {"fields": one.fields, "seed": 70, "prefetch": True}
+    other = ResetRandomizer(scene, one.model, one.data, **words)
+    for randomizer in (one, other, one, other):
+        randomizer.reset()
+        wp.synchronize_device(randomizer.device)
+    rows = one.fields.rows
+    np.testing.assert_allclose(rows["body_subtreemass"].numpy()[:, 0], rows["body_mass"].numpy().sum(axis=1), rtol=1e-5)
+
+
 def test_draws_that_nothing_follows_from_take_no_memory(scene: CompiledScene):
     """Also without layouts that are made ahead."""
     friction = {"objects": {"can": {"randomize": {"friction": {"scale": [0.5, 2.0]}}}}}
@@ -111,3 +123,20 @@ def test_draws_that_nothing_follows_from_take_no_memory(scene: CompiledScene):
         compiled = compile_scene({"base": "tabletop_lift", "bank": 8, **words}, scene.device)
         assert drawn_fields(compiled.scene.draws)
         assert make(compiled, 2, prefetch=prefetch).fields._ahead is None
+
+
+def test_knobs_narrow_what_is_made_ahead(scene: CompiledScene):
+    """As what is found in place, also in layouts that were made ahead before the knob was set."""
+    name = "objects.can.randomize.mass"
+    one, other = (make(scene, prefetch=prefetch, knobs=(name,)) for prefetch in (True, False))
+    for randomizer in (one, other):
+        for step in range(4):
+            if step == 2:
+                randomizer.set_knob(name, [1.0, 1.1], np.arange(NWORLD) < 3)
+            randomizer.reset()
+            wp.synchronize_device(randomizer.device)
+    for field, array in values(one).items():
+        np.testing.assert_array_equal(array, values(other)[field], err_msg=field)
+    factors = one.fields.parameter("can.mass", "test").numpy()[:, 0]
+    assert ((factors >= 1.0) & (factors <= 1.1))[:3].all()
+    assert not ((factors >= 1.0) & (factors <= 1.1)).all()

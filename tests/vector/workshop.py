@@ -166,9 +166,12 @@ def state_of(scene: dict[str, Any] | SceneModel, num_envs: int = 2) -> State:
     batch.data.qpos.assign(np.tile(model.home_qpos, (num_envs, 1)))
     batch.data.ctrl.assign(np.tile(model.home_ctrl, (num_envs, 1)))
     batch.update()
-    numbers = {name: wp.zeros(num_envs, dtype=wp.int32, device="cpu") for name in ("episode", "status")}
+    numbers = {name: wp.zeros(num_envs, dtype=wp.int32, device="cpu") for name in ("episode", "status", "start")}
+    knob = wp.zeros((num_envs, 0), dtype=float, device="cpu")
     seeds, present = wp.zeros(num_envs, dtype=wp.uint64, device="cpu"), np.ones((num_envs, len(model.config.objects)))
-    layouts: Any = SimpleNamespace(seed=seeds, reaching=None, present=wp.array(present.astype(np.int32)), **numbers)
+    layouts: Any = SimpleNamespace(
+        seed=seeds, reaching=None, present=wp.array(present.astype(np.int32)), knob=knob, **numbers
+    )
     return State(batch, layouts)
 
 

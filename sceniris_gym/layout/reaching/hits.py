@@ -38,7 +38,7 @@ def _test(
     blocks: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, start, failed, body_pos, body_quat
+    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
     # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
@@ -76,7 +76,7 @@ def _test_containment(
     blocks: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, start, failed, body_pos, body_quat
+    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
     # ReachSearch out: failed
     reach_search: ReachSearch,
 ):

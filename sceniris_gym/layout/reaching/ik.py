@@ -83,7 +83,7 @@ def _choose_starts(
     layouts: LayoutsView,
     # Search in: row_world, row_restart
     search: Search,
-    # ReachSearch in: column, first, candidates, row, grasp, start, failed
+    # ReachSearch in: column, tier, first, candidates, row, grasp, start, failed
     # ReachSearch out: failed, grasp_qpos
     reach_search: ReachSearch,
 ):
@@ -123,7 +123,7 @@ def _solve(
     lanes: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, grasp, start, failed, grasp_qpos
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos
     # ReachSearch out: failed, grasp_qpos, pregrasp_qpos
     reach_search: ReachSearch,
 ):

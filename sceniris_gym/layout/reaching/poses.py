@@ -17,6 +17,7 @@ from sceniris_gym.placement.kinematics import follow_joint, pose_body
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.reach.solve import vec8
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,7 +26,7 @@ OPENING_MARGIN = 0.01
 
 
 @wp.func
-def _take_joints(program: Program, bodies: wp.array[int], from_qpos: wp.array[float], qpos: wp.array[float]):
+def take_joints(program: Program, bodies: wp.array[int], from_qpos: wp.array[float], qpos: wp.array[float]):
     """Copy the joints of bodies from the layout."""
     for i in range(bodies.shape[0]):
         body = bodies[i]
@@ -35,10 +36,16 @@ def _take_joints(program: Program, bodies: wp.array[int], from_qpos: wp.array[fl
 
 
 @wp.func
-def _open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
+def open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
     """Open the gripper to the gap [m] that a grasp needs, plus the margin."""
     gap = wp.min(reach.grasp_opening[grasp] + wp.static(OPENING_MARGIN), reach.gap_open)
     share = (gap - reach.gap_closed) / wp.max(reach.gap_open - reach.gap_closed, 1.0e-6)
+    set_gripper(reach, share, qpos)
+
+
+@wp.func
+def set_gripper(reach: Reach, share: float, qpos: wp.array[float]):
+    """Open the gripper by a share: 0 is closed, 1 open."""
     for i in range(reach.grip_qposadr.shape[0]):
         joint = reach.grip_closed[i] + wp.clamp(share, 0.0, 1.0) * (reach.grip_open[i] - reach.grip_closed[i])
         qpos[reach.grip_qposadr[i]] = joint
@@ -60,8 +67,8 @@ def pose_hand(
     body_quat: wp.array[wp.vec4],
 ):
     """Pose the hand at a grasp of a posed target, or `back` [m] along the approach axis."""
-    _take_joints(program, reach.hand_body, from_qpos, qpos)
-    _open_gripper(reach, grasp, qpos)
+    take_joints(program, reach.hand_body, from_qpos, qpos)
+    open_gripper(reach, grasp, qpos)
     pos, quat = tcp_of(reach, grasp, target_pos, target_quat)
     root = reach.hand_body[0]
     body_pos[root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
@@ -79,7 +86,7 @@ def _pose_hand(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, grasp, start, failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, qpos, body_pos, body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
@@ -107,6 +114,27 @@ def launch_pose_hand(work: Workspace, reach: Reach, step: ReachStep, reach_searc
     work.launch(_pose_hand, lanes, [work.program, reach, int(step), back, lanes, work.layouts], reach_search)
 
 
+@wp.func
+def pose_arm(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    row: int,
+    joints: vec8,
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+):
+    """Pose a robot with these joints of its arm, its base where the row has it; `qpos` has its other joints."""
+    for i in range(MAX_JOINTS):
+        if i < reach.arm.njoint:
+            qpos[reach.arm_qposadr[i]] = joints[i]
+    body_pos[reach.base_body] = layouts.body_pos[row, reach.base_body]
+    body_quat[reach.base_body] = layouts.body_quat[row, reach.base_body]
+    for i in range(reach.arm_body.shape[0]):
+        pose_body(program, reach.arm_body[i], qpos, body_pos, body_quat)
+
+
 @wp.kernel(grid_stride=False)
 def _pose_arm(
     program: Program,
@@ -115,7 +143,7 @@ def _pose_arm(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
     #   body_quat
     # ReachSearch out: qpos, body_pos, body_quat
     reach_search: ReachSearch,
@@ -128,15 +156,9 @@ def _pose_arm(
         joints = reach_search.grasp_qpos[c]
         if step >= ReachStep.SELF_AT_PREGRASP:
             joints = reach_search.pregrasp_qpos[c]
-        _take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
-        for i in range(MAX_JOINTS):
-            if i < reach.arm.njoint:
-                qpos[reach.arm_qposadr[i]] = joints[i]
-        _open_gripper(reach, reach_search.grasp[c], qpos)
-        reach_search.body_pos[c, reach.base_body] = layouts.body_pos[row, reach.base_body]
-        reach_search.body_quat[c, reach.base_body] = layouts.body_quat[row, reach.base_body]
-        for i in range(reach.arm_body.shape[0]):
-            pose_body(program, reach.arm_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
+        take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
+        open_gripper(reach, reach_search.grasp[c], qpos)
+        pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
 
 
 def launch_pose_arm(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:

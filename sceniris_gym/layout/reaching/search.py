@@ -61,6 +61,7 @@ class ReachSearch:
     column: wp.array[int]  # the reach target that it is at
     number: wp.array[int]  # number of the next start, counted over all grasps from the first that the map accepts
     tried: wp.array[int]  # starts of this target that have failed so far
+    tier: wp.array2d[int]  # of each target, in scenes whose starts ask for more than the targets do; else empty
     furthest: wp.array[int]  # the last step that any candidate of this target reached
     first: wp.array[int]  # the row's first candidate in this wave
     trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
@@ -122,17 +123,28 @@ def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bo
         return True
     if step == ReachStep.SELF_AT_GRASP:
         return True
-    return reach.reach_tier[reach_search.column[reach_search.row[c]]] == Tier.CLEAR
+    row = reach_search.row[c]
+    return tier_of(reach, reach_search, row, reach_search.column[row]) == Tier.CLEAR
+
+
+@wp.func
+def tier_of(reach: Reach, reach_search: ReachSearch, row: int, column: int) -> int:
+    """Return the tier of a reach target in a row: its own, or the one that the start of the row's world asks for."""
+    if reach_search.tier.shape[0] > 0:
+        return reach_search.tier[row, column]
+    return reach.reach_tier[column]
 
 
 def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
     """Allocate the arrays of a search for the joints of `nrow` rows."""
-    ncand, mjm = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm
+    ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
+    assert reaching is not None
     s = ReachSearch()
     zeros = partial(allocate, ReachSearch, s)
     with wp.ScopedDevice(compiled.device):
         zeros(nrow, "arm column number tried furthest first trials")
         zeros((2, nrow), "queue")
+        zeros((0 if compiled.starts is None else nrow, len(reaching.targets)), "tier")
         zeros(1, "rows_left source rows at_once candidates")
         zeros(ncand, "row grasp start failed grasp_qpos pregrasp_qpos")
         zeros((ncand, mjm.nq), "qpos")

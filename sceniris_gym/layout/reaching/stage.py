@@ -15,6 +15,7 @@ from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
+from sceniris_gym.layout.reaching.start_poses import launch_ask_tiers, launch_leave_grasps
 from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
@@ -32,11 +33,9 @@ class ReachStage:
     """
 
     def __init__(self, compiled: CompiledScene, reaching: Reaching, work: Workspace) -> None:
-        self._work = work
-        self._arms = [
-            (one.view, any(t.tier == Tier.CLEAR for t in reaching.targets if t.arm == number))
-            for number, one in enumerate(reaching.arms)
-        ]
+        self._work, self._starts = work, compiled.starts
+        asked = [t.arm for t in reaching.targets if t.tier == Tier.CLEAR or compiled.starts is not None]
+        self._arms = [(one.view, number in asked) for number, one in enumerate(reaching.arms)]
         self.search = create_reach_search(compiled, work.nrow, work.size, work.search.free.shape[1])
         self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
         # every wave either tries at least one start of each row, or is filled to its capacity
@@ -59,6 +58,8 @@ class ReachStage:
 
     def launch(self) -> None:
         """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world."""
+        if self._starts is not None:
+            launch_ask_tiers(self._work, self._starts, self.search)
         for reach, clear in self._arms:
             launch_open_rows(self._work, reach, self.search)
             repeat_launches(self.search.rows_left, partial(self._wave, reach, clear), self._most_waves)
@@ -67,6 +68,8 @@ class ReachStage:
         """Open candidates, run their steps, and keep the first candidate of each row that passes."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
+        if self._starts is not None:
+            launch_leave_grasps(work, reach, self._starts, search)
         if clear:
             launch_pose_hand(work, reach, ReachStep.HAND_AT_GRASP, search)
             launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP, search)

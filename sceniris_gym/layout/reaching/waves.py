@@ -17,6 +17,7 @@ from sceniris_gym.layout.reaching.search import (
     queue_row,
     reach_candidate_num,
     takes_step,
+    tier_of,
 )
 from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
@@ -64,7 +65,7 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
                 layouts.grasp_qpos[row, found, i] = wp.nan
                 layouts.pregrasp_qpos[row, found, i] = wp.nan
         elif reach.reach_arm[found] == reach.number:
-            if reach.reach_tier[found] >= Tier.IK:
+            if tier_of(reach, reach_search, row, found) >= Tier.IK:
                 break
             if reach.reach_late[found] != 0:
                 _take_first_through(reach, layouts, row, found)
@@ -119,7 +120,7 @@ def _open_rows(
     # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
-    # ReachSearch in: arm, rows_left, source
+    # ReachSearch in: arm, tier, rows_left, source
     # ReachSearch out: arm, column, number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
@@ -205,7 +206,7 @@ def _look_up(
     lanes: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, candidates, row, grasp, start, failed
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed
     # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
@@ -230,7 +231,7 @@ def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -
 def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
     """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
-    clear = reach.reach_tier[column] == Tier.CLEAR
+    clear = tier_of(reach, reach_search, row, column) == Tier.CLEAR
     for i in range(MAX_JOINTS):
         there = i < reach.arm.njoint
         layouts.grasp_qpos[row, column, i] = wp.where(there, reach_search.grasp_qpos[c][i], wp.nan)
@@ -264,7 +265,7 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
     against itself.
     """
     furthest = reach_search.furthest[row]
-    if reach.reach_tier[reach_search.column[row]] == Tier.CLEAR and (
+    if tier_of(reach, reach_search, row, reach_search.column[row]) == Tier.CLEAR and (
         furthest < ReachStep.IK_AT_GRASP or furthest > ReachStep.SELF_AT_GRASP
     ):
         return Cause.BLOCKED
@@ -281,8 +282,8 @@ def _accept(
     # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
-    # ReachSearch in: column, number, tried, furthest, first, trials, queue, rows_left, source, rows, grasp, start,
-    #   failed, grasp_qpos, pregrasp_qpos
+    # ReachSearch in: column, number, tried, tier, furthest, first, trials, queue, rows_left, source, rows, grasp,
+    #   start, failed, grasp_qpos, pregrasp_qpos
     # ReachSearch out: arm, column, number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):

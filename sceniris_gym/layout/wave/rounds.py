@@ -16,7 +16,8 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
-_NEVER = wp.constant(1 << 30)
+NEVER = wp.constant(1 << 30)
+"""Value of `Search.best` of a world without a restart that is done."""
 # Worlds that a round is expected to leave, at most. With a reach stage a round costs more, and some worlds are harder.
 _LEFT = wp.constant(0.5)
 _LEFT_BY_STAGE = wp.constant(0.01)
@@ -155,7 +156,7 @@ def _open_rows(
     if not search.pending[worldid]:
         return
     search.ticket[worldid] = wp.atomic_add(search.tickets, 0, 1)
-    search.best[worldid] = _NEVER
+    search.best[worldid] = NEVER
     for i in range(search.restarts_at_once[0]):
         restart = search.restart[worldid] + i
         if restart <= program.restarts:
@@ -250,7 +251,10 @@ def _settle(
     if not search.pending[worldid]:
         return
     first = search.restart[worldid]
-    best = search.best[worldid]
+    best = int(search.best[worldid])
+    placed = best >= 0 and best < NEVER
+    if best < 0:  # this restart has no start that is clear, and ends the round
+        best = -1 - best
     last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
     row = worldid
     for i in range(last - first + 1):
@@ -260,9 +264,9 @@ def _settle(
     for i in range(search.restarts_at_once[0]):
         search.waiting[row_of_restart(search, worldid, i)] = False
     sound = True
-    if best < _NEVER:
+    if placed:
         sound = is_sound(program, layouts, row)
-    if best < _NEVER and sound:
+    if placed and sound:
         if row != worldid:
             _copy_row(layouts, row, worldid)
         layouts.status[worldid] = Status.VALID

@@ -55,7 +55,7 @@ class Search:
     row_attempts: wp.array[int]  # candidates drawn in this restart
     row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
-    # Of each object that is placed, if objects may fall
+    # Of each object that is placed, if objects may fall or start at markers
     row_surface: wp.array2d[int]
     row_variant: wp.array2d[int]
     # Counts
@@ -308,7 +308,8 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros(nworld, "pending restart ticket best")
         zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
         zeros((2, nrow), "queue")
-        zeros((nrow, len(compiled.placed) if compiled.statics is not None else 0), "row_surface row_variant")
+        kept = compiled.statics is not None or compiled.starts is not None
+        zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
         zeros(1, "candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")

@@ -117,34 +117,17 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
 
 
 @wp.func
-def _test(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int):
-    """Reject a candidate that would fall, or make what it is put on fall."""
-    if search.cause[c] == Cause.NONE:
-        if statics.obj_levelnum[search.obj[c]] > 0:
-            if not _stands_alone(program, statics, layouts, search, c, search.row[c]):
-                if not _stands(program, statics, layouts, search, c, search.row[c]):
-                    search.cause[c] = Cause.FALLS
+def _falls(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int) -> bool:
+    """Return True if a candidate would fall, or make what it is put on fall."""
+    if statics.obj_levelnum[search.obj[c]] == 0:
+        return False
+    if _stands_alone(program, statics, layouts, search, c, search.row[c]):
+        return False
+    return not _stands(program, statics, layouts, search, c, search.row[c])
 
 
 @wp.kernel(grid_stride=False)
 def _test_standing(
-    program: Program,
-    statics: Statics,
-    lanes: int,
-    # Layouts in: present, place, body_pos, body_quat
-    layouts: LayoutsView,
-    # Search in: row_world, row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos,
-    #   body_quat
-    # Search out: cause
-    search: Search,
-):
-    for c in range(wp.tid(), candidate_num(search), lanes):
-        _test(program, statics, layouts, search, c)
-
-
-# Most waves have nothing to test here, so that a launch of its own for either test would cost more than the tests do.
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False, module_options={"fuse_fp": False})
-def _test_overflowed_and_standing(
     program: Program,
     statics: Statics,
     lanes: int,
@@ -155,22 +138,18 @@ def _test_overflowed_and_standing(
     # Search out: cause
     search: Search,
 ):
+    # Most waves have nothing to test for either reason, so two launches would cost more than the tests do.
     for c in range(wp.tid(), candidate_num(search), lanes):
         if search.any_overflowed[0] != 0:
             if search.cause[c] == Cause.NONE and search.overflowed[c] != 0:
                 if collides_alone(program, layouts, search, c):
                     search.cause[c] = Cause.COLLISION
-        _test(program, statics, layouts, search, c)
+        if search.cause[c] == Cause.NONE:
+            if _falls(program, statics, layouts, search, c):
+                search.cause[c] = Cause.FALLS
 
 
 def launch_test_standing(work: Workspace) -> None:
-    """Reject candidates that would fall, or make what they are put on fall."""
-    kernel = _test_overflowed_and_standing if work.repeats_while_standing else _test_standing
-    work.launch(kernel, work.size.lanes, [work.program, work.statics, work.size.lanes, work.layouts, work.search])
-
-
-def lane_kernels(work: Workspace) -> tuple[wp.Kernel, ...]:
-    """Return the kernels that are launched with independent lanes: one, or none where nothing can fall."""
-    if work.statics is None:
-        return ()
-    return (_test_overflowed_and_standing if work.repeats_while_standing else _test_standing,)
+    """Reject candidates that would fall, or make what they are put on fall; repeat collision tests that overflowed."""
+    lanes = work.size.lanes
+    work.launch(_test_standing, lanes, [work.program, work.statics, lanes, work.layouts, work.search])

@@ -8,7 +8,7 @@ from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.program.pack.pairs import PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan
 
-_ARM_LISTS = ("arm_scene", "arm_hand", "arm_target")
+_ARM_LISTS = ("arm_scene", "arm_hand", "arm_target", "arm_held")
 ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS, "hand_before")
 """The packed lists that are fields of `Reach`: those of an arm in a grasp."""
 
@@ -24,7 +24,7 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
     colliders, number = rules.colliders, len(plan.objects)
     arm = arm_pairs(plan, rules)
     names, column = list(arm.itself), np.arange(len(arm.robots))
-    lists = [*collider_pairs(plan, rules), *arm.itself.values(), *arm.scene, *arm.hand, *arm.target]
+    lists = [*collider_pairs(plan, rules), *arm.itself.values(), *arm.scene, *arm.hand, *arm.target, *arm.held]
     pairs, of_lists = addressed("pair", lists)
     entries = (
         [(int(first) + i, *nodes) for i, p in enumerate(part) for nodes in p.starts]
@@ -32,10 +32,13 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
     )
     firsts = [sorted(rules.trees.first_nodes(part, lanes)) for part in entries]
     starts, of_starts = addressed("broad", firsts)
-    hands = zip(arm.owners, firsts[len(firsts) - 2 * len(column) :], strict=False)
+    hands = zip(arm.owners, firsts[len(firsts) - 3 * len(column) :], strict=False)
     before = [np.searchsorted([own[e[0] - part[0][0]] for e in part], np.arange(number + 1)) for own, part in hands]
     robots = [*names, *arm.robots * len(_ARM_LISTS)]
     owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in robots]
+    held = [] if plan.reaching is None else plan.reaching.names
+    for own, name in zip(owners[len(owners) - len(column) :], held, strict=True):
+        own += plan.scene.subtree(name)
     body = [c.body for c in colliders]
     bodies = [
         (body[p.a], body[p.b], (body[p.a] in own) + 2 * (body[p.b] in own), colliders[p.b].plane)

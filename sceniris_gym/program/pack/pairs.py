@@ -33,6 +33,8 @@ _NEAR = 1.0e-5
 # Geoms that touch at home may come nearer by this [m], the skin included: half of it is left for rounding.
 _DEEPER = 1.0e-5
 _NO_DIRECTIONS = np.zeros((0, 3))
+# Least distance [m] of a thing in the hand from all else: arms sag, and what they hold swings.
+_CLEAR_OF_HELD = 2.0e-3
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ class ArmPairs:
         hand: The same for the hand alone, without the target: what no placed object owns first, then by placed object.
         owners: For each of these pairs the number of the placed object, -1 for none.
         target: The hand with the target.
+        held: Where a start holds the target in the air, the robot and the target with all else but markers; the hand
+            may touch the target. Empty for other targets.
     """
 
     robots: list[str] = field(default_factory=list)
@@ -76,6 +80,7 @@ class ArmPairs:
     hand: list[list[Pair]] = field(default_factory=list)
     owners: list[list[int]] = field(default_factory=list)
     target: list[list[Pair]] = field(default_factory=list)
+    held: list[list[Pair]] = field(default_factory=list)
 
 
 class PairRules:
@@ -90,7 +95,7 @@ class PairRules:
         self.mjm, self.colliders, self.trees = scene.mjm, colliders, Trees(colliders)
         self.contacts = ContactRules(scene.mjm, scene.config.geometry)
         self.is_physics = scene.config.geometry == "physics"
-        self._simulated = self.contacts if self.is_physics else ContactRules(scene.mjm, "physics")
+        self._simulated = self.contacts if self.is_physics else scene.contact_rules
         self._fixed = is_static(scene.mjm).tolist()
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 
@@ -205,7 +210,8 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
     reaching, scene, bodies = plan.reaching, plan.scene, [c.body for c in rules.colliders]
     if reaching is None:
         return ArmPairs()
-    markers = _marker_bodies(scene)
+    markers, config = _marker_bodies(scene), scene.config
+    lifted = {name for start in config.start if start.is_held for name in start.targets(config.groups)}
     numbers = {body: i for i, o in enumerate(plan.objects) for body in o.bodies}
     carries = {one.robot: carried(rules.mjm, one.arm) for one in reaching.arms if one.robot not in scene.apart}
 
@@ -225,6 +231,11 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
         found.hand.append([pair for other in others for pair in apart(hand, [other])])
         found.owners.append([numbers.get(bodies[p.b if p.a in hand else p.a], -1) for p in found.hand[-1]])
         found.target.append(apart(hand, target))
+        found.held.append([])
+        if name in lifted:
+            base = rules.of(robot[:1])
+            kept = [replace(p, margin=max(p.margin, _CLEAR_OF_HELD)) for p in apart(target, others + base)]
+            found.held[-1] = found.scene[-1] + kept
     found.itself.update({name: _among(rules, plan, scene.subtree(name)) for name in dict.fromkeys(found.robots)})
     return found
 

@@ -70,7 +70,7 @@ def test_layouts_stand_by_what_their_world_draws(tmp_path: Path, words: Any):
     fields = {name: rows[name].numpy() for name in ("body_mass", "body_inertia", "body_ipos") if name in rows}
     assert not moving(compiled, randomizer.layouts, fields).any()
     others = {name: np.roll(values, 1, axis=0) for name, values in fields.items()}
-    assert moving(compiled, randomizer.layouts, others).mean() > 0.1
+    assert moving(compiled, randomizer.layouts, others).mean() > 0.05
 
 
 def test_layouts_are_those_of_seed_and_episode(tmp_path: Path):

@@ -1,0 +1,131 @@
+"""Rates of layouts with kinds of starts, and things held in the hand in mujoco_warp.
+
+    python -m benchmarks.starts --num-envs 4096 --device cuda:0
+
+`tabletop_lift` with mixed starts of its block is compared with the scene as it is shipped, whose arm's map decides
+reach, and with one in which all targets are `clear` to reach. Prints a line of JSON for each figure: valid layouts a
+second, resets to stored layouts a second, and the share of things that move by less than 2 mm in the hand in half a
+second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from benchmarks.generator_rates import median
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.layout.tables import read_table
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.batch import default_budget
+from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+MIXED = [
+    {"weight": 5, "robot": "home"},
+    {"weight": 3, "robot": "pregrasp", "of": "block"},
+    {"weight": 2, "robot": "grasp", "of": "block"},
+    {"weight": 2, "robot": "grasp", "of": "block", "lift": [0.02, 0.2]},
+    {"weight": 1, "robot": "grasp", "of": "block", "robot_joints": {"joint*": {"fraction": [0.3, 0.7]}}},
+    {"weight": 1, "place": {"block": "goal"}},
+]
+GOAL = {"kind": "marker", "on": "table", "region": {"box": [[-0.24, -0.01], [0.24, 0.24]]}}
+SCENES: dict[str, dict[str, Any]] = {
+    "shipped": {},
+    "clear": {"objects": {name: {"reachable": "clear"} for name in ("can", "lemon", "block")}},
+    "starts": {"objects": {"goal": GOAL}, "start": MIXED},
+}
+SECONDS, STILL = 0.5, 2e-3
+
+
+def rates(compiled: CompiledScene, nworld: int) -> dict[str, float]:
+    """Return valid fresh layouts a second, and resets to stored layouts a second."""
+    generator = LayoutGenerator(compiled, nworld)
+    generator.generate()
+    seconds = median(generator.generate, compiled.device)
+    valid = int((generator.layouts.status.numpy() == Status.VALID).sum())
+    model, data = _worlds(compiled, nworld)
+    source = StoredLayouts(compiled, read_table(generator), nworld)
+    randomizer = ResetRandomizer(compiled, model, data, layout_source=source)
+    randomizer.reset()
+    stored = median(randomizer.reset, compiled.device)
+    return {"valid_per_s": valid / seconds, "ms": 1e3 * seconds, "stored_per_s": nworld / stored}
+
+
+def held(compiled: CompiledScene, nworld: int) -> Iterator[dict[str, Any]]:
+    """Yield for each kind that holds something the share of worlds in which it stays in the hand."""
+    model, data = _worlds(compiled, nworld)
+    randomizer = ResetRandomizer(compiled, model, data)
+    randomizer.reset()
+    before = _in_hand(compiled, model, data)
+
+    def step() -> None:
+        mjw.step(model, data)
+
+    step_all = step
+    if wp.get_device(compiled.device).is_cuda:
+        with wp.ScopedDevice(compiled.device), wp.ScopedCapture() as capture:
+            step()
+        step_all = lambda: wp.capture_launch(capture.graph)  # noqa: E731
+        randomizer.write(randomizer.layouts, np.arange(nworld))
+    for _ in range(round(SECONDS / compiled.mjm.opt.timestep)):
+        step_all()
+    drift = np.linalg.norm(_in_hand(compiled, model, data) - before, axis=1)
+    kinds = randomizer.layouts.start.numpy()
+    for number, kind in enumerate(compiled.config.start):
+        of_kind = drift[kinds == number]
+        if kind.robot == "grasp" and len(of_kind):
+            yield {
+                "kind": number,
+                "worlds": len(of_kind),
+                "held": float((of_kind < STILL).mean()),
+                "drift_mm": {"median": 1e3 * float(np.median(of_kind)), "max": 1e3 * float(of_kind.max())},
+            }
+
+
+def _worlds(compiled: CompiledScene, nworld: int) -> tuple[mjw.Model, mjw.Data]:
+    nconmax, njmax = default_budget(compiled.mjm)[:2]
+    with wp.ScopedDevice(compiled.device):
+        model = put_model(compiled, nworld)
+        return model, mjw.make_data(compiled.mjm, nworld=nworld, nconmax=nconmax, njmax=njmax)
+
+
+def _in_hand(compiled: CompiledScene, model: mjw.Model, data: mjw.Data) -> np.ndarray:
+    """Return the position of the block in the frame of the TCP [m], shape (nworld, 3)."""
+    mjw.kinematics(model, data)
+    site = compiled.mjm.site(compiled.scene.tcps["robot"]).id
+    away = data.xpos.numpy()[:, compiled.scene.bodies["block"]] - data.site_xpos.numpy()[:, site]
+    return np.einsum("nji,nj->ni", data.site_xmat.numpy()[:, site].reshape(-1, 3, 3), away)
+
+
+def main() -> None:
+    """Print the lines."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--num-envs", type=int, default=4096)
+    parser.add_argument("--device", default="cuda:0")
+    words = parser.parse_args()
+    wp.config.quiet = True
+    found: dict[str, Mapping[str, float]] = {}
+    for name, overrides in SCENES.items():
+        compiled = compile_scene({"base": "tabletop_lift", **overrides}, words.device)
+        found[name] = rates(compiled, words.num_envs)
+        print(json.dumps({"scene": name, "num_envs": words.num_envs, **found[name]}), flush=True)
+        if compiled.starts is not None:
+            for line in held(compiled, words.num_envs):
+                print(json.dumps(line), flush=True)
+    for other in ("clear", "shipped"):
+        ratio = {key: found["starts"][key] / found[other][key] for key in ("valid_per_s", "stored_per_s")}
+        print(json.dumps({"starts_over": other, **ratio}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""Check of starts: what is held touches the fingers of its robot from two sides, what is placed is at its marker."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from sceniris_gym.audit.collisions import Conflict
+from sceniris_gym.audit.contacts import Contact
+from sceniris_gym.audit.geometry import Poses
+from sceniris_gym.audit.outlines import Outlines
+from sceniris_gym.audit.scene import JudgedScene
+from sceniris_gym.audit.standing import Misplaced
+from sceniris_gym.scene.layout_table import LayoutTable
+
+_AT_MARKER = 1e-4  # m; greatest distance of an object from its marker, seen from above
+
+
+class StartAudit:
+    """Judges the starts of layouts, and says what they excuse.
+
+    Args:
+        scene: The scene.
+        outlines: Outlines of the objects.
+    """
+
+    def __init__(self, scene: JudgedScene, outlines: Outlines) -> None:
+        self.scene, self._outlines = scene, outlines
+        placed = {name for kind in scene.config.start for name in kind.place}
+        supports = {name: scene.config.parts[name].support for name in placed}
+        carriers = {name: scene.carrier(support.parent).body for name, support in supports.items() if support}
+        self._carriers = {name: scene.tree.owner[body] for name, body in carriers.items()}
+
+    def grasped(self, table: LayoutTable, *, in_the_air: bool = False) -> dict[str, np.ndarray]:
+        """Return object -> rows in which an arm holds it, or with `in_the_air` those where it stands on nothing."""
+        config, found = self.scene.config, {}
+        for i, kind in enumerate(config.start):
+            if kind.robot == "grasp" and (kind.is_held or not in_the_air):
+                for name in kind.targets(config.groups):
+                    found[name] = found.get(name, False) | (table.start == i)
+        return found
+
+    def moved(self, table: LayoutTable) -> dict[str, np.ndarray]:
+        """Return object -> rows in which its support, region, relations and orientation do not say where it is."""
+        found = self.grasped(table, in_the_air=True)
+        for i, kind in enumerate(self.scene.config.start):
+            for name in kind.place:
+                found[name] = found.get(name, False) | (table.start == i)
+        return found
+
+    def excuse(
+        self, excess: Mapping[tuple[str, str, str], np.ndarray], moved: Mapping[str, np.ndarray]
+    ) -> dict[tuple[str, str, str], np.ndarray]:
+        """Return violations without those of objects that are moved, or that refer to one that is."""
+        found = dict(excess)
+        parts = self.scene.config.parts
+        for key in excess:
+            if key[0] in parts and key[1] != "present":
+                names = {key[0], *parts[key[0]].needs}
+                for rows in (moved[name] for name in names & moved.keys()):
+                    found[key] = np.where(rows, np.nan, found[key])
+        return found
+
+    def excuses(self, table: LayoutTable, conflict: Conflict, grasped: Mapping[str, np.ndarray]) -> bool:
+        """Return whether a start excuses a conflict: of an arm and what it holds, or of clearances alone.
+
+        An arm that has left its start pose, and what it holds in the air, keep no clearance; they only touch nothing. A
+        thing at its marker keeps none from its support, as everywhere.
+        """
+        number, owners = int(table.start[conflict.row]), set(conflict.owners)
+        if number < 0 or self._holds(conflict.owners, conflict.row, grasped):
+            return number >= 0
+        config = self.scene.config
+        kind = config.start[number]
+        targets = kind.targets(config.groups)
+        free = {*map(config.robot_for, targets), *(targets if kind.is_held else ())}
+        stands = any(owners == {name, self._carriers[name]} for name in kind.place)
+        return conflict.distance > 0.0 and (stands or bool(free & owners))
+
+    def _holds(self, owners: tuple[str, str], row: int, grasped: Mapping[str, np.ndarray]) -> bool:
+        """Return whether two owners are an object and the robot that holds it."""
+        return any(
+            one in grasped and grasped[one][row] and self.scene.config.robot_for(one) == other
+            for one, other in (owners, owners[::-1])
+        )
+
+    def between(
+        self, contacts: Iterable[Contact], grasped: Mapping[str, np.ndarray], sides: dict[tuple[int, str], set[int]]
+    ) -> Iterator[Contact]:
+        """Yield the contacts that no start excuses, and collect the robot's geoms that touch what it holds.
+
+        Args:
+            contacts: The contacts.
+            grasped: As from `grasped`.
+            sides: Filled with (row, object) -> the robot's geoms that touch it.
+        """
+        owner, mjm = self.scene.tree.owner, self.scene.mjm
+        for contact in contacts:
+            if not self._holds(contact.owners, contact.row, grasped):
+                yield contact
+                continue
+            for geom in contact.geoms:
+                other = contact.owners[1 - contact.owners.index(owner[int(mjm.geom_bodyid[geom])])]
+                if other in grasped:
+                    sides.setdefault((contact.row, other), set()).add(geom)
+
+    def check(
+        self,
+        table: LayoutTable,
+        poses: Poses,
+        there: Mapping[str, np.ndarray],
+        sides: Mapping[tuple[int, str], set[int]],
+    ) -> list[Misplaced]:
+        """Return what is not held, or not at its marker, although the start says so; `sides` as from `between`."""
+        found = [
+            Misplaced(int(row), name, "start")
+            for name, rows in self.grasped(table).items()
+            for row in np.flatnonzero(rows & there[name])
+            if len(sides.get((int(row), name), ())) < 2
+        ]
+        for i, kind in enumerate(self.scene.config.start):
+            for name, marker in kind.place.items():
+                own, other = (self._outlines.outline(n, poses).pivot[:, :2] for n in (name, marker))
+                away = np.linalg.norm(own - other, axis=1) > _AT_MARKER
+                found += [Misplaced(int(row), name, "start") for row in np.flatnonzero((table.start == i) & away)]
+        return found

@@ -1,0 +1,180 @@
+"""Grips: how far a gripper closes on an object in each of its grasps, and the shift that centres its fingers.
+
+Fingers close at once from both sides, so an object that is off the middle would be pushed sideways. Distances are those
+of MuJoCo's collision geometry, whatever `geometry` places the object by, since that is what holds it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sceniris_gym.config.stored_arrays import Array
+from sceniris_gym.geometry.contacts import ContactRules
+from sceniris_gym.geometry.rotations import matrix, quaternion
+from sceniris_gym.grasping.grasps import Grasp
+from sceniris_gym.grasping.gripper import Gripper, carried
+from sceniris_gym.reach.arm import SerialArm
+
+INSIDE = 3.0e-4
+"""Depth [m] of the object in the fingers of each side at the start: at 0 it slips by 1 mm before the fingers press."""
+_STEPS = 16  # of the bisection: the travel of a finger, 40 mm, over 2^16 is 0.6 um
+_FAR = 0.3  # m; things are between the fingers, so no distance is larger
+_FITS = 2.0e-4  # m; largest error of the depth on either side
+_MOVES = 1.0e-6  # m; a finger moves by more between open and closed
+# How long an object has to stay in the hand [s], by how much it may move [m], and its weight in units of its own. A
+# start promises 2 mm; arms swing and sag.
+_HOLD, _SLIPS, _LOAD = 0.5, 1.0e-3, 2.0
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A grasp with the fingers closed on the object.
+
+    Attributes:
+        share: Opening of the gripper, from 0, closed, to 1, open.
+        pos: Position [m] of the TCP, midway between the two contacts, in the frame of the grasp's body, shape (3,).
+        fits: Whether fingers touch the object from both sides, and do not push it away.
+        lifts: Whether they hold it upright, as it is placed; False if nobody asked.
+        holds: Whether they hold it whichever way is down; False if nobody asked.
+    """
+
+    share: float
+    pos: Array
+    fits: bool = False
+    lifts: bool = False
+    holds: bool = False
+
+
+class Fingers:
+    """The fingers of a gripper, closed on the objects of its scene.
+
+    Args:
+        mjm: The model.
+        arm: The arm in it.
+        gripper: Its gripper.
+        home: MjData at the start pose, whose joints inside objects are kept.
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, arm: SerialArm, gripper: Gripper, home: mujoco.MjData) -> None:
+        self._mjm, self._gripper, self._site, self._home = mjm, gripper, arm.tcp_site, home
+        self._data = mujoco.MjData(mjm)
+        self._data.qpos[:] = home.qpos
+        self._rules, self._hand = ContactRules(mjm, "physics"), carried(mjm, arm)
+        geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, list(self._hand)))
+        at_closed, at_open = (self._pose(share)[geoms] for share in (0.0, 1.0))
+        moves = np.linalg.norm(at_open - at_closed, axis=1) > _MOVES
+        left = at_open[:, 1] > 0.0
+        self._sides = [geoms[moves & side].tolist() for side in (left, ~left)]
+
+    def grips(self, bodies: Sequence[int], grasps: Sequence[Grasp]) -> tuple[Grip, ...]:
+        """Return the grip of each grasp of the object with these bodies."""
+        geoms = np.flatnonzero(np.isin(self._mjm.geom_bodyid, bodies)).tolist()
+        pairs = [
+            [(f, g) for f in side for g in geoms if self._rules.meet(*self._rules.classes[[f, g]])]
+            for side in self._sides
+        ]
+        if not all(pairs):
+            return tuple(Grip(0.0, grasp.pos) for grasp in grasps)
+        return tuple(self._grip(grasp, geoms, pairs) for grasp in grasps)
+
+    def _grip(self, grasp: Grasp, geoms: list[int], pairs: list[list[tuple[int, int]]]) -> Grip:
+        """Close the fingers until each side is `INSIDE` deep in the object."""
+        shift, low, high = 0.0, 0.0, 1.0
+        gaps = np.zeros(2)
+        for _ in range(_STEPS):
+            share = 0.5 * (low + high)
+            gaps = self._gaps(share, shift, grasp, geoms, pairs)
+            shift -= 0.5 * (gaps[0] - gaps[1])
+            if gaps.sum() > -2.0 * INSIDE:
+                high = share
+            else:
+                low = share
+        gaps = self._gaps(high, shift, grasp, geoms, pairs)
+        pos = grasp.pos + matrix(grasp.quat)[:, 1] * shift
+        return Grip(high, pos, bool((np.abs(gaps + INSIDE) < _FITS).all()))
+
+    def _gaps(
+        self, share: float, shift: float, grasp: Grasp, geoms: list[int], pairs: list[list[tuple[int, int]]]
+    ) -> np.ndarray:
+        """Return the least distance [m] of the fingers of either side from an object that is `shift` off the TCP."""
+        data, home = self._data, self._home
+        self._pose(share)
+        at, turn, there = self._in_hand(grasp, grasp.pos + matrix(grasp.quat)[:, 1] * shift)
+        for g in geoms:
+            data.geom_xpos[g] = at + turn @ (home.geom_xpos[g] - there)
+            data.geom_xmat[g] = (turn @ home.geom_xmat[g].reshape(3, 3)).ravel()
+        near = [min(mujoco.mj_geomDistance(self._mjm, data, f, g, _FAR, None) for f, g in side) for side in pairs]
+        return np.array(near)
+
+    def _in_hand(self, grasp: Grasp, pos: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the motion that brings an object from home into the hand: x becomes `at + turn @ (x - there)`.
+
+        Args:
+            grasp: The grasp.
+            pos: Position of the TCP in the frame of the grasp's body, shape (3,).
+        """
+        data, home = self._data, self._home
+        body = home.xmat[grasp.body].reshape(3, 3)
+        turn = data.site_xmat[self._site].reshape(3, 3) @ matrix(grasp.quat).T @ body.T
+        return data.site_xpos[self._site].copy(), turn, home.xpos[grasp.body] + body @ pos
+
+    def hold(self, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
+        """Return whether the closed fingers hold a free object alone, for half a second in MuJoCo C.
+
+        Args:
+            bodies: Its bodies, the root first.
+            grasp: The grasp.
+            grip: Its grip.
+            downs: Directions of gravity in the frame of the root, shape (n, 3), zeros for an object that something else
+                carries; it has to hold for all of them.
+        """
+        data, home, root = self._data, self._home, bodies[0]
+        alone = copy.copy(self._mjm)
+        apart = ~np.isin(alone.geom_bodyid, [*self._hand, *bodies])
+        alone.geom_contype[apart] = alone.geom_conaffinity[apart] = 0
+        self._pose(0.0)
+        control = self._controls(alone)
+        self._pose(grip.share)
+        at, turn, there = self._in_hand(grasp, grip.pos)
+        adr = alone.jnt_qposadr[alone.body_jntadr[root]]
+        data.qpos[adr : adr + 3] = at + turn @ (home.xpos[root] - there)
+        data.qpos[adr + 3 : adr + 7] = quaternion(turn @ home.xmat[root].reshape(3, 3))
+        qpos, pull = data.qpos.copy(), _LOAD * np.linalg.norm(alone.opt.gravity)
+        for down in downs:
+            mujoco.mj_resetData(alone, data)
+            data.qpos[:], data.ctrl[:] = qpos, control
+            alone.opt.gravity = pull * (turn @ home.xmat[root].reshape(3, 3) @ down)
+            mujoco.mj_kinematics(alone, data)
+            before = self._seen(root)
+            for _ in range(round(_HOLD / alone.opt.timestep)):
+                mujoco.mj_step(alone, data)
+            mujoco.mj_kinematics(alone, data)
+            if not np.linalg.norm(self._seen(root) - before) < _SLIPS:
+                return False
+        return True
+
+    def _seen(self, body: int) -> np.ndarray:
+        """Return the place of a body in the frame of the TCP [m], shape (3,)."""
+        axes = self._data.site_xmat[self._site].reshape(3, 3)
+        return axes.T @ (self._data.xpos[body] - self._data.site_xpos[self._site])
+
+    def _controls(self, mjm: mujoco.MjModel) -> np.ndarray:
+        """Return the controls at which position actuators rest with the fingers as they are now, shape (nu,)."""
+        mujoco.mj_fwdPosition(mjm, self._data)
+        gain, bias = mjm.actuator_gainprm[:, 0], mjm.actuator_biasprm
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rest = -(bias[:, 0] + bias[:, 1] * self._data.actuator_length) / gain
+        limits = np.where(mjm.actuator_ctrllimited[:, None], mjm.actuator_ctrlrange, [-np.inf, np.inf])
+        return np.clip(np.where((bias[:, 1] < 0.0) & (gain > 0.0), rest, 0.0), *limits.T)
+
+    def _pose(self, share: float) -> np.ndarray:
+        """Open the gripper by a share, and return the places of all geoms in the frame of the TCP [m], (ngeom, 3)."""
+        data, (adr, qpos) = self._data, self._gripper.poses(np.array([share]))
+        data.qpos[adr] = qpos[0]
+        mujoco.mj_kinematics(self._mjm, data)
+        return (data.geom_xpos - data.site_xpos[self._site]) @ data.site_xmat[self._site].reshape(3, 3)

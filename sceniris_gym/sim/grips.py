@@ -1,0 +1,65 @@
+"""Grips at the start: controls ask fingers around a thing to close, and hold the rest of the pose."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device_starts import StartPose
+from sceniris_gym.sim.rest import RestMap, rest_value
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Grips:
+    """The arms that hold something at the start; empty in scenes without."""
+
+    arm: wp.array[int]  # of each kind of start, -1 if its arm holds nothing
+    closed: wp.array2d[float]  # positions of each arm's closed fingers in qpos, nan elsewhere; shape (narm, nq)
+
+
+@wp.func
+def control_at_start(grips: Grips, kind: int, rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) -> float:
+    """Return the control or activation `elemid` of a world with a kind of start, -1 for none."""
+    arm = int(-1)
+    if kind >= 0 and kind < grips.arm.shape[0]:
+        arm = grips.arm[kind]
+    if arm < 0:
+        return rest_value(rest, worldid, elemid, qpos)
+    row = worldid % rest.bias.shape[0]
+    value = rest.bias[row, elemid]
+    for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
+        held = grips.closed[arm, rest.qposadr[term]]
+        if wp.isnan(held):
+            held = qpos[rest.qposadr[term]]
+        value += rest.coef[row, term] * held
+    return wp.clamp(value, rest.lower[elemid], rest.upper[elemid])
+
+
+def grips_of(compiled: CompiledScene, rest: RestMap, device: wp.Device) -> Grips:
+    """Return the grips of a scene, with addresses of the scene as it is simulated.
+
+    Raises:
+        NotSupportedError: No position actuator closes a gripper that a start closes on something.
+    """
+    grips, full, sim = Grips(), compiled.mjm, compiled.sim_mjm
+    arms = () if compiled.reaching is None or compiled.starts is None else compiled.reaching.arms
+    closed, arm = np.full((len(arms), sim.nq), np.nan), np.zeros(0, int)
+    if compiled.starts is not None:
+        arm = np.where(compiled.starts.pose.numpy() >= StartPose.STANDING, compiled.starts.arm.numpy(), -1)
+    names = {int(adr): full.joint(i).name for i, adr in enumerate(full.jnt_qposadr)}
+    for i, one in enumerate(arms):
+        adr, qpos = one.gripper.poses(np.zeros(1))
+        own = adr.tolist() if sim is full else [int(sim.joint(names[a]).qposadr[0]) for a in adr.tolist()]
+        closed[i, own] = qpos[0]
+        if i in arm and not np.isin(rest.qposadr.numpy(), own).any():
+            raise NotSupportedError(
+                f"{compiled.config.where}: start: the gripper of '{one.robot}' has no position actuator that would "
+                "keep it closed. Give it one, as in <position joint=...>, or start from 'home' or 'pregrasp'."
+            )
+    with wp.ScopedDevice(device):
+        grips.arm, grips.closed = wp.array(arm, dtype=int), wp.array(closed, dtype=float, ndim=2)
+    return grips

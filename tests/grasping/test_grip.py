@@ -1,0 +1,67 @@
+"""Grips: the opening that a box of known width needs, the shift that centres it, and grasps that close on nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.grasping.grip import INSIDE, Fingers
+from sceniris_gym.program.plan import build_plan
+from sceniris_gym.program.starts import plan_grips
+from sceniris_gym.scene.model import build_model
+from tests.layout.scenes import box_mjcf
+from tests.layout.starting import SCENE
+
+WIDTH = 0.05
+
+
+@pytest.fixture(scope="module")
+def closing(tmp_path_factory: pytest.TempPathFactory):
+    """A Panda's fingers, and a cube with its grasps."""
+    cube = box_mjcf(tmp_path_factory.mktemp("grip"), "cube", WIDTH, WIDTH, WIDTH)
+    objects = {"cube": {"asset": cube, "on": "floor", "reachable": "clear"}}
+    model = build_model(SceneConfig.load({**SCENE, "objects": objects, "start": [{"robot": "grasp", "of": "cube"}]}))
+    plan = build_plan(model)
+    assert plan.reaching is not None
+    one, target = plan.reaching.arms[0], plan.reaching.targets[0]
+    return plan, Fingers(model.mjm, one.arm, one.gripper, plan.home), target.grasp_set.grasps, model.subtree("cube")
+
+
+def test_fingers_close_until_they_are_a_little_inside(closing):
+    """Each finger of the Panda slides by half of the gap, 40 mm in all; faces across are 50 mm apart."""
+    _, fingers, grasps, bodies = closing
+    straight = [grasp for grasp in grasps if grasp.name in ("top 0", "top 90", "top 180", "top 270")]
+    assert len(straight) == 4
+    for grip, grasp in zip(fingers.grips(bodies, straight), straight, strict=True):
+        assert grip.fits
+        assert grip.share * 0.08 == pytest.approx(WIDTH - 2.0 * INSIDE, abs=2e-5)
+        np.testing.assert_allclose(grip.pos, grasp.pos, atol=1e-5)
+
+
+@pytest.mark.parametrize("off", [0.004, -0.003])
+def test_a_thing_off_the_middle_is_centred(closing, off: float):
+    """The TCP moves along the closing axis to midway between the contacts."""
+    _, fingers, grasps, bodies = closing
+    (grasp,) = (grasp for grasp in grasps if grasp.name == "top 0")
+    axis = np.array([0.0, 1.0, 0.0])
+    (grip,) = fingers.grips(bodies, [replace(grasp, pos=grasp.pos + off * axis)])
+    assert grip.fits
+    np.testing.assert_allclose(grip.pos, grasp.pos, atol=2e-5)
+
+
+def test_a_grasp_beside_the_thing_does_not_fit(closing):
+    """The fingers meet each other before they touch it."""
+    _, fingers, grasps, bodies = closing
+    (grip,) = fingers.grips(bodies, [replace(grasps[0], pos=grasps[0].pos + [0.0, 0.0, 0.2])])
+    assert not grip.fits
+
+
+def test_only_things_that_a_start_holds_are_measured(closing):
+    """All grasps of all reach targets have an entry."""
+    plan, _, grasps, _ = closing
+    grips = plan_grips(plan)
+    assert len(grips) == len(grasps)
+    assert sum(grip.fits for grip in grips) > len(grasps) // 2

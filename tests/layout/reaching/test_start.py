@@ -1,0 +1,143 @@
+"""The start stage: what is held stays in the hand, touches nothing else, and does not depend on the search's size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.wave.search import default_size
+from sceniris_gym.program.device import Program, copied
+from tests.layout.starting import (
+    HANDLE,
+    HELD,
+    HOME,
+    LIFT,
+    LIFTED,
+    PREGRASP,
+    SCENE,
+    STANDING,
+    reset_worlds,
+    starting,
+    stepped,
+)
+
+
+def test_what_is_held_stays_in_the_hand():
+    """MuJoCo C, half a second without an action: no thing moves by 2 mm in the hand, or touches anything else."""
+    data, layouts = reset_worlds(starting(), 64)
+    found = stepped(starting(), data, layouts)
+    assert {held.kind for held in found} == {STANDING, LIFTED, HELD, HANDLE}
+    assert max(held.drift for held in found) < 2e-3
+    assert min(held.fingers for held in found) == 2
+    assert sum(held.others for held in found) == 0
+
+
+def test_any_variant_of_a_target_is_held():
+    """Whichever is there, in the model that has all of them."""
+    target = {"variants": {name: {"asset": name} for name in ("can", "lemon")}, "on": "floor", "reachable": "map"}
+    objects = {"target": {**target, "region": {"box": [[0.0, -0.2], [0.3, 0.1]]}}}
+    kinds = [{"robot": "grasp", "of": "target"}, {"robot": "grasp", "of": "target", "lift": LIFT}]
+    compiled = compile_scene({**SCENE, "objects": objects, "start": kinds}, "cpu")
+    found = stepped(compiled, *reset_worlds(compiled, 24))
+    assert {held.kind for held in found} == {0, 1}
+    assert max(held.drift for held in found) < 2e-3
+    assert sum(held.others for held in found) == 0
+
+
+def test_the_arm_is_where_its_kind_says():
+    """At home within the noise, at the joints of the pre-grasp, or of the grasp. Only these starts ask for joints."""
+    generator = LayoutGenerator(starting(), 128, seed=5)
+    rounds = []
+    for _ in range(3):  # so that arms have been away in the rows before
+        generator.generate()
+        rounds.append(_rows(generator))
+    compiled = starting()
+    assert compiled.reaching is not None
+    one = compiled.reaching.arms[0]
+    block, cabinet = compiled.reaching.names.index("block"), compiled.reaching.names.index("cabinet")
+    free = int(compiled.mjm.joint("block/free").qposadr[0])
+    for rows in rounds:
+        arm, kind = rows["qpos"][:, one.arm.qposadr], rows["start"]
+        home = compiled.home_qpos[one.arm.qposadr]
+        assert np.abs(arm[kind == HOME] - home).max() <= 0.02 + 1e-6
+        asked = np.isin(kind, (PREGRASP, STANDING, LIFTED, HELD))
+        assert (np.isnan(rows["grasp_qpos"][:, block, 0]) == ~asked).all()
+        assert (np.isnan(rows["pregrasp_qpos"][:, block, 0]) == ~np.isin(kind, (PREGRASP, STANDING))).all()
+        np.testing.assert_array_equal(arm[kind == PREGRASP], rows["pregrasp_qpos"][kind == PREGRASP, block, :7])
+        np.testing.assert_allclose(arm[kind == HANDLE], rows["grasp_qpos"][kind == HANDLE, cabinet, :7], atol=5e-3)
+        for held in (LIFTED, HELD):
+            np.testing.assert_array_equal(arm[kind == held], rows["grasp_qpos"][kind == held, block, :7])
+        height = rows["qpos"][:, free + 2]
+        assert np.ptp(height[kind == HOME]) < 1e-6
+        lift = height[kind == LIFTED] - height[kind == HOME].max()
+        assert ((lift > LIFT[0] - 1e-3) & (lift < LIFT[1] + 1e-3)).all()
+        names = [compiled.reaching.targets[cabinet].grasp_set.grasps[g].name for g in rows["grasp"][:, cabinet]]
+        assert all("upper_handle" in name for name, k in zip(names, kind, strict=True) if k == HANDLE)
+
+
+@pytest.mark.parametrize("change", [{"rows": 40}, {"grasps": 7}, {"candidates": 5, "busy": 5}], ids=str)
+def test_starts_do_not_depend_on_the_size_of_the_search(change: dict[str, int]):
+    """More restarts or more trials at once give the same bits."""
+    usual = LayoutGenerator(starting(), 24, seed=9)
+    other = LayoutGenerator(starting(), 24, seed=9, size=replace(default_size("cpu"), **change))
+    for generator in (usual, other):
+        generator.generate()
+        generator.generate(np.arange(24) % 3 == 0)
+    for name, values in _rows(usual).items():
+        np.testing.assert_array_equal(values, _rows(other)[name])
+
+
+def test_worlds_without_restarts_get_the_kind_of_their_bank():
+    """A fallback has the state of an entry of the bank, and its kind."""
+    program = copied(Program, starting().program)
+    program.restarts, program.attempts = 0, 1
+    compiled = replace(starting(), program=program)
+    generator = LayoutGenerator(compiled, 1000, seed=2)
+    generator.generate()
+    rows, bank = _rows(generator), compiled.bank_rows("train")
+    fell = np.flatnonzero(rows["status"] == Status.FALLBACK)
+    assert len(fell) > 5
+    assert compiled.starts is not None
+    states, kinds = program.bank_qpos.numpy()[bank], compiled.starts.bank_start.numpy()[bank]
+    for i in fell:
+        (entry,) = np.flatnonzero((states == rows["qpos"][i]).all(axis=1))
+        assert kinds[entry] == rows["start"][i]
+
+
+def test_objects_are_redrawn_beside_an_arm_that_holds_something():
+    """A redraw begins no episode, so the arm and what it holds stay where they are."""
+    generator = LayoutGenerator(starting(), 40, seed=6)
+    generator.generate()
+    before = _rows(generator)
+    extended = generator.extend(generator.layouts, ["apple"])
+    adr = starting().mjm.joint("apple/free").qposadr[0]
+    after, kept = extended.qpos.numpy(), np.ones(before["qpos"].shape[1], bool)
+    kept[adr : adr + 7] = False
+    np.testing.assert_array_equal(after[:, kept], before["qpos"][:, kept])
+    assert (after[:, adr] != before["qpos"][:, adr]).mean() > 0.9
+
+
+@pytest.mark.cuda
+def test_what_is_held_stays_in_the_hand_on_a_gpu():
+    """Layouts of a GPU, stepped by MuJoCo C; a graph and other sizes of the search give the same bits."""
+    compiled = compile_scene(SCENE, "cuda:0")
+    data, layouts = reset_worlds(compiled, 256)
+    found = stepped(compiled, data, layouts)
+    assert {held.kind for held in found} == {STANDING, LIFTED, HELD, HANDLE}
+    assert max(held.drift for held in found) < 2e-3
+    assert sum(held.others for held in found) == 0
+    generator = LayoutGenerator(compiled, 256, size=replace(default_size("cuda:0"), rows=64, grasps=300, busy=500))
+    generator.generate()
+    assert (layouts.status.numpy() == Status.VALID).all()
+    for name, values in _rows(generator).items():
+        np.testing.assert_array_equal(values, getattr(layouts, name).numpy())
+
+
+def _rows(generator: LayoutGenerator) -> dict[str, np.ndarray]:
+    names = ("qpos", "mocap_pos", "status", "attempts", "start", "grasp", "grasp_qpos", "pregrasp_qpos")
+    return {name: getattr(generator.layouts, name).numpy().copy() for name in names}
