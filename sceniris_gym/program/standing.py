@@ -42,7 +42,7 @@ class Law:
     soft: float
 
 
-BOXES, FLAT, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.3), Law(0.5, 0.0, 9.5e-3, 1.5), Law(0.3, 15.0, 7.0e-3, 2.0)
+BOXES, FLAT, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.3), Law(0.7, 0.0, 9.5e-3, 1.1), Law(0.3, 20.0, 7.0e-3, 2.0)
 """The laws of boxes on boxes or planes, of flat feet with a few corners on one convex geom, and of all other contacts,
 whose points change as they lean.
 
