@@ -24,25 +24,25 @@ SCENE = {
 }
 
 
-class SlipperyLift(TabletopLift):
-    """TabletopLift with a tabletop that is slippery in every second world."""
+class RoughLift(TabletopLift):
+    """TabletopLift with a tabletop that is rough in every second world: of two geoms the greater friction counts."""
 
     model_fields = ("geom_friction",)
 
     def on_reset(self, s: State, mask: Tensor) -> None:
         """Draw its friction, in the worlds that were reset."""
         super().on_reset(s, mask)
-        s.scale_field("geom_friction", "table/top", torch.where(s.random("slippery top") < 0.5, 0.25, 1.0), mask)
+        s.scale_field("geom_friction", "table/top", torch.where(s.random("rough top") < 0.5, 3.0, 1.0), mask)
 
 
 def main(num_envs: int = 16, device: str | None = None) -> None:
     """Reset some of the worlds, and compare what they have drawn."""
-    envs = SceneVectorEnv(SlipperyLift, num_envs, scene=SCENE, device=device)
+    envs = SceneVectorEnv(RoughLift, num_envs, scene=SCENE, device=device)
     envs.reset(seed=0)
     factors = envs.state.parameter("can.mass")[:, 0].clone()
     print(f"masses of the can are {factors.min():.2f} to {factors.max():.2f} of the model's")
     top = envs.state.model_field("geom_friction", "table/top")
-    print(f"{int((top[:, 0] < 0.5).sum())} of {num_envs} tables are slippery")
+    print(f"{int((top[:, 0] > 1.0).sum())} of {num_envs} tables are rough")
     envs.reset(options={"reset_mask": torch.arange(num_envs) < 2})
     kept = envs.state.parameter("can.mass")[:, 0] == factors
     print(f"after a reset of 2 worlds, {int(kept.sum())} keep their masses")

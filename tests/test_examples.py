@@ -281,14 +281,24 @@ def test_pixels_train_a_policy_of_stable_baselines(tmp_path: Path, capsys: pytes
 
 @pytest.mark.slow
 def test_a_scene_and_a_task_draw_physics_from_the_seed(capsys: pytest.CaptureFixture[str]):
-    """Masses within their range, some slippery tables, and a reset that leaves the other worlds alone."""
-    load("16_randomised_task").main(num_envs=16, device="cpu")
+    """Masses within their range, contacts with tables that are rough, and a reset that leaves other worlds alone."""
+    example = load("16_randomised_task")
+    example.main(num_envs=16, device="cpu")
     out = capsys.readouterr().out
     low, high = map(float, re.findall(r"are ([0-9.]+) to ([0-9.]+) of", out)[0])
     assert 0.5 <= low < 0.8
     assert 1.3 < high <= 2.0
-    assert "of 16 tables are slippery" in out
+    assert "of 16 tables are rough" in out
     assert "after a reset of 2 worlds, 14 keep their masses" in out
+    envs = SceneVectorEnv(example.RoughLift, 8, scene=example.SCENE, device="cpu")
+    envs.reset(seed=0)
+    envs.step(torch.from_numpy(np.zeros_like(envs.action_space.sample())))
+    contact, count = envs.state.data.contact, int(envs.state.data.nacon.numpy()[0])
+    found = (contact.geom.numpy()[:count] == envs.state.mjm.geom("table/top").id).any(axis=1)
+    worlds, sliding = contact.worldid.numpy()[:count][found], contact.friction.numpy()[:count][found, 0]
+    rough = envs.state.model_field("geom_friction", "table/top").numpy()[worlds, 0] > 1.0
+    assert 0 < rough.sum() < len(rough)
+    assert sliding[rough].min() > 2.0 > 1.2 > sliding[~rough].max()
 
 
 def test_an_own_loop_draws_masses_and_frictions(capsys: pytest.CaptureFixture[str]):

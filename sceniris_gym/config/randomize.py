@@ -27,6 +27,7 @@ class Word:
         least, most: Bounds of the values.
         follow: Fields that keep their ratio to the drawn one, with the first number and the width of each.
         shared: Number of components that a single drawn number is for, from the first one on; None is all.
+        form: The only form that it takes; None is any.
     """
 
     field: str
@@ -36,6 +37,7 @@ class Word:
     most: float = inf
     follow: tuple[tuple[str, int, int], ...] = ()
     shared: int | None = None
+    form: str | None = None
 
 
 OBJECT_WORDS = {
@@ -57,16 +59,16 @@ OBJECT_WORDS = {
 LIGHT_WORDS = {
     **{word: Word(f"light_{word}", 3) for word in ("pos", "dir")},
     **{word: Word(f"light_{word}", 3, least=0.0) for word in ("diffuse", "ambient", "specular")},
-    **{word: Word(f"light_{word}", least=0.0, most=1.0) for word in ("castshadow", "active")},
+    **{word: Word(f"light_{word}", least=0.0, most=1.0, form="choice") for word in ("castshadow", "active")},
 }
 CAMERA_WORDS = {
     "pos": Word("cam_pos", 3),
-    "quat": Word("cam_quat", 3, least=-180.0, most=180.0),
+    "quat": Word("cam_quat", 3, least=-180.0, most=180.0, form="add"),
     "fovy": Word("cam_fovy", least=1.0, most=179.0),
 }
 MATERIAL_WORDS = {
     "rgba": Word("mat_rgba", 4, least=0.0, most=1.0, shared=3),
-    "texid": Word("mat_texid", first=1, least=0.0),
+    "texid": Word("mat_texid", first=1, least=0.0, form="choice"),
     **{word: Word(f"mat_{word}", least=0.0) for word in ("specular", "shininess", "emission")},
     "texrepeat": Word("mat_texrepeat", 2),
 }
@@ -85,14 +87,8 @@ def _pair(value: Any) -> Any:
     return value
 
 
-def _alike(ends: tuple[tuple[float, ...], tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    if len(ends[0]) != len(ends[1]):
-        raise wrong("should have as many numbers in both of its ends")
-    return ends
-
-
 _Vector = Annotated[tuple[Number, ...], BeforeValidator(_vector)]
-_Ends = Annotated[tuple[_Vector, _Vector], BeforeValidator(_pair), AfterValidator(_alike)]
+_Ends = Annotated[tuple[_Vector, _Vector], BeforeValidator(_pair)]
 _Chosen = Annotated[bool, Strict()] | Annotated[str, Strict()] | _Vector
 
 
@@ -135,6 +131,8 @@ class DrawConfig(Section):
     @model_validator(mode="after")
     def _can_be_drawn(self) -> DrawConfig:
         low, high = self.ends
+        if len(low) != len(high):
+            raise wrong("should have as many numbers in both of its ends")
         if self.choice is not None and self.distribution != "uniform":
             raise wrong("should have no 'distribution' together with 'choice', of which each value is as likely")
         if self.distribution == "normal" and min(high, default=0.0) < 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NoReturn
 
 import mujoco
@@ -20,7 +21,7 @@ from sceniris_gym.config.randomize import (
 )
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
-from sceniris_gym.scene.field_table import OPTIONS, check_field, rows_inside, rows_named
+from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside, rows_named
 from sceniris_gym.scene.support import subtree
 
 
@@ -87,7 +88,13 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
         SceneKeyError: Nothing to draw, values out of range, or as many numbers as no value has.
         ArgumentError: A field that steps leave out, or that the installed MuJoCo does not have.
     """
-    return tuple(_resolved(mjm, *each) for each in _written(config, mjm, bodies))
+    draws = {written[1]: _resolved(mjm, *written) for written in _written(config, mjm, bodies)}
+    drawn: dict[object, str] = {}
+    for where, draw in draws.items():
+        for at in product([draw.word.field], draw.rows.tolist(), draw.components.tolist()):
+            if drawn.setdefault(at, draw.name) != draw.name:
+                _refuse(where, f"'{drawn[at]}' draws some of the same values. One of the two should leave them out.")
+    return tuple(draws.values())
 
 
 def _written(
@@ -108,8 +115,7 @@ def _written(
         for pattern, draws in getattr(config.randomize, f"{kind}s").items():
             rows = rows_named(mjm, kind, pattern)
             if not rows:
-                count = {"light": mjm.nlight, "camera": mjm.ncam, "material": mjm.nmat}[kind]
-                names = [getattr(mjm, kind)(i).name for i in range(count)]
+                names = [name for name, _ in elements(mjm, kind)]
                 raise UnknownNameError(kind, pattern, f"{where}.{kind}s", filter(None, names))
             for key, draw in draws.items():
                 yield f"{kind}s.{pattern}.{key}", f"{where}.{kind}s.{pattern}.{key}", words[key], draw, rows
@@ -119,20 +125,26 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     """Return a draw of these rows, without those that it does not change."""
     check_field(word.field, mjm, where)
     values = nominal_values(mjm, word.field)
+    if word.form not in {None, config.form}:
+        _refuse(f"{where}.{config.form}", f"it should be given by '{word.form}'.")
+    rows = [row for row in rows if _has_effect(mjm, word.field, row)]
+    if word.field in {"body_mass", "body_ipos"} and not mjm.body_weldid[rows].any():
+        rows = []  # they never move
     if word.field == "actuator_delay":  # MuJoCo keeps so many samples of the past
-        rows = [row for row in rows if mjm.actuator_history[row, 0] > 0]
         longest = min((mjm.actuator_history[row, 0] for row in rows), default=0) * mjm.opt.timestep
         word = replace(word, most=float(longest))
     choice = _choice(mjm, word, config, where)
     given = choice.shape[1] if config.choice is not None else len(config.ends[0])
-    if given not in {1, word.width, word.shared or 1}:
-        _refuse(f"{where}.{config.form}", f"it should have 1 or {word.width} numbers, got {given}.")
+    counts = sorted({1, word.width, word.shared or 1})
+    if given not in counts:
+        _refuse(f"{where}.{config.form}", f"it should have {' or '.join(map(str, counts))} numbers, got {given}.")
     count = given if given > 1 else (word.shared or word.width)
-    found = np.array([row for row in rows if _is_changed(word, config, values[row])], int)
+    needed = config.scale is not None or word.field in {"body_mass", "dof_frictionloss"}
+    part = slice(word.first, word.first + word.width)
+    found = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
     if not len(found):
-        _refuse(
-            where, "it is 0 in the model. Give it by 'abs'." if rows else "nothing in the model has it. Leave it out."
-        )
+        zero = "it is 0 in the model. Change it there, or give it by 'abs'."
+        _refuse(where, zero if rows else "nothing in the model has it, or it has no effect. Leave it out.")
     one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
     numbers = np.broadcast_to(one, (len(found), count))
     if config.each:
@@ -149,11 +161,15 @@ def _refuse(where: str, advice: str) -> NoReturn:
     raise SceneKeyError(f"{where}: cannot be drawn like this: {advice}")
 
 
-def _is_changed(word: Word, config: DrawConfig, values: np.ndarray) -> bool:
-    if word.field == "body_mass":
-        return bool(values[0] > 0.0)
-    relative = config.scale is not None or word.field == "dof_frictionloss"
-    return not relative or bool(np.any(values[word.first : word.first + word.width]))
+def _has_effect(mjm: mujoco.MjModel, field: str, row: int) -> bool:
+    """Return whether steps or pictures read a row of a field."""
+    if field == "actuator_delay":
+        return mjm.actuator_history[row, 0] > 0
+    if field == "actuator_forcerange":
+        return bool(mjm.actuator_forcelimited[row])
+    if field == "jnt_stiffness":  # it would pull a free body to its place in the model
+        return mjm.jnt_type[row] != mujoco.mjtJoint.mjJNT_FREE
+    return field != "cam_fovy" or not mjm.cam_sensorsize[row].any()
 
 
 def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> np.ndarray:
@@ -161,8 +177,8 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
     textures = {mjm.texture(i).name: i for i in range(mjm.ntex)} if word.field == "mat_texid" else {}
     rows: list[tuple[float, ...]] = []
     for value in config.choice or ():
-        if isinstance(value, str) and value not in textures:
-            raise UnknownNameError("texture", value, f"{where}.choice", filter(None, textures))
+        if (word.field == "mat_texid" or isinstance(value, str)) and value not in textures:
+            raise UnknownNameError("texture", str(value), f"{where}.choice", filter(None, textures))
         single = textures[value] if isinstance(value, str) else value
         rows.append(single if isinstance(single, tuple) else (float(single),))
     if len({len(row) for row in rows}) > 1:

@@ -84,8 +84,8 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
         raise UnknownNameError("part of a field of the whole scene", name, f"{where} of '{field}'", ())
     prefix = field.partition("_")[0]
     kind = _KINDS.get(prefix, prefix)
-    names = [element for element, _ in _elements(mjm, kind)]
-    ids = [i for element, i in _elements(mjm, kind) if element == name] if name not in bodies else []
+    names = [element for element, _ in elements(mjm, kind)]
+    ids = [i for element, i in elements(mjm, kind) if element == name] if name not in bodies else []
     alone = bool(ids)
     if not ids:
         body = bodies[name] if name in bodies else mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
@@ -110,7 +110,8 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
     return int(ids[0]) if alone else slice(int(ids[0]), int(ids[-1]) + 1)
 
 
-def _elements(mjm: mujoco.MjModel, kind: str) -> Iterator[tuple[str, int]]:
+def elements(mjm: mujoco.MjModel, kind: str) -> Iterator[tuple[str, int]]:
+    """Yield the names and the numbers of the elements of a kind."""
     counts = {"camera": mjm.ncam, "material": mjm.nmat, "texture": mjm.ntex, "equality": mjm.neq, "joint": mjm.njnt}
     count = counts.get(kind)
     if count is None:
@@ -129,7 +130,7 @@ def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
 
 def rows_named(mjm: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
     """Return the numbers of the lights, cameras or materials whose names a pattern matches."""
-    return [i for name, i in _elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
+    return [i for name, i in elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
 
 
 def _inside(mjm: mujoco.MjModel, kind: str, body: int) -> tuple[list[int], bool]:

@@ -139,13 +139,14 @@ class ModelFields:
             where: The caller, for errors.
 
         Raises:
-            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors of another shape.
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors or a mask of another shape.
         """
         if self.ask(name, of, where=where).dtype in (wp.int32, wp.bool):
             raise ArgumentError(f"{where}: '{name}' has no numbers to scale. Write into model_field('{name}').")
+        for argument, given in (("factor", factor), ("mask", mask)):
+            if (shape := getattr(given, "shape", type(given).__name__)) != (self._nworld,):
+                raise ArgumentError(f"{where}: {argument} should have shape ({self._nworld},), got {shape}.")
         factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
-        if factors.shape != (self._nworld,):
-            raise ArgumentError(f"{where}: factor should have shape ({self._nworld},), got {factors.shape}.")
         rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
         word = _WORDS.get(name)

@@ -361,7 +361,7 @@ class State:
             mask: Which worlds, shape (num_envs,), bool.
 
         Raises:
-            UnknownNameError, ArgumentError: As in `model_field`; or factors of another shape.
+            UnknownNameError, ArgumentError: As in `model_field`; or factors or a mask of another shape.
         """
         self._batch.fields.scale(name, of, factor, wp.from_torch(mask, dtype=wp.bool), "State.scale_field")
 

@@ -100,20 +100,22 @@ def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, every: in
 
     Contacts with anything else are looked for in every so manieth step.
     """
-    mjm, scene, found = compiled.sim_mjm, compiled.scene.sim, []
-    state = {name: getattr(data, name).numpy() for name in ("qpos", "ctrl", "act", "mocap_pos", "mocap_quat")}
+    mjm, scene, found = compiled.mjm, compiled.scene, []  # the model that has all variants
+    state = {name: getattr(layouts, name).numpy() for name in ("qpos", "mocap_pos", "mocap_quat", "present")}
+    state |= {name: getattr(data, name).numpy() for name in ("ctrl", "act")}
     own = mujoco.MjData(mjm)
     for worldid, number in enumerate(layouts.start.numpy().tolist()):
         kind = compiled.config.start[number]
         if kind.robot != "grasp":
             continue
-        assert kind.of is not None
         mujoco.mj_resetData(mjm, own)
-        for name, values in state.items():
-            getattr(own, name)[:] = values[worldid][: len(getattr(own, name))]
-        robot_name = compiled.config.robot_for(kind.targets(compiled.config.groups)[0])
-        robot, thing = set(scene.subtree(robot_name)), set(scene.subtree(kind.of))
-        root, tcp = scene.bodies[kind.of], mjm.site(scene.tcps[robot_name]).id
+        for name in ("qpos", "mocap_pos", "mocap_quat", "ctrl", "act"):
+            getattr(own, name)[:] = state[name][worldid][: len(getattr(own, name))]
+        names = kind.targets(compiled.config.groups)
+        (of,) = (name for name in names if state["present"][worldid, compiled.slots.index(name)])
+        robot_name = compiled.config.robot_for(of)
+        robot, thing = set(scene.subtree(robot_name)), set(scene.subtree(of))
+        root, tcp = scene.bodies[of], mjm.site(scene.tcps[robot_name]).id
         if not mjm.body_dofnum[root]:  # a drawer moves inside its cabinet
             root = max(thing, key=lambda body: own.model.body_dofnum[body])
         mujoco.mj_forward(mjm, own)

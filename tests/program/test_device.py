@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device import WORLD_FIELDS, Program, fill_struct
 from sceniris_gym.program.device_reach import Reach
 
 
@@ -108,8 +108,8 @@ def test_every_field_of_a_scene_can_be_empty(declared: Any):
     instance = declared()
     empty = {}
     for name, field in fields.items():
-        shape = (0,) * field.ndim + getattr(field.dtype, "_shape_", ())
-        empty[name] = np.zeros(shape)
+        ndim = field.ndim - (declared is Program and name in WORLD_FIELDS)  # one row for all worlds
+        empty[name] = np.zeros((0,) * ndim + getattr(field.dtype, "_shape_", ()))
     fill_struct(declared, instance, empty, "cpu")
     for name, field in fields.items():
         found = getattr(instance, name)

@@ -25,7 +25,10 @@ MODEL = """
   </asset>
   <worldbody>
     <light name="lamp" pos="0 0 3"/><light name="spot" pos="1 0 3"/>
+    <camera name="eye" pos="0 -1 1"/>
+    <camera name="lens" pos="0 -1 1" sensorsize=".004 .003" resolution="64 48" focal=".004 .004"/>
     <geom name="floor" type="plane" size="2 2 .1"/>
+    <body name="shelf" pos="-1 0 .1"><geom type="box" size=".1 .1 .1"/></body>
     <body name="box" pos="0 0 .1"><freejoint/><geom type="box" size=".05 .05 .05" material="grain"/>
       <geom type="box" size=".01 .01 .01" pos="0 0 .06" rgba="1 0 0 1" mass="0"/></body>
     <body name="arm" pos="1 0 0"><geom size=".05"/>
@@ -36,7 +39,7 @@ MODEL = """
   </worldbody>
   <actuator>
     <position name="one" joint="one" kp="10" kv="1"/>
-    <position name="two" joint="two" kp="20" kv="2" delay="0.02" nsample="3"/>
+    <position name="two" joint="two" kp="20" kv="2" forcerange="-5 5" delay="0.02" nsample="3"/>
   </actuator>
 </mujoco>
 """
@@ -109,7 +112,7 @@ def test_the_whole_scene_lights_and_materials(build):
             "mass.add: cannot be .* from -4.* should be from 1e-06",
         ),
         ({"box": {"rgba": {"scale": [1, 5]}}}, SceneKeyError, "rgba.scale: .* should be from 0 to 1"),
-        ({"box": {"rgba": {"abs": [[0, 0], [1, 1]]}}}, SceneKeyError, "should have 1 or 4 numbers, got 2"),
+        ({"box": {"rgba": {"abs": [[0, 0], [1, 1]]}}}, SceneKeyError, "should have 1 or 3 or 4 numbers, got 2"),
         (
             {"box": {"damping": {"scale": [1, 2]}}},
             SceneKeyError,
@@ -123,12 +126,63 @@ def test_the_whole_scene_lights_and_materials(build):
             UnknownNameError,
             "texid.choice: unknown texture 'steal'. Did you mean 'steel'",
         ),
+        (
+            {"randomize": {"materials": {"grain": {"texid": {"choice": [99]}}}}},
+            UnknownNameError,
+            "texid.choice: unknown texture .*99.* Valid:",
+        ),
+        ({"box": {"frictionloss": {"abs": [0, 1]}}}, SceneKeyError, "it is 0 in the model. Change it there"),
     ],
 )
 def test_draws_that_the_model_cannot_have_are_refused(build, scene: dict, error: type, message: str):
     """Out of range, without effect, or of names that are not there."""
     with pytest.raises(error, match=message):
         build(**scene)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"box": {"stiffness": {"abs": [1, 2]}}},  # would pull it to its place in the model
+        {"objects": {"shelf": {"kind": "static", "randomize": {"mass": {"scale": [1, 2]}}}}},
+        {"randomize": {"cameras": {"lens": {"fovy": {"scale": [0.9, 1.1]}}}}},  # has a focal length
+    ],
+)
+def test_draws_that_nothing_reads_are_refused(build, scene: dict):
+    """Of free bodies, of those that never move, and of cameras with a lens."""
+    with pytest.raises(SceneKeyError, match=r"cannot be .*: nothing in the model has it, or it has no effect"):
+        build(**scene)
+
+
+def test_elements_that_do_not_read_a_field_are_left_out(build):
+    """Actuators without limits, cameras with a lens."""
+    limits = only(build(arm={"forcerange": {"abs": [[-3, 3], [-3, 3]]}}))
+    assert limits.rows.tolist() == [1]
+    scene = build(randomize={"cameras": {"*": {"fovy": {"scale": [0.9, 1.1]}}}})
+    assert scene.mjm.camera("lens").id not in only(scene).rows.tolist()
+
+
+@pytest.mark.parametrize(
+    ("randomize", "form"),
+    [
+        ({"cameras": {"eye": {"quat": {"scale": [0.5, 2]}}}}, "add"),
+        ({"cameras": {"eye": {"quat": {"choice": [[10, 0, 0], [0, 10, 0]]}}}}, "add"),
+        ({"lights": {"lamp": {"castshadow": {"abs": [0, 1]}}}}, "choice"),
+        ({"materials": {"grain": {"texid": {"abs": [0, 1000]}}}}, "choice"),
+    ],
+)
+def test_forms_without_a_meaning_are_refused(build, randomize: dict, form: str):
+    """Cameras turn by terms; flags and textures are chosen."""
+    with pytest.raises(SceneKeyError, match=f"it should be given by '{form}'"):
+        build(randomize=randomize)
+
+
+def test_two_draws_of_the_same_values_are_refused(build):
+    """As chance would decide between them on a GPU."""
+    draw = {"pos": {"add": [-1, 1]}}
+    with pytest.raises(SceneKeyError, match=r"lights.\*.pos: cannot be .* 'lights.lamp.pos' draws some of the same"):
+        build(randomize={"lights": {"lamp": draw, "*": draw}})
+    assert len(build(randomize={"lights": {"lamp": draw, "spot": draw}}).draws) == 2
 
 
 @since_4("no delays")

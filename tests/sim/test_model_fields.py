@@ -168,8 +168,13 @@ def test_factors_of_another_shape_or_of_no_numbers_are_errors(make):
     randomizer.reset()
     with pytest.raises(ArgumentError, match=r"scale_field: factor should have shape \(5,\), got \(2,\)"):
         randomizer.scale_field("body_mass", "block", wp.ones(2, dtype=float))
+    with pytest.raises(ArgumentError, match=r"factor should have shape \(5,\), got float"):
+        randomizer.scale_field("body_mass", "block", 2.0)
+    ones = wp.ones(NWORLD, dtype=float)
+    with pytest.raises(ArgumentError, match=r"mask should have shape \(5,\), got \(2,\)"):
+        randomizer.fields.scale("body_mass", "block", ones, wp.ones(2, dtype=wp.bool), "scale_field")
     with pytest.raises(ArgumentError, match=r"'geom_matid' has no numbers to scale"):
-        randomizer.scale_field("geom_matid", "block", wp.ones(NWORLD, dtype=float))
+        randomizer.scale_field("geom_matid", "block", ones)
 
 
 def test_fields_of_the_options_have_rows_too(make):

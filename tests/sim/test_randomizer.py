@@ -348,7 +348,7 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
     assert set(randomizer.rejection_counts()) == {"block"}
     assert isinstance(randomizer.layout_source, PreparedLayouts) == prefetch
     if prefetch:
-        with pytest.raises(ValueError, match="Give either it or a layout_source"):
+        with pytest.raises(ValueError, match="Give either them or a layout_source"):
             ResetRandomizer(compiled, model, data, layout_source=twin, prefetch=True)
         with pytest.raises(TypeError, match=r"prefetch should be a boolean, a wp\.Stream or None, got <class 'str'>"):
             ResetRandomizer(compiled, model, data, prefetch="no")  # type: ignore[arg-type]

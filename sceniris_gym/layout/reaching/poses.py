@@ -17,6 +17,7 @@ from sceniris_gym.placement.kinematics import follow_joint, pose_body
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.reach.solve import vec8
 
 wp.set_module_options({"enable_backward": False})
 
@@ -113,6 +114,27 @@ def launch_pose_hand(work: Workspace, reach: Reach, step: ReachStep, reach_searc
     work.launch(_pose_hand, lanes, [work.program, reach, int(step), back, lanes, work.layouts], reach_search)
 
 
+@wp.func
+def pose_arm(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    row: int,
+    joints: vec8,
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+):
+    """Pose a robot with these joints of its arm, its base where the row has it; `qpos` has its other joints."""
+    for i in range(MAX_JOINTS):
+        if i < reach.arm.njoint:
+            qpos[reach.arm_qposadr[i]] = joints[i]
+    body_pos[reach.base_body] = layouts.body_pos[row, reach.base_body]
+    body_quat[reach.base_body] = layouts.body_quat[row, reach.base_body]
+    for i in range(reach.arm_body.shape[0]):
+        pose_body(program, reach.arm_body[i], qpos, body_pos, body_quat)
+
+
 @wp.kernel(grid_stride=False)
 def _pose_arm(
     program: Program,
@@ -135,14 +157,8 @@ def _pose_arm(
         if step >= ReachStep.SELF_AT_PREGRASP:
             joints = reach_search.pregrasp_qpos[c]
         take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
-        for i in range(MAX_JOINTS):
-            if i < reach.arm.njoint:
-                qpos[reach.arm_qposadr[i]] = joints[i]
         open_gripper(reach, reach_search.grasp[c], qpos)
-        reach_search.body_pos[c, reach.base_body] = layouts.body_pos[row, reach.base_body]
-        reach_search.body_quat[c, reach.base_body] = layouts.body_quat[row, reach.base_body]
-        for i in range(reach.arm_body.shape[0]):
-            pose_body(program, reach.arm_body[i], qpos, reach_search.body_pos[c], reach_search.body_quat[c])
+        pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
 
 
 def launch_pose_arm(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:

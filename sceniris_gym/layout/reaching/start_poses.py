@@ -5,12 +5,11 @@ import warp as wp
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import open_gripper, set_gripper, take_joints
+from sceniris_gym.layout.reaching.poses import open_gripper, pose_arm, set_gripper, take_joints
 from sceniris_gym.layout.reaching.search import ReachSearch, ReachStep, reach_candidate_num
 from sceniris_gym.layout.reaching.start_search import TRIALS, StartSearch, start_column, start_row, start_uniform
 from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
-from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import StartPose, Starts, is_drawn
@@ -150,24 +149,6 @@ def _drawn_grasp(reach: Reach, starts: Starts, kind: int, variant: int, u: float
 
 
 @wp.func
-def _pose_robot(program: Program, reach: Reach, layouts: LayoutsView, row: int, start_search: StartSearch, c: int):
-    """Pose the robot of a candidate, whose base is where the layout has it."""
-    base = reach.base_body
-    start_search.body_pos[c, base] = layouts.body_pos[row, base]
-    start_search.body_quat[c, base] = layouts.body_quat[row, base]
-    for i in range(reach.arm_body.shape[0]):
-        pose_body(program, reach.arm_body[i], start_search.qpos[c], start_search.body_pos[c], start_search.body_quat[c])
-
-
-@wp.func
-def _set_arm(reach: Reach, joints: vec8, qpos: wp.array[float]):
-    """Set the joints of an arm."""
-    for i in range(MAX_JOINTS):
-        if i < reach.arm.njoint:
-            qpos[reach.arm_qposadr[i]] = joints[i]
-
-
-@wp.func
 def _move_object(
     program: Program,
     layouts: LayoutsView,
@@ -249,10 +230,9 @@ def _pose(
             joints = solved.q
         start_search.grasp[c] = grasp
         start_search.joints[c] = joints
-        _set_arm(reach, joints, qpos)
         if pose >= StartPose.STANDING:
             set_gripper(reach, starts.grip_share[grasp], qpos)
-        _pose_robot(program, reach, layouts, row, start_search, c)
+        pose_arm(program, reach, layouts, row, joints, qpos, start_search.body_pos[c], start_search.body_quat[c])
         if pose >= StartPose.LIFTED:
             hand = reach.hand_body[0]
             new_quat = mul_quat(start_search.body_quat[c, hand], neg_quat(reach.hand_quat))

@@ -37,6 +37,18 @@ def test_what_is_held_stays_in_the_hand():
     assert sum(held.others for held in found) == 0
 
 
+def test_any_variant_of_a_target_is_held():
+    """Whichever is there, in the model that has all of them."""
+    target = {"variants": {name: {"asset": name} for name in ("can", "lemon")}, "on": "floor", "reachable": "map"}
+    objects = {"target": {**target, "region": {"box": [[0.0, -0.2], [0.3, 0.1]]}}}
+    kinds = [{"robot": "grasp", "of": "target"}, {"robot": "grasp", "of": "target", "lift": LIFT}]
+    compiled = compile_scene({**SCENE, "objects": objects, "start": kinds}, "cpu")
+    found = stepped(compiled, *reset_worlds(compiled, 24))
+    assert {held.kind for held in found} == {0, 1}
+    assert max(held.drift for held in found) < 2e-3
+    assert sum(held.others for held in found) == 0
+
+
 def test_the_arm_is_where_its_kind_says():
     """At home within the noise, at the joints of the pre-grasp, or of the grasp. Only these starts ask for joints."""
     generator = LayoutGenerator(starting(), 128, seed=5)

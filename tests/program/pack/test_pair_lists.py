@@ -21,8 +21,9 @@ def test_pairs_are_those_of_objects_and_then_those_of_the_arm(tmp_path: Path):
         arm = arm_pairs(packed.plan, rules)
         itself = [arm.itself["robot"]]
         named = {"arm_self": itself, "arm_scene": arm.scene, "arm_hand": arm.hand, "arm_target": arm.target}
+        named["arm_held"] = arm.held
         expected += [("arm", packed[name][i], p) for name, lists in named.items() for i, p in enumerate(lists)]
-        assert len(packed["arm_pairadr"]) == len(packed["arm_broadadr"]) == 4
+        assert len(packed["arm_pairadr"]) == len(packed["arm_broadadr"]) == 5
         rows = list(zip(packed["pair_a"], packed["pair_b"], packed["pair_margin"], strict=True))
         for of, i, pairs in expected:
             adr, num = packed[f"{of}_pairadr"][i], packed[f"{of}_pairnum"][i]
