@@ -129,8 +129,8 @@ def build_plan(scene: SceneModel) -> Plan:
     pieces, heaps = obstacles(scene), heap_poses(scene)
     objects = []
     for name in (order := placement_order(scene)):
-        tell("placed objects", len(objects), len(order))
         objects.append(_placed_object(scene, name, pieces, home, heaps.get(name)))
+        tell("placed objects", len(objects), len(order))
     slots = slot_names(scene.config)
     variants = scene.config.variants
     standing = [_standing(scene, name, pieces, home) for name in (*slots, *(of[0] for of in variants.values()))]
