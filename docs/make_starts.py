@@ -26,7 +26,8 @@ def main() -> None:
     assert found is not None
     compiled = compile_scene(SceneConfig.load(YAML(typ="safe").load(found[1])), "cpu")
     kinds = make_table(compiled, _WORLDS, 0).start
-    chosen = [int(np.flatnonzero(kinds == number)[-1]) for number in range(len(compiled.config.start))]
+    # in these worlds everything that is held can be seen
+    chosen = [int(np.flatnonzero(kinds == number)[-2]) for number in range(len(compiled.config.start))]
     pictures = worlds_of(compiled, max(chosen) + 1)
     grid([pictures[world] for world in chosen], _COLUMNS, _GAP).save(PICTURE, quality=85, optimize=True)
     print(f"{PICTURE}: {PICTURE.stat().st_size // 1024} KiB")
