@@ -94,7 +94,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
     """Compare layouts of a scene that has `reachable` with as many of the same scene without it; see `narrow`."""
     assert compiled.reaching is not None
     names = compiled.reaching.names
-    changes = {f"objects.{name}.reachable": False for name in names}
+    changes = {"start": [], **{f"objects.{name}.reachable": False for name in names}}
     plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device)
     generator = made or _made(compiled, layouts, seed)
     counts = generator.rejection_counts()

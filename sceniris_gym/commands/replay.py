@@ -109,9 +109,9 @@ def _known(qpos: np.ndarray) -> list[float] | None:
 def report(found: Mapping) -> str:
     """Return a layout as text, angles in degrees."""
     lines = [f"{found['id']} of scene '{found['scene']}': {found['status']}, {found['attempts']} candidates"]
+    lines += [f"  {'start':<12} {found['start']}"] if "start" in found else []
     for name, part in found["objects"].items():
-        x, y, z = part["pos"]
-        rotation = np.zeros(9)
+        (x, y, z), rotation = part["pos"], np.zeros(9)
         mujoco.mju_quat2Mat(rotation, np.array(part["quat"]))
         yaw = np.degrees(np.arctan2(rotation[3], rotation[0]))
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())

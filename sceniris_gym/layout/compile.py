@@ -17,7 +17,7 @@ from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import AUTO, SceneConfig
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.launch_lock import launching
-from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, UnknownNameError
+from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, SceneKeyError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions, recording
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -44,6 +44,8 @@ _MOST_DRAWN = 20 * _BUDGET
 # A scene gets a warning above this share of layouts from the bank, and this number: fewer say little of a small probe.
 _MOST_FALLBACKS = 0.05
 _FEWEST_FAILED = 3
+# A kind of start that was drawn so often, and never made, is refused: its episodes would begin as those of other kinds.
+_ENOUGH_TRIES = 8
 # Objects on a support, from which on it is called too small for them.
 _CROWD = 5
 # Causes that only come up once all objects are placed.
@@ -75,6 +77,7 @@ def compile_scene(
     Raises:
         UnknownNameError: There is no such device.
         InfeasibleSceneError: No valid layout was found; the message says which object fails and why.
+        SceneKeyError: No valid layout of a kind of `start` was found.
         ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `upload_scene`.
     """
     start_warp()
@@ -138,6 +141,10 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
         raise _infeasible(probed, train.generator)
     if not evaluation.fill(_ROUNDS, _MOST_ROUNDS):  # layouts are rare, but there are some
         raise _infeasible(probed, evaluation.generator)
+    tried, valid = train.starts + evaluation.starts
+    for kind in np.flatnonzero((tried >= _ENOUGH_TRIES) & (valid == 0)):
+        reason = f"should be possible, but none of its {tried[kind]} layouts was valid. Relax it, or raise 'restarts'."
+        raise SceneKeyError(f"{compiled.config.where}: start.{kind}: {reason}")
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
     bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK, *_START_BANK), columns, strict=True))
@@ -184,6 +191,7 @@ class _Probe:
         self.generator = recording(LayoutGenerator(compiled, _probed_worlds(compiled), seed=0, split=split))
         self.found: list[tuple[np.ndarray, ...]] = []
         self.made = self.failed = self.first = 0
+        self.starts = np.zeros((2, len(compiled.config.start)), int)  # worlds of each kind of start, and valid ones
 
     def fill(self, rounds: int, most: int = 0) -> bool:
         """Make layouts until the bank is full, for `rounds`, or `most` for a first one; return if there are any."""
@@ -198,6 +206,8 @@ class _Probe:
             valid = layouts.status.numpy() == Status.VALID
             rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK, *_START_BANK)]
             self.found += zip(*rows, strict=True)
+            of_kind = layouts.start.numpy() == np.arange(self.starts.shape[1])[:, None]
+            self.starts += [of_kind.sum(axis=1), (of_kind & valid).sum(axis=1)]
             self.made += nworld
             self.first += int(layouts.first_pass_valid.numpy().sum())
             self.failed += int(nworld - valid.sum())

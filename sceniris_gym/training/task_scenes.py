@@ -61,14 +61,13 @@ def spec_of(task: str) -> EnvSpec:
 
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
-    """Return the scene of a task, with or without `reachable`."""
+    """Return the scene of a task; without `reachable` it has no kinds of `start` with a target either."""
     words = spec_of(task).kwargs
     scene = SceneConfig.load(words.get("scene") or as_task(words["task"]).scene, words.get("overrides"))
     if reachable:
         return scene
-    return SceneConfig.load(
-        scene, {f"objects.{name}.reachable": False for name, part in scene.objects.items() if part.reachable}
-    )
+    changes = {f"objects.{name}.reachable": False for name, part in scene.objects.items() if part.reachable}
+    return SceneConfig.load(scene, {"start": [kind for kind in scene.start if kind.of is None], **changes})
 
 
 def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -> SceneVectorEnv:

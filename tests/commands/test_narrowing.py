@@ -14,6 +14,7 @@ from sceniris_gym.commands.narrowing import Narrowing, _corners, narrow, narrowi
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.crane import RADIUS, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
+from tests.layout.starting import starting
 
 FLOOR = 4.0  # area of the crane's floor [m2]
 
@@ -105,3 +106,10 @@ def dots(drawn: np.ndarray) -> list[tuple[float, float]]:
     labels, count = cast(tuple[np.ndarray, int], ndimage.label(orange))
     middles = ndimage.center_of_mass(orange, labels, range(1, count + 1))
     return sorted((column, row) for row, column in middles)
+
+
+def test_a_scene_with_starts_is_compared_without_them():
+    """A start needs targets that are reachable, and the other scene has none."""
+    found = narrowing(starting(), 50, 0)
+    assert set(found.kept) == {"cabinet", "block"}
+    assert all(0.0 < share <= 1.0 for share in found.kept.values())

@@ -16,6 +16,7 @@ from sceniris_gym.layout.tables import make_table, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.model import build_model
 from tests.layout.scenes import box_mjcf
+from tests.layout.starting import starting
 
 
 @pytest.mark.parametrize("split", ["train", "eval"])
@@ -106,6 +107,14 @@ def test_poses_are_told_in_words_and_numbers():
     (apple,) = [line for line in lines if line.split()[0] == "apple"]
     x = data.body("apple").xmat.reshape(3, 3)[:, 0]
     assert f"yaw {np.degrees(np.arctan2(x[1], x[0])):+7.1f} deg" in apple
+
+
+def test_the_kind_of_start_is_told():
+    """By its number in the scene, from 0."""
+    compiled = starting()
+    table = replay(compiled, LayoutId.parse(compiled.layout_id(3, 0)))
+    text = report({"id": "an id", **describe(compiled, table), "picture": "a.png"})
+    assert f"\n  start        {table.start[0]}\n" in text
 
 
 def test_numbers_are_those_of_the_layout_bit_for_bit():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 
 import gymnasium
@@ -19,6 +20,16 @@ def test_the_word_reachable_can_be_left_out():
     scenes = [task_scenes.scene_of("TabletopReach-v0", reachable=reachable) for reachable in (True, False)]
     assert [bool(scene.objects["can"].reachable) for scene in scenes] == [True, False]
     assert scenes[0].objects["can"].region == scenes[1].objects["can"].region
+
+
+def test_starts_are_left_out_together_with_reachable(monkeypatch: pytest.MonkeyPatch):
+    """A start needs a target that is reachable, and unfiltered layouts to judge policies on have none."""
+    name = "sceniris_gym/TabletopReach-v0"
+    spec = deepcopy(gymnasium.registry[name])
+    spec.kwargs["overrides"] = {"start": [{"weight": 2}, {"robot": "pregrasp", "of": "can"}]}
+    monkeypatch.setitem(gymnasium.registry, name, spec)
+    scenes = [task_scenes.scene_of(name, reachable=reachable) for reachable in (True, False)]
+    assert [[kind.of for kind in scene.start] for scene in scenes] == [[None, "can"], [None]]
 
 
 def test_a_task_is_found_with_and_without_its_namespace():

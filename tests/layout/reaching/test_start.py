@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -107,6 +108,13 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
     for i in fell:
         (entry,) = np.flatnonzero((states == rows["qpos"][i]).all(axis=1))
         assert kinds[entry] == rows["start"][i]
+
+
+def test_a_kind_of_start_that_is_never_made_is_refused():
+    """By its number, as all its episodes would begin as another kind from the bank."""
+    start = [{"weight": 2}, {"robot": "grasp", "of": "block", "lift": [2.0, 3.0]}]
+    with pytest.raises(SceneKeyError, match=r"start\.1: should be possible, but none of its \d+ layouts was valid"):
+        compile_scene({**SCENE, "start": start}, "cpu", cache=False)
 
 
 def test_objects_are_redrawn_beside_an_arm_that_holds_something():
