@@ -407,7 +407,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""
-        memory = {"task": self.task, "sensors": self._sensors, "redraws": wp.to_torch(self.randomizer.replacer.number)}
+        sampler, number = self.randomizer.levels, wp.to_torch(self.randomizer.replacer.number)
+        levels = () if sampler is None else (wp.to_torch(sampler.level), wp.to_torch(sampler.probe))
+        memory = {"task": self.task, "sensors": self._sensors, "redraws": number, "levels": levels}
         return live_tensors(self.state, self.randomizer.layouts, memory)
 
     def _reseed(self, seed: Any, chosen: ChosenLayouts | None, mask: np.ndarray | None) -> None:
