@@ -233,7 +233,7 @@ def _tell(
     knob: wp.array2d[float],
 ):
     """Update the level of a row, or insert it."""
-    if level >= 0:
+    if level >= 0 and level < buffer.seed.shape[0]:
         if buffer.seed[level] == seed[row] and buffer.episode[level] == episode[row]:
             value = outcome
             if buffer.counts_success == 1:

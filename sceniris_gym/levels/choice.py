@@ -30,7 +30,7 @@ class Ranges:
         episodes: Episodes at an end that are counted before it may move.
 
     Raises:
-        ArgumentError: Shares that are not from 0 to 1, or low above high.
+        ArgumentError: No knob, shares that are not from 0 to 1, or low above high.
         CountError: A number of episodes that is no integer of at least 1.
     """
 
@@ -42,8 +42,8 @@ class Ranges:
     episodes: int = 256
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.step <= 1.0 and 0.0 <= self.probe <= 1.0 and 0.0 <= self.low <= self.high <= 1.0):
-            raise ArgumentError("Ranges: step, probe and low <= high should be from 0 to 1, and step above 0.")
+        if not (self.start and 0 < self.step <= 1 and 0 <= self.probe <= 1 and 0 <= self.low <= self.high <= 1):
+            raise ArgumentError("Ranges: start should name a knob; step above 0, probe, low <= high should be 0 to 1.")
         as_count(self.episodes, "Ranges: episodes", most=_MOST)
 
 

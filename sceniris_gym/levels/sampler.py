@@ -47,6 +47,7 @@ class LevelSampler(LayoutSource):
     Attributes:
         layouts: The latest layouts of the source.
         level: Place in the buffer of each world's level, -1 for a fresh one, shape (nworld,), int32.
+        probe: The end of an interval of `Ranges` that each world's level is at, -1 for none, shape (nworld,), int32.
         size: Number of levels in the buffer; waits for the device.
     """
 
@@ -56,17 +57,13 @@ class LevelSampler(LayoutSource):
         self._device, self._stream = device, wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
         self._since, table, words = 0, self.layouts.knobs, levels.ranges
         self._buffer = buffer = create_buffer(levels, nworld, device, len(table.default))
+        self.level, self.probe = buffer.level, buffer.probe
         wp.copy(buffer.base, self.layouts.view.next_seed)
         for knob in (buffer.base_knob, buffer.next_knob) if table.knobs else ():
             wp.copy(knob, self.layouts.view.next_knob)
         if words is not None:
             set_ranges(buffer, words, table)
         self._launch_forget(None, None)
-
-    @property
-    def level(self) -> wp.array:
-        """See the class."""
-        return self._buffer.level
 
     @property
     def counts(self) -> bool:
@@ -142,8 +139,9 @@ class LevelSampler(LayoutSource):
         launch_update(self._buffer, level, seed, episode, outcome, mask, self.layouts.knob if knob is None else knob)
 
     def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
-        """Insert levels of your own in the place of others with lower scores; see `update`."""
-        self.update(np.full(len(seed), -1), seed, episode, score, knobs)
+        """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""
+        launch_refresh(self._buffer, self.levels)
+        self.update(None, seed, episode, score, knobs)
 
     def sample(self, number: int, seed: int = 0) -> dict[str, Any]:
         """Draw levels of the buffer by their weights. Waits for the device.
@@ -174,6 +172,7 @@ class LevelSampler(LayoutSource):
 
         Args:
             level: `layout_level` of an info, shape (n,): a torch tensor or NumPy array of integers, as all others.
+                None inserts as many levels as there is room for, as `insert` does.
             seed: `layout_seed` of the same info, shape (n,).
             episode: `layout_episode`, shape (n,).
             score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
@@ -184,14 +183,21 @@ class LevelSampler(LayoutSource):
             ArgumentError: Not arrays of one length.
             UnknownNameError: A knob that the worlds do not have.
         """
-        columns = {"level": (level, wp.int32), "seed": (seed, wp.uint64), "episode": (episode, wp.int32)}
+        level_in = np.full(np.shape(seed), -1) if level is None else level
+        columns = {"level": (level_in, wp.int32), "seed": (seed, wp.uint64), "episode": (episode, wp.int32)}
         columns["score"] = score, wp.float32
         arrays = [self._column(name, *column) for name, column in columns.items()]
         if len({array.shape for array in arrays}) != 1:
             shapes = ", ".join(str(array.shape) for array in arrays)
             raise ArgumentError(f"LevelSampler.update: arrays should have one length, got {shapes}.")
         rows = self.layouts.knobs.rows(knobs or {}, arrays[0].shape[0])
-        self.launch_update(*arrays, mask=None, knob=wp.array(rows, dtype=float, ndim=2, device=self._device))
+        most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # so each row of a launch has places of its own
+        for first in range(0, len(rows), most):
+            part = slice(first, min(first + most, len(rows)))
+            knob = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
+            self.launch_update(*(array[part] for array in arrays), mask=None, knob=knob)
+            if level is None:
+                launch_refresh(self._buffer, self.levels)
 
     def _column(self, name: str, values: Any, dtype: type) -> wp.array:
         """Return a column on the device, seeds as the 64 bits that they are."""

@@ -320,7 +320,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             else:
                 self._reseed(seed, chosen, mask)
                 self._reset_worlds(due.clone())
-            self._autoreset.logical_and_(~due)
+                self._autoreset.logical_and_(~due)
             if not self._ready:
                 self.batch.check_budget()
                 self._ready = True
@@ -407,7 +407,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""
-        memory = {"task": self.task, "sensors": self._sensors, "redraws": wp.to_torch(self.randomizer.replacer.number)}
+        sampler, count = self.randomizer.levels, wp.to_torch(self.randomizer.replacer.number)
+        level = () if sampler is None else (wp.to_torch(sampler.level), wp.to_torch(sampler.probe))
+        memory = {"task": self.task, "sensors": self._sensors, "redraws": count, "level": level, "due": self._autoreset}
         return live_tensors(self.state, self.randomizer.layouts, memory)
 
     def _reseed(self, seed: Any, chosen: ChosenLayouts | None, mask: np.ndarray | None) -> None:

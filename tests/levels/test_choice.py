@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sceniris_gym.errors import ArgumentError, CountError, UnknownNameError
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import Levels, Ranges
 
 
 @pytest.mark.parametrize(
@@ -25,3 +25,9 @@ def test_wrong_words_are_refused(words, error, match):
     """Names that do not exist, shares outside of 0 to 1, numbers that are none."""
     with pytest.raises(error, match=match):
         Levels(**words)
+
+
+def test_ranges_without_a_knob_are_refused():
+    """There would be no end for a fresh level to be at."""
+    with pytest.raises(ArgumentError, match="start should name a knob"):
+        Ranges({})

@@ -51,3 +51,20 @@ def test_ranges_widen_with_success_and_narrow_with_failure(reach_scene):  # noqa
     np.testing.assert_array_equal(resumed.ranges[SLIDE], levels.ranges[SLIDE])
     with pytest.raises(ArgumentError, match="step above 0"):
         Ranges(start, step=0.0)
+
+
+def test_a_snapshot_keeps_levels_and_the_ends_that_they_are_at(reach_scene):  # noqa: F811
+    """So that a restored episode counts for the level and the end that it is of."""
+    words = Levels(replay=0.5, every=1, capacity=64, ranges=Ranges({SLIDE: [0.1, 0.11]}, probe=0.8))
+    envs = SceneVectorEnv(_Won, 8, scene=reach_scene, max_episode_steps=1, levels=words)
+    levels = envs.randomizer.levels
+    assert levels is not None
+    envs.reset(seed=1)
+    for _ in range(8):
+        info = envs.step(actions(8))[-1]
+    kept, before = envs.snapshot(), levels.state()
+    envs.step(actions(8))
+    assert (levels.state()["probe"] != before["probe"]).any()
+    restored = envs.reset(options={"state": kept})[1]
+    assert restored["layout_level"].tolist() == info["layout_level"].tolist()
+    assert levels.state()["probe"].tolist() == before["probe"].tolist()

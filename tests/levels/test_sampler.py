@@ -77,3 +77,21 @@ def test_scores_can_be_given(make_env):  # noqa: F811
         envs.randomizer.levels.update(np.int32(-1), 1, 0, 0.5)
     with pytest.raises(ArgumentTypeError, match="should be a Levels"):
         make_env(2, levels="learnability")
+
+
+def test_many_levels_are_inserted_at_once(make_env):  # noqa: F811
+    """More than there are worlds: all of them while there is room, and they are drawn without a reset."""
+    levels = make_env(2, levels=Levels("given", capacity=64)).randomizer.levels
+    seeds = np.arange(50, dtype=np.uint64) + 7
+    levels.insert(seeds, np.arange(50), np.linspace(0.5, 1.0, 50))
+    kept = levels.state()
+    assert sorted(kept["seed"][kept["stamp"] >= 0]) == seeds.tolist()
+    assert (kept["seed"] == kept["episode"] + np.uint64(7))[kept["stamp"] >= 0].all()
+    assert np.isin(levels.sample(20)["seed"], seeds).all()
+
+
+def test_a_level_beyond_the_buffer_is_inserted(make_env):  # noqa: F811
+    """No memory beyond the buffer is read."""
+    levels = make_env(2, levels=Levels("given", capacity=64)).randomizer.levels
+    levels.update(np.array([1 << 29]), np.array([3]), np.array([0]), np.array([1.0]))
+    assert levels.size == 1

@@ -75,3 +75,18 @@ def test_wrong_snapshots_are_refused(make_env):
     other = type(kept)("0123456789abcdef", kept.worlds, kept.rows)
     with pytest.raises(SceneMismatchError, match="of this scene and task"):
         envs.reset(options={"state": other})
+
+
+def test_a_world_that_ended_is_reset_by_the_next_step(make_env):
+    """Also after a snapshot of it was restored, with resets in the step after an episode's last one."""
+    envs = make_env(2, max_episode_steps=2, autoreset_mode="NextStep")
+    envs.reset(seed=3)
+    for _ in range(2):
+        envs.step(actions(2))
+    kept = envs.snapshot()
+    wanted, *_, truncated, _ = envs.step(actions(2))
+    assert not truncated.any()
+    envs.reset(options={"state": kept})
+    observation, *_, truncated, _ = envs.step(actions(2))
+    assert not truncated.any()
+    assert_equal(observation, wanted)
