@@ -13,6 +13,7 @@ from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import name_hash, named_stream, uniforms
 from sceniris_gym.layout.knobs import KnobTable, launch_write
+from sceniris_gym.layout.masks import row_of
 from sceniris_gym.scene.draws import FieldDraw
 
 wp.set_module_options({"enable_backward": False})
@@ -208,9 +209,7 @@ def _draw_fields(
     if mask:
         if not mask[worldid]:
             return
-    row = int(worldid)
-    if rows:
-        row = rows[worldid]
+    row = row_of(worldid, rows)
     if episode[row] < 0:
         return
     for i in range(lane, items.shape[0], lanes):

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.layout.masks import row_of
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
@@ -204,10 +205,7 @@ def _write(
     if mask:
         if not mask[worldid]:
             return
-    row = int(worldid)
-    if rows:
-        row = rows[worldid]
-    row = row % knob.shape[0]
+    row = row_of(worldid, rows) % knob.shape[0]
     target = targets[i]
     at = worldid * target.width + target.offset
     value = knob[row, target.value]

@@ -90,6 +90,15 @@ def as_ids(ids: Any, nworld: int, device: Any) -> wp.array:
     return _upload_numbers(ids, "env_ids", 0, nworld, "", device)
 
 
+@wp.func
+def row_of(worldid: int, rows: wp.array[int]) -> int:
+    """Return the row of layouts that a world gets: that of its own number, unless there are `rows`."""
+    row = worldid
+    if rows:
+        row = rows[worldid]
+    return row
+
+
 def fill_mask(mask: wp.array | None, mask_out: wp.array) -> None:
     """Copy a mask of worlds, shape (nworld,), bool, to `mask_out`; None is all worlds."""
     if mask is None:

@@ -10,11 +10,12 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.masks import row_of
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import places_of_geoms
-from sceniris_gym.sim.write import Poses, row_of
+from sceniris_gym.sim.write import Poses
 
 wp.set_module_options({"enable_backward": False})
 

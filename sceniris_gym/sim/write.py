@@ -8,6 +8,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.masks import row_of
 from sceniris_gym.sim.grips import Grips, control_at_start
 from sceniris_gym.sim.rest import RestMap, history_samples
 
@@ -57,15 +58,6 @@ def addresses_of(
     elements = [e for e in range(len(first) - 1) if held[first[e] : first[e + 1]].any()]
     mocapid = np.sort(mjm.body_mocapid[chosen & (mjm.body_mocapid >= 0)])
     return Addresses(qposadr, dofadr, mocapid, np.array(elements, int))
-
-
-@wp.func
-def row_of(worldid: int, rows: wp.array[int]) -> int:
-    """Return the row of layouts that a world gets: that of its own number, unless there are `rows`."""
-    row = worldid
-    if rows:
-        row = rows[worldid]
-    return row
 
 
 @wp.kernel
