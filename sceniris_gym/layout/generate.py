@@ -27,6 +27,7 @@ from sceniris_gym.layout.redraw import Redraw
 from sceniris_gym.layout.scene_knobs import STARTS
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
+from sceniris_gym.layout.wave.ahead import count_ahead, launch_draw_ahead
 from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
@@ -120,6 +121,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             program,
             self._masses.statics,
             compiled.related,
+            0 if rejected or self._boxes is not None else count_ahead(compiled, size),
             reaches,
             SPLITS[split],
             size,
@@ -196,6 +198,8 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restart of every pending world, or several: place all objects, then look for joints."""
         launch_open_rows(self._work, stage is not None)
+        if self._work.ahead > 0:
+            launch_draw_ahead(self._work)
         if self._start_stage is not None:
             self._start_stage.launch_go_home()
         repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)

@@ -11,6 +11,7 @@ from sceniris_gym.device.kernel_log import tell_of_compiling
 from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, start_poses, start_search, waves
 from sceniris_gym.layout.wave import (
     accept,
+    ahead,
     collision,
     containment,
     draw,
@@ -35,6 +36,7 @@ def kernel_modules(work: Workspace, *, staged: bool, starts: bool = False) -> tu
     """
     visual, block_dim = work.program.visual, work.size.block_dim
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
+    by_lane += [ahead] if work.ahead > 0 else []
     by_lane += [standing] if work.statics is not None else []
     by_lane += [waves, poses, ik] if staged else []
     by_lane += [start_kinds, start_poses, start_search] if starts else []

@@ -41,7 +41,7 @@ def _write_state(
 
 
 @wp.func
-def _place(
+def place(
     program: Program,
     reach: Reach,
     layouts: LayoutsView,
@@ -143,12 +143,15 @@ def _ends_row(program: Program, obj: int, cause: int) -> bool:
 def _accept_first(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int, lanes: int
 ) -> int:
-    """Place the first of a row's candidates that passed. Return the row's next trial, or _PLACED.
+    """Place the first of a row's candidates for an object that passed. Return its next trial, or _PLACED.
 
     Either one lane calls it alone, or all lanes of a block call it together.
     """
     first = search.row_first[row]
     trials = search.row_trials[row]
+    if obj < search.row_object[row]:  # drawn ahead
+        first = search.row_ahead_first[row] + obj
+        trials = 1
     end = int(trials)
     for t in range(lane, trials, lanes):
         if t < end and _ends_row(program, obj, search.cause[first + t]):
@@ -167,7 +170,7 @@ def _accept_first(
         return search.row_trial[row] + trials
     if search.cause[first + end] != Cause.NONE:
         return program.attempts
-    _place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
+    place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
     return _PLACED
 
 
@@ -177,6 +180,7 @@ def _advance(
 ):
     """Queue a row for its next trial or for its next object, unless it is out of trials or out of objects."""
     if trial != _PLACED:
+        search.row_object[row] = obj
         if trial < program.attempts:
             _queue_trial(search, row, trial)
         return
@@ -198,10 +202,11 @@ def _accept(
     # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, place, bounds, variant, body_pos, body_quat,
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
-    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
-    #   rows_left, source, rows, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos, body_quat
-    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, row_surface, row_variant,
-    #   rows_left, candidates
+    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead, row_ahead_first,
+    #   row_attempts, queue, rows_left, source, rows, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos,
+    #   body_quat
+    # Search out: best, waiting, row_object, row_trial, row_ahead, row_attempts, row_free, queue, row_surface,
+    #   row_variant, rows_left, candidates
     search: Search,
 ):
     block, lane = wp.tid()
@@ -218,13 +223,15 @@ def _accept(
         lanes = 1
     for i in range(first, search.rows[0], step):
         row = search.queue[search.source[0], i]
-        obj = search.row_object[row]
-        trial = int(search.row_trial[row])
-        if search.row_trials[row] > 0:  # otherwise the wave had no room for the row
+        obj = search.row_object[row] - search.row_ahead[row] - 1
+        trial = int(_PLACED)
+        while trial == _PLACED and obj < search.row_object[row]:
+            obj += 1
             trial = _accept_first(program, reach, layouts, search, row, obj, lane, lanes)
         if lanes > 1:
             block_sync()  # every lane has finished its reads and writes of the row
         if lane == 0:
+            search.row_ahead[row] = 0
             _advance(program, reach, layouts, search, row, obj, trial, staged)
 
 

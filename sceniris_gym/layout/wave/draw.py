@@ -108,6 +108,42 @@ def _draw_from_heap(
     pose_candidate(program, layouts, search, c, row, obj)
 
 
+@wp.func
+def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int):
+    """Draw a candidate's joints, orientation and point, and pose it, unless `points.py` draws the point."""
+    row = search.row[c]
+    obj = search.obj[c]
+    trial = trial_of(program, search, c)
+    worldid = search.row_world[row]
+    seed = layouts.pending_seed[worldid]
+    episode = layouts.pending_episode[worldid]
+    stream = stream_of(program, split, obj)
+    search.cause[c] = Cause.NONE
+    search.overflowed[c] = 0
+    search.surface[c] = -1
+    draw_joints(program, worldid, obj, seed, episode, stream, trial, search.qpos[c])
+    if program.obj_kind[obj] == ObjectKind.STATIC:
+        draw_static(program, layouts, search, c, row, obj)
+        return
+    u = uniforms(seed, episode, stream, trial, 0)
+    w = wp.vec4(0.0)
+    if program.obj_orientation[obj] == OrientationType.ANY or program.obj_variantnum[obj] > 1:
+        w = uniforms(seed, episode, stream, trial, 1)
+    turn = draw_variant(program, obj, u, w)
+    if program.obj_heap[obj][0] >= 0:
+        search.turn[c] = turn
+        of_heap = numbered_stream(split, program.obj_heap[obj][2])
+        share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
+        _draw_from_heap(program, layouts, search, c, row, obj, share)
+        return
+    if program.obj_measured[obj] != 0:
+        turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.turn[c] = turn
+    _draw_point(program, layouts, search, c, row, obj, u)
+    if program.obj_cutnum[obj] == 0 and search.cause[c] == Cause.NONE:
+        pose_candidate(program, layouts, search, c, row, obj)
+
+
 @wp.kernel(grid_stride=False)
 def _draw(
     program: Program,
@@ -124,37 +160,7 @@ def _draw(
     if wp.tid() == 0:
         begin_wave(search)
     for c in range(wp.tid(), candidate_num(search), lanes):
-        row = search.row[c]
-        obj = search.obj[c]
-        trial = trial_of(program, search, c)
-        worldid = search.row_world[row]
-        seed = layouts.pending_seed[worldid]
-        episode = layouts.pending_episode[worldid]
-        stream = stream_of(program, split, obj)
-        search.cause[c] = Cause.NONE
-        search.overflowed[c] = 0
-        search.surface[c] = -1
-        draw_joints(program, worldid, obj, seed, episode, stream, trial, search.qpos[c])
-        if program.obj_kind[obj] == ObjectKind.STATIC:
-            draw_static(program, layouts, search, c, row, obj)
-            continue
-        u = uniforms(seed, episode, stream, trial, 0)
-        w = wp.vec4(0.0)
-        if program.obj_orientation[obj] == OrientationType.ANY or program.obj_variantnum[obj] > 1:
-            w = uniforms(seed, episode, stream, trial, 1)
-        turn = draw_variant(program, obj, u, w)
-        if program.obj_heap[obj][0] >= 0:
-            search.turn[c] = turn
-            of_heap = numbered_stream(split, program.obj_heap[obj][2])
-            share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
-            _draw_from_heap(program, layouts, search, c, row, obj, share)
-            continue
-        if program.obj_measured[obj] != 0:
-            turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
-        search.turn[c] = turn
-        _draw_point(program, layouts, search, c, row, obj, u)
-        if program.obj_cutnum[obj] == 0 and search.cause[c] == Cause.NONE:
-            pose_candidate(program, layouts, search, c, row, obj)
+        draw_candidate(program, split, layouts, search, c)
 
 
 def launch_draw(work: Workspace) -> None:

@@ -52,6 +52,8 @@ class Search:
     row_trial: wp.array[int]  # the next trial of that object, from 0
     row_first: wp.array[int]  # the row's first candidate in this wave
     row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
+    row_ahead: wp.array[int]  # objects before it, in the first wave of a round, that have a candidate each
+    row_ahead_first: wp.array[int]  # the first of these candidates
     row_attempts: wp.array[int]  # candidates drawn in this restart
     row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
@@ -241,6 +243,7 @@ class Workspace:
         program: The placement program.
         statics: How objects stand, None if none can fall.
         related: Whether there are regions that differ between worlds.
+        ahead: Number of objects that are drawn ahead.
         reaches: The arms; a single empty one if there are no reach targets.
         split: Number of the split.
         size: Capacities.
@@ -252,6 +255,7 @@ class Workspace:
     program: Program
     statics: Statics | None
     related: bool
+    ahead: int
     reaches: Sequence[Reach]
     split: int
     size: SearchSize
@@ -307,6 +311,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     with wp.ScopedDevice(compiled.device):
         zeros(nworld, "pending restart ticket best")
         zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
+        zeros(nrow, "row_ahead row_ahead_first")
         zeros((2, nrow), "queue")
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
