@@ -40,10 +40,10 @@ from sceniris_gym.layout.wave.rounds import (
     launch_finish,
     launch_open_candidates,
     launch_open_rows,
-    launch_settle,
     launch_start,
 )
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
+from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers, launch_redraw_joints

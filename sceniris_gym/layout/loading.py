@@ -19,6 +19,7 @@ from sceniris_gym.layout.wave import (
     prefilter,
     region_pieces,
     rounds,
+    settle,
     sides,
     standing,
     start_kinds,
@@ -41,7 +42,8 @@ def kernel_modules(work: Workspace, *, staged: bool, starts: bool = False) -> tu
     by_lane += [waves, poses, ik] if staged else []
     by_lane += [start_kinds, start_poses, start_search] if starts else []
     by_lane += [free_grasps] if work.search.free.shape[1] > 0 else []
-    by_block = [accept, *([points] if work.related else []), *([hits] if staged else []), *([start] if starts else [])]
+    by_block = [accept, settle, *([points] if work.related else [])]
+    by_block += [*([hits] if staged else []), *([start] if starts else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
     lanes += [k.module for k in collision.lane_kernels(work) + (containment.LANE_KERNELS if visual else ())]
     blocks = [wp.get_module(m.__name__) for m in by_block]

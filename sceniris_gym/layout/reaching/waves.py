@@ -127,7 +127,9 @@ def _open_rows(
     row = wp.tid()
     if reach.number == 0:
         reach_search.arm[row] = 0
-        if search.waiting[row] and not is_sound(program, layouts, row):  # its world falls back, whatever is in reach
+        if search.waiting[row] and not is_sound(
+            program, layouts, row, 0, 1
+        ):  # its world falls back, whatever is in reach
             search.waiting[row] = False
             wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
     if search.waiting[row] and reach_search.arm[row] == reach.number and not _comes_later(reach, search, row):

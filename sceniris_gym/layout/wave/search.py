@@ -42,7 +42,7 @@ class Search:
     # Worlds
     pending: wp.array[bool]  # has no layout yet
     restart: wp.array[int]  # the next restart
-    ticket: wp.array[int]  # its number among the pending worlds of this round
+    ticket: wp.array[int]  # its number among the pending worlds of this round, or of the next
     best: wp.array[int]  # the lowest restart of this round that is done
     # Rows
     waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
@@ -63,7 +63,6 @@ class Search:
     # Counts
     worlds_left: wp.array[int]
     rows_left: wp.array[int]
-    tickets: wp.array[int]
     restarts_at_once: wp.array[int]
     source: wp.array[int]  # the list of `queue` that is read
     rows: wp.array[int]  # number of rows in that list
@@ -315,7 +314,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((2, nrow), "queue")
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
-        zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
+        zeros(1, "worlds_left rows_left restarts_at_once source rows")
         zeros(1, "candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
