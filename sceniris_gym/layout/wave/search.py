@@ -115,6 +115,12 @@ def candidate_num(search: Search) -> int:
 
 
 @wp.func
+def lanes_for_each(lanes: int, num: int, least: int) -> int:
+    """Return how many lanes share each of `num` things: all there are, or `least` where things are many."""
+    return wp.max(lanes // wp.max(num, 1), least)
+
+
+@wp.func
 def narrow_pair_num(search: Search) -> int:
     """Return the number of narrow-phase pairs in the queue: as many as were found, up to the capacity."""
     found = search.narrow_pairs[0]
@@ -187,7 +193,7 @@ class SearchSize:
             that may be enclosed. With 0 each candidate is tested as a whole.
         grasps: Most candidates in a wave of the reach stage, each with a pose of the robot.
         lanes: Lanes of a launch in which lanes work independently.
-        parts: Lanes that share the prefilter and the containment test of a candidate, and at least so many share the
+        parts: Lanes that share the containment test of a candidate, and at least so many share its prefilter and the
             pieces of its region.
         blocks: Blocks of a launch in which the lanes of a block share a candidate.
         block_dim: Lanes of such a block.
