@@ -38,7 +38,6 @@ from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.wave.rounds import (
     launch_finish,
-    launch_open_candidates,
     launch_open_rows,
     launch_start,
 )
@@ -214,7 +213,6 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
-        launch_open_candidates(work)
         launch_draw(work)
         starts = self.compiled.starts
         if starts is not None:

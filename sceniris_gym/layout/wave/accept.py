@@ -124,14 +124,6 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
 
 
 @wp.func
-def _queue_trial(search: Search, row: int, trial: int):
-    """Queue a row for its next trial, unless an earlier restart of its world has already placed everything."""
-    search.row_trial[row] = trial
-    if search.best[search.row_world[row]] > search.row_restart[row]:
-        queue_row(search, row)
-
-
-@wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
     """Return True if a trial is the last of its object: it passed, or no further trial could pass."""
     if cause == Cause.NONE:
@@ -150,7 +142,7 @@ def _accept_first(
     first = search.row_first[row]
     trials = search.row_trials[row]
     if obj < search.row_object[row]:  # drawn ahead
-        first = search.row_ahead_first[row] + obj
+        first += obj - search.row_object[row]
         trials = 1
     end = int(trials)
     for t in range(lane, trials, lanes):
@@ -176,20 +168,21 @@ def _accept_first(
 
 @wp.func
 def _advance(
-    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int, staged: bool
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, trial: int, staged: bool, busy: int
 ):
-    """Queue a row for its next trial or for its next object, unless it is out of trials or out of objects."""
-    if trial != _PLACED:
-        search.row_object[row] = obj
-        if trial < program.attempts:
-            _queue_trial(search, row, trial)
-        return
-    following = next_object(program, reach, layouts, row, obj + 1)
-    search.row_object[row] = following
-    if following < program.nobject:
-        _queue_trial(search, row, 0)
-    else:
+    """Queue a row for the next trial of its object, or for its next object, unless it is out of trials or of objects.
+
+    It ends as well once an earlier restart of its world has placed everything.
+    """
+    following = int(trial)
+    if trial == _PLACED:
+        search.row_object[row] = next_object(program, reach, layouts, row, search.row_object[row] + 1)
+        following = 0
+    search.row_trial[row] = following
+    if search.row_object[row] == program.nobject:
         finish_row(search, row, staged)
+    elif following < program.attempts and search.best[search.row_world[row]] > search.row_restart[row]:
+        queue_row(program, search, row, 0, busy)
 
 
 @wp.kernel(grid_stride=False)
@@ -197,21 +190,20 @@ def _accept(
     program: Program,
     reach: Reach,
     staged: bool,
+    busy: int,
     blocks: int,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, row_rejections, body_pos, body_quat, record_all, rejected_count
     # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, place, bounds, variant, body_pos, body_quat,
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
-    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead, row_ahead_first,
-    #   row_attempts, queue, rows_left, source, rows, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos,
+    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts,
+    #   queue, rows_left, source, rows, opened, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos,
     #   body_quat
-    # Search out: best, waiting, row_object, row_trial, row_ahead, row_attempts, row_free, queue, row_surface,
-    #   row_variant, rows_left, candidates
+    # Search out: best, waiting, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts, row_free, queue,
+    #   row_surface, row_variant, rows_left, opened, row, obj, trial
     search: Search,
 ):
     block, lane = wp.tid()
-    if block == 0 and lane == 0:
-        search.candidates[0] = 0  # of the next wave
     # Few rows: a block for each is faster. Many rows: a lane for each.
     first = int(block)
     step = int(blocks)
@@ -231,10 +223,11 @@ def _accept(
         if lanes > 1:
             block_sync()  # every lane has finished its reads and writes of the row
         if lane == 0:
-            search.row_ahead[row] = 0
-            _advance(program, reach, layouts, search, row, obj, trial, staged)
+            search.row_object[row] = obj
+            _advance(program, reach, layouts, search, row, trial, staged, busy)
 
 
 def launch_accept(work: Workspace, staged: bool) -> None:
     """Place the candidates of this wave that passed every test, and queue the rows that continue."""
-    work.launch_blocks(_accept, [work.program, work.reach, staged, work.size.blocks], work.layouts, work.search)
+    inputs = [work.program, work.reach, staged, work.size.busy, work.size.blocks]
+    work.launch_blocks(_accept, inputs, work.layouts, work.search)

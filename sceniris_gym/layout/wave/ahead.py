@@ -38,41 +38,24 @@ def _draw_ahead(
     program: Program,
     reach: Reach,
     split: wp.uint32,
-    most: int,
     lanes: int,
     # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, grasp, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, queue, rows_left, source, candidates, row, obj, trial, cause, turn, heading,
-    #   point, surface, place, bounds, grasp, free, qpos, body_pos, body_quat
-    # Search out: row_object, row_ahead, row_ahead_first, row_free, row_surface, row_variant, candidates, row, obj,
-    #   trial, cause, turn, heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos,
-    #   body_pos, body_quat
+    # Search in: row_world, row_restart, row_first, row_ahead, queue, rows_left, source, row, obj, trial, cause, turn,
+    #   heading, point, surface, place, bounds, grasp, free, qpos, body_pos, body_quat
+    # Search out: row_free, row_surface, row_variant, cause, turn, heading, point, surface, place, bounds, grasp,
+    #   overflowed, covered, overhanging, qpos, body_pos, body_quat
     search: Search,
 ):
     for i in range(wp.tid(), search.rows_left[0], lanes):
         row = search.queue[1 - search.source[0], i]
-        num = int(0)
-        for obj in range(most):
-            if layouts.present[row, program.obj_slot[obj]] == 0 or layouts.present[row, program.obj_slot[obj + 1]] == 0:
-                break
-            num += 1
-        first = wp.atomic_add(search.candidates, 0, num)
-        num = wp.clamp(search.cause.shape[0] - first, 0, num)
-        search.row_ahead_first[row] = first
-        search.row_ahead[row] = num
-        for obj in range(num):
-            c = first + obj
-            search.row[c] = row
-            search.obj[c] = obj
-            search.trial[c] = 0
+        for c in range(search.row_first[row] - search.row_ahead[row], search.row_first[row]):
             draw_candidate(program, split, layouts, search, c)
-            place(program, reach, layouts, search, c, row, obj, 0, 1)
-        if num > 0:
-            search.row_object[row] = num
+            place(program, reach, layouts, search, c, row, search.obj[c], 0, 1)
 
 
 def launch_draw_ahead(work: Workspace) -> None:
     """Draw and place the objects ahead of the queued rows, which have placed nothing."""
-    inputs = [work.program, work.reach, work.split, work.ahead, work.size.lanes, work.layouts]
-    work.launch(_draw_ahead, work.size.lanes, inputs, work.search)
+    lanes = work.size.lanes
+    work.launch(_draw_ahead, lanes, [work.program, work.reach, work.split, lanes, work.layouts], work.search)

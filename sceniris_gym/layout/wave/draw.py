@@ -16,7 +16,6 @@ from sceniris_gym.layout.wave.search import (
     Search,
     Workspace,
     begin_wave,
-    candidate_num,
     first_trial_of,
     numbered_stream,
     stream_of,
@@ -151,15 +150,15 @@ def _draw(
     lanes: int,
     # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, rows_left, source, candidates, row, obj, trial, cause, turn, heading, point,
-    #   qpos, body_pos, body_quat
-    # Search out: rows_left, source, rows, cuts, narrow_pairs, enclosed, hands, any_overflowed, cause, turn, heading,
-    #   point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
+    # Search in: row_world, row_restart, rows_left, source, opened, row, obj, trial, cause, turn, heading, point, qpos,
+    #   body_pos, body_quat
+    # Search out: rows_left, source, rows, candidates, cuts, narrow_pairs, enclosed, hands, any_overflowed, cause, turn,
+    #   heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
     search: Search,
 ):
     if wp.tid() == 0:
         begin_wave(search)
-    for c in range(wp.tid(), candidate_num(search), lanes):
+    for c in range(wp.tid(), wp.min(search.opened[0], search.cause.shape[0]), lanes):
         draw_candidate(program, split, layouts, search, c)
 
 

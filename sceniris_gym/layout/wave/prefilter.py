@@ -110,9 +110,11 @@ def _prefilter(
     # Layouts in: present, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: candidates, row, obj, cause, turn, point, surface, grasp, covered, overhanging, body_pos, body_quat
-    # Search out: grasp, covered, overhanging
+    # Search out: opened, grasp, covered, overhanging
     search: Search,
 ):
+    if wp.tid() == 0:
+        search.opened[0] = 0  # all of them are drawn
     num = candidate_num(search)
     parts = lanes_for_each(lanes, num, least_parts)
     for i in range(wp.tid(), parts * num, lanes):

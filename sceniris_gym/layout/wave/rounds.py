@@ -51,7 +51,7 @@ def _start(
     # Layouts out: attempts, present, pending_seed, pending_episode, pending_knob, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
-    # Search out: pending, restart, ticket, best, waiting, worlds_left, rows_left, restarts_at_once, candidates
+    # Search out: pending, restart, ticket, best, waiting, worlds_left, rows_left, restarts_at_once, opened
     search: Search,
 ):
     worldid = wp.tid()
@@ -61,7 +61,7 @@ def _start(
         search.waiting[row] = False
     if worldid == 0:
         search.rows_left[0] = 0
-        search.candidates[0] = 0
+        search.opened[0] = 0
         search.restarts_at_once[0] = 0
     if mask:
         if not mask[worldid]:
@@ -92,8 +92,10 @@ def _open_row(
     worldid: int,
     restart: int,
     staged: bool,
+    ahead: int,
+    busy: int,
 ):
-    """Begin a restart of a world in a row."""
+    """Begin a restart of a world in a row, behind so many objects that are drawn ahead, up to one that is absent."""
     nworld = search.pending.shape[0]
     if row >= nworld:
         for i in range(layouts.present.shape[1]):
@@ -105,7 +107,13 @@ def _open_row(
     search.row_attempts[row] = 0
     search.row_object[row] = next_object(program, reach, layouts, row, 0)
     if search.row_object[row] < program.nobject:
-        queue_row(search, row)
+        num = int(0)
+        for obj in range(ahead):
+            if layouts.present[row, program.obj_slot[obj]] == 0 or layouts.present[row, program.obj_slot[obj + 1]] == 0:
+                break
+            num += 1
+        search.row_object[row] += num
+        queue_row(program, search, row, num, busy)
     else:
         finish_row(search, row, staged)
 
@@ -124,7 +132,7 @@ def _plan_round(
     staged: bool,
     busy: int,
     # Search in: worlds_left, restarts_at_once
-    # Search out: worlds_left, restarts_at_once
+    # Search out: worlds_left, restarts_at_once, rows
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
@@ -140,6 +148,7 @@ def _plan_round(
             room = 1  # the next one has room for all that fail in this one
     search.restarts_at_once[0] = wp.clamp(wp.min(room, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
+    search.rows[0] = worlds * search.restarts_at_once[0]
 
 
 @wp.kernel(grid_stride=False)
@@ -147,12 +156,16 @@ def _open_rows(
     program: Program,
     reach: Reach,
     staged: bool,
+    ahead: int,
+    busy: int,
     lanes: int,
     # Layouts in: qpos, present, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, present, grasp, row_rejections, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, rows_left, restarts_at_once, source
-    # Search out: best, waiting, row_world, row_restart, row_object, row_trial, row_attempts, queue, rows_left
+    # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, row_trial, rows_left,
+    #   restarts_at_once, source, rows, opened
+    # Search out: best, waiting, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead,
+    #   row_attempts, queue, rows_left, opened, row, obj, trial
     search: Search,
 ):
     nworld = search.pending.shape[0]
@@ -162,46 +175,15 @@ def _open_rows(
         restart = search.restart[worldid] + number
         if search.pending[worldid] and restart <= program.restarts:
             row = row_of_restart(search, worldid, number)
-            _open_row(program, reach, layouts, search, row, worldid, restart, staged)
+            _open_row(program, reach, layouts, search, row, worldid, restart, staged, ahead, busy)
 
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
-    lanes = work.size.lanes
-    work.launch(_plan_round, 1, [work.program, staged, work.size.busy], work.search)
-    work.launch(_open_rows, lanes, [work.program, work.reach, staged, lanes], work.layouts, work.search)
-
-
-@wp.kernel(grid_stride=False)
-def _open_candidates(
-    program: Program,
-    busy: int,
-    lanes: int,
-    # Search in: row_object, row_trial, queue, rows_left, source, candidates
-    # Search out: row_first, row_trials, candidates, row, obj, trial
-    search: Search,
-):
-    rows = search.rows_left[0]
-    scale = float(busy) / float(wp.max(rows, 1))
-    capacity = search.cause.shape[0]
-    for i in range(wp.tid(), rows, lanes):
-        row = search.queue[1 - search.source[0], i]
-        obj = search.row_object[row]
-        trials = wp.clamp(int(scale * program.obj_effort[obj]), 1, program.attempts - search.row_trial[row])
-        first = wp.atomic_add(search.candidates, 0, trials)
-        trials = wp.clamp(capacity - first, 0, trials)
-        search.row_first[row] = first
-        search.row_trials[row] = trials
-        for t in range(trials):
-            search.row[first + t] = row
-            search.obj[first + t] = obj
-            search.trial[first + t] = search.row_trial[row] + t
-
-
-def launch_open_candidates(work: Workspace) -> None:
-    """Open candidates for the queued rows: more per row if few rows are left or their objects usually need more."""
-    size = work.size
-    work.launch(_open_candidates, size.lanes, [work.program, size.busy, size.lanes], work.search)
+    busy, lanes = work.size.busy, work.size.lanes
+    work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
+    inputs = [work.program, work.reach, staged, work.ahead, busy, lanes]
+    work.launch(_open_rows, lanes, inputs, work.layouts, work.search)
 
 
 @wp.func

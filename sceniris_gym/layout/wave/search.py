@@ -52,8 +52,7 @@ class Search:
     row_trial: wp.array[int]  # the next trial of that object, from 0
     row_first: wp.array[int]  # the row's first candidate in this wave
     row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
-    row_ahead: wp.array[int]  # objects before it, in the first wave of a round, that have a candidate each
-    row_ahead_first: wp.array[int]  # the first of these candidates
+    row_ahead: wp.array[int]  # in front of them, candidates of all objects before it, in the first wave of a round
     row_attempts: wp.array[int]  # candidates drawn in this restart
     row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
@@ -66,6 +65,7 @@ class Search:
     restarts_at_once: wp.array[int]
     source: wp.array[int]  # the list of `queue` that is read
     rows: wp.array[int]  # number of rows in that list
+    opened: wp.array[int]  # number of candidates of the next wave
     candidates: wp.array[int]
     cuts: wp.array[int]  # number of candidates in `cut`
     narrow_pairs: wp.array[int]
@@ -130,9 +130,28 @@ def narrow_pair_num(search: Search) -> int:
 
 
 @wp.func
-def queue_row(search: Search, row: int):
-    """Queue a row for the next wave."""
+def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int):
+    """Queue a row for the next wave, with candidates for the next trials of its object, as far as there is room.
+
+    They are more if few rows are left or the object usually needs more. A candidate of each of so many objects ahead
+    of the row's own is in front of them; what has no room is the row's own object.
+    """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+    obj = search.row_object[row]
+    trial = search.row_trial[row]
+    scale = float(busy) / float(wp.max(search.rows[0], 1))
+    wanted = ahead + wp.clamp(int(scale * program.obj_effort[obj]), 1, program.attempts - trial)
+    first = wp.atomic_add(search.opened, 0, wanted)
+    num = wp.clamp(search.cause.shape[0] - first, 0, wanted)
+    if num < ahead:
+        search.row_object[row] = num
+    search.row_ahead[row] = wp.min(ahead, num)
+    search.row_first[row] = first + wp.min(ahead, num)
+    search.row_trials[row] = wp.max(num - ahead, 0)
+    for k in range(num):
+        search.row[first + k] = row
+        search.obj[first + k] = wp.where(k < ahead, k, obj)
+        search.trial[first + k] = wp.max(trial + k - ahead, 0)
 
 
 @wp.func
@@ -147,6 +166,7 @@ def finish_row(search: Search, row: int, staged: bool):
 @wp.func
 def begin_wave(search: Search):
     """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
+    search.candidates[0] = search.opened[0]
     search.rows[0] = search.rows_left[0]
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
@@ -315,13 +335,12 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     zeros = partial(allocate, Search, s)
     with wp.ScopedDevice(compiled.device):
         zeros(nworld, "pending restart ticket best")
-        zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
-        zeros(nrow, "row_ahead row_ahead_first")
+        zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials row_ahead")
         zeros((2, nrow), "queue")
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left restarts_at_once source rows")
-        zeros(1, "candidates cuts narrow_pairs enclosed hands any_overflowed")
+        zeros(1, "opened candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
