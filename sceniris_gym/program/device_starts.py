@@ -22,7 +22,7 @@ class StartPose(IntEnum):
 class Starts:
     """The kinds of starts of a scene; never written after `compile_scene`."""
 
-    cdf: wp.array[float]  # share of the kinds up to and including this one
+    weight: wp.array[float]
     pose: wp.array[int]  # a StartPose
     arm: wp.array[int]  # number of the arm, -1 for none
     target: wp.array2d[bool]  # reach targets that it may hold, of which one is present

@@ -30,7 +30,6 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
     starts, grips = Starts(), plan_grips(plan)
     kinds = plan_starts(plan, grips)
     _raise_bounds(plan, kinds, bounds)
-    weights = np.array([kind.config.weight for kind in kinds])
     ncolumn = 0 if plan.reaching is None else len(plan.reaching.targets)
     draws = [r.qposadr for o in plan.objects for r in o.joint_ranges]
 
@@ -38,7 +37,7 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
         return np.reshape(rows, (len(kinds), *shape))
 
     fields = {
-        "cdf": np.cumsum(weights) / weights.sum(),
+        "weight": np.array([kind.config.weight for kind in kinds]),
         "pose": np.array([int(kind.pose) for kind in kinds]),
         "arm": np.array([kind.arm for kind in kinds]),
         "target": table([np.isin(np.arange(ncolumn), kind.columns) for kind in kinds], ncolumn),
