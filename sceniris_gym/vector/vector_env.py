@@ -312,7 +312,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if kept is not None:
                 live, given_to = self._live(), None if mask is None else due
                 due = put(kept, self.compiled.hash, live, given_to)
-                if self.randomizer.variants is not None:  # which brings the model of the variants as it was made
+                if self.compiled.config.variants:  # which brings the model of the variants as it was made
                     self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
                     put(kept, self.compiled.hash, live, given_to)
                 self.batch.update()

@@ -33,7 +33,7 @@ def test_a_step_from_a_graph_gives_the_same_bits_and_current_kinematics(small_sc
         np.testing.assert_array_equal(recorded, direct, err_msg=name)
 
 
-@pytest.mark.parametrize("name", ["scene", "model", "data", "stages", "substeps", "options", "graph"])
+@pytest.mark.parametrize("name", ["scene", "model", "data", "substeps", "options", "graph"])
 def test_a_batch_keeps_what_its_graph_was_captured_with(small_scene, name: str):
     """Those of another batch are refused, and steps go on as those of a batch that nobody touched."""
     batch, untouched, other = (Batch(small_scene.scene, 2, "cpu") for _ in range(3))

@@ -191,7 +191,8 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
             ResetRandomizer(compiled, mjw.put_model(compiled.sim_mjm), data)
         with pytest.raises(SceneMismatchError, match=r"model\.nq"):
             ResetRandomizer(compiled, mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=2))
-    assert ResetRandomizer(compiled, put_model(compiled, 2), data).variants is not None
+    variant = ResetRandomizer(compiled, put_model(compiled, 2), data).variant
+    assert variant.shape == (2, len(compiled.config.variants))
 
 
 def test_what_cannot_share_a_body_is_refused(tmp_path):
