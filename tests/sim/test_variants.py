@@ -18,7 +18,7 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch, default_budget
 from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.model_fields import put_model
