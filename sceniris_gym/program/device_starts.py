@@ -34,9 +34,6 @@ class Starts:
     # Grasps of `Reach` with the fingers closed on the object.
     grip_share: wp.array[float]  # opening of the gripper
     grip_pos: wp.array[wp.vec3]
-    # The start pose of all bodies, to which an arm returns.
-    home_pos: wp.array[wp.vec3]
-    home_quat: wp.array[wp.vec4]
     # The bank of valid layouts, with rows as in `Program`.
     bank_start: wp.array[int]
 

@@ -19,7 +19,7 @@ from sceniris_gym.layout.reaching.search import (
     reach_candidate_num,
 )
 from sceniris_gym.layout.reaching.start_poses import TRIALS
-from sceniris_gym.layout.reaching.waves import first_passed
+from sceniris_gym.layout.reaching.waves import first_passed, keep_grasp
 from sceniris_gym.layout.wave.rounds import NEVER, row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.placement.kinematics import write_root
@@ -134,12 +134,8 @@ def _keep(
     reach_search: ReachSearch,
     c: int,
 ):
-    """Write a candidate that passed into its row."""
+    """Write a candidate that passed into its row, whose bodies stay posed as they were placed."""
     take_joints(program, reach.arm_body, reach_search.qpos[c], layouts.qpos[row])
-    for i in range(reach.arm_body.shape[0]):
-        body = reach.arm_body[i]
-        layouts.body_pos[row, body] = reach_search.body_pos[c, body]
-        layouts.body_quat[row, body] = reach_search.body_quat[c, body]
     if reach_search.tier[row, column] < wp.static(HELD):
         return
     obj = reach.reach_obj[column]
@@ -147,14 +143,7 @@ def _keep(
     pos = reach_search.body_pos[c, root]
     quat = reach_search.body_quat[c, root]
     write_root(program, obj, pos, quat, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
-    for i in range(program.obj_bodynum[obj]):
-        body = program.body_list[program.obj_bodyadr[obj] + i]
-        layouts.body_pos[row, body] = reach_search.body_pos[c, body]
-        layouts.body_quat[row, body] = reach_search.body_quat[c, body]
-    layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
-    for i in range(MAX_JOINTS):
-        layouts.grasp_qpos[row, column, i] = wp.where(i < reach.arm.njoint, reach_search.grasp_qpos[c][i], wp.nan)
-        layouts.pregrasp_qpos[row, column, i] = wp.nan
+    keep_grasp(reach, layouts, reach_search, row, column, c)
 
 
 @wp.kernel(grid_stride=False)
@@ -163,13 +152,13 @@ def _accept(
     reach: Reach,
     lanes: int,
     # Layouts in: row_rejections
-    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, grasp_qpos, pregrasp_qpos, row_rejections, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, grasp_qpos, pregrasp_qpos, row_rejections
     layouts: LayoutsView,
     # Search in: best, row_world
     # Search out: best
     search: Search,
     # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
-    #   grasp, start, failed, grasp_qpos, qpos, body_pos, body_quat
+    #   grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos, body_quat
     # ReachSearch out: number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):

@@ -26,25 +26,19 @@ _HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 def _go_home(
     program: Program,
     reach: Reach,
-    starts: Starts,
-    # Layouts out: qpos, body_pos, body_quat
+    # Layouts out: qpos
     layouts: LayoutsView,
     # Search in: pending, row_world
     search: Search,
 ):
     row = wp.tid()
-    if not search.pending[search.row_world[row]]:
-        return
-    take_joints(program, reach.arm_body, program.home_qpos, layouts.qpos[row])
-    for i in range(reach.arm_body.shape[0]):
-        body = reach.arm_body[i]
-        layouts.body_pos[row, body] = starts.home_pos[body]
-        layouts.body_quat[row, body] = starts.home_quat[body]
+    if search.pending[search.row_world[row]]:
+        take_joints(program, reach.arm_body, program.home_qpos, layouts.qpos[row])
 
 
 def launch_go_home(work: Workspace, reach: Reach) -> None:
     """Return an arm to its start pose, from which the starts of the last layouts took it, in the rows of this round."""
-    work.launch(_go_home, work.nrow, [work.program, reach, work.starts], work.layouts, work.search)
+    work.launch(_go_home, work.nrow, [work.program, reach], work.layouts, work.search)
 
 
 @wp.func

@@ -223,7 +223,7 @@ def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> 
 
 
 @wp.func
-def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
+def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
     """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
     clear = tier_of(reach, reach_search, row, column) == Tier.CLEAR
@@ -286,7 +286,7 @@ def _accept(
         column = reach_search.column[row]
         found = first_passed(reach_search, row)
         if found >= 0:
-            _keep(reach, layouts, reach_search, row, column, found)
+            keep_grasp(reach, layouts, reach_search, row, column, found)
             _move_to(reach, layouts, search, reach_search, row, column + 1)
         elif search.best[search.row_world[row]] < search.row_restart[row]:
             search.waiting[row] = False  # an earlier restart of its world is done

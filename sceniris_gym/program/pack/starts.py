@@ -30,8 +30,6 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
     fields |= {
         "grip_share": np.array([grip.share for grip in grips], float),
         "grip_pos": np.reshape([grip.pos for grip in grips], (-1, 3)),
-        "home_pos": plan.home.xpos,
-        "home_quat": plan.home.xquat,
         "bank_start": np.zeros(0),
     }
     fill_struct(Starts, starts, fields, device)
