@@ -25,7 +25,6 @@ from sceniris_gym.dataset.manifest import (
     SCENE,
     SCENE_USD,
     DatasetPlan,
-    as_json,
     checksum,
     part_name,
     read_manifest,
@@ -74,7 +73,7 @@ class DatasetWriter:
             self._manifest = read_manifest(folder)
         else:  # for processes that come later
             with replacing(begun) as file:
-                file.write_text(as_json(plan.words))
+                file.write_text(json.dumps(plan.words, indent=1) + "\n")
 
     def _compare(self, path: Path, resume: bool) -> None:
         """Compare the plan with that of a data set that is there."""
@@ -191,7 +190,7 @@ class DatasetWriter:
             sums = {name: checksum(self.folder / name) for name in self.plan.files}
             told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
             with replacing(path) as file:
-                file.write_text(as_json(self.plan.words | told))
+                file.write_text(json.dumps(self.plan.words | told, indent=1) + "\n")
         self._manifest = read_manifest(self.folder)
         shutil.rmtree(self._progress, ignore_errors=True)
         for left in self.folder.glob(".*.tmp"):  # of processes that were killed, on this machine or another
