@@ -83,42 +83,6 @@ def launch_start(work: Workspace, mask: wp.array | None) -> None:
 
 
 @wp.func
-def _open_row(
-    program: Program,
-    reach: Reach,
-    layouts: LayoutsView,
-    search: Search,
-    row: int,
-    worldid: int,
-    restart: int,
-    staged: bool,
-    ahead: int,
-    busy: int,
-):
-    """Begin a restart of a world in a row, behind so many objects that are drawn ahead, up to one that is absent."""
-    nworld = search.pending.shape[0]
-    if row >= nworld:
-        for i in range(layouts.present.shape[1]):
-            layouts.present[row, i] = layouts.present[worldid, i]
-        _clear_rejections(layouts, row)
-    search.row_world[row] = worldid
-    search.row_restart[row] = restart
-    search.row_trial[row] = 0
-    search.row_attempts[row] = 0
-    search.row_object[row] = next_object(program, reach, layouts, row, 0)
-    if search.row_object[row] < program.nobject:
-        num = int(0)
-        for obj in range(ahead):
-            if layouts.present[row, program.obj_slot[obj]] == 0 or layouts.present[row, program.obj_slot[obj + 1]] == 0:
-                break
-            num += 1
-        search.row_object[row] += num
-        queue_row(program, search, row, num, busy)
-    else:
-        finish_row(search, row, staged)
-
-
-@wp.func
 def row_of_restart(search: Search, worldid: int, number: int) -> int:
     """Return the row of restart `number` of a world, counted within this round."""
     if number == 0:
@@ -130,6 +94,7 @@ def row_of_restart(search: Search, worldid: int, number: int) -> int:
 def _plan_round(
     program: Program,
     staged: bool,
+    has_kinds: bool,
     busy: int,
     # Search in: worlds_left, restarts_at_once
     # Search out: worlds_left, restarts_at_once, rows
@@ -141,6 +106,8 @@ def _plan_round(
     left = wp.where(staged, _LEFT_BY_STAGE, _LEFT)
     wanted = _restarts_wanted(float(worlds), left, program.restart_rate)
     wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # twice as many as were too few
+    if has_kinds and search.restarts_at_once[0] > 0:
+        wanted = program.restarts + 1  # the worlds that are left have the kinds of starts that fail most
     failing = float(worlds) * program.restart_rate
     # another round follows anyway, or all rows take longer in the stage than it does
     if failing > left and (wanted > room or (staged and 2 * worlds >= busy)):
@@ -173,15 +140,33 @@ def _open_rows(
         worldid = i % nworld
         number = i // nworld
         restart = search.restart[worldid] + number
-        if search.pending[worldid] and restart <= program.restarts:
-            row = row_of_restart(search, worldid, number)
-            _open_row(program, reach, layouts, search, row, worldid, restart, staged, ahead, busy)
+        if not search.pending[worldid] or restart > program.restarts:
+            continue
+        row = row_of_restart(search, worldid, number)
+        if row != worldid:
+            for k in range(layouts.present.shape[1]):
+                layouts.present[row, k] = layouts.present[worldid, k]
+            _clear_rejections(layouts, row)
+        search.row_world[row] = worldid
+        search.row_restart[row] = restart
+        search.row_trial[row] = 0
+        search.row_attempts[row] = 0
+        search.row_object[row] = next_object(program, reach, layouts, row, 0)
+        if search.row_object[row] == program.nobject:
+            finish_row(search, row, staged)
+            continue
+        num = int(0)
+        for obj in range(1, ahead + 1):
+            if search.row_object[row] == 0 and num == obj - 1 and layouts.present[row, program.obj_slot[obj]] != 0:
+                num += 1
+        search.row_object[row] += num
+        queue_row(program, search, row, num, busy)
 
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
     busy, lanes = work.size.busy, work.size.lanes
-    work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
+    work.launch(_plan_round, 1, [work.program, staged, work.starts is not None, busy], work.search)
     inputs = [work.program, work.reach, staged, work.ahead, busy, lanes]
     work.launch(_open_rows, lanes, inputs, work.layouts, work.search)
 

@@ -56,11 +56,12 @@ def _copy_row(layouts: LayoutsView, row: int, worldid: int, lane: int, lanes: in
 def _settle(
     program: Program,
     reach: Reach,
+    bank_start: wp.array[int],  # the kinds of starts of the bank, if there are some
     split: wp.uint32,
     blocks: int,
     # Layouts in: qpos, mocap_pos, mocap_quat, attempts, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
     #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
@@ -100,7 +101,7 @@ def _settle(
         elif last == program.restarts or unsound != 0:
             if unsound != 0:
                 layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
-            layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
+            layouts.status[worldid] = fall_back(program, reach, bank_start, layouts, worldid, split)
             layouts.first_pass_valid[worldid] = 0
             search.pending[worldid] = False
         else:
@@ -109,4 +110,6 @@ def _settle(
 
 def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
-    work.launch_blocks(_settle, [work.program, work.reach, work.split, work.size.blocks], work.layouts, work.search)
+    bank_start = None if work.starts is None else work.starts.bank_start
+    inputs = [work.program, work.reach, bank_start, work.split, work.size.blocks]
+    work.launch_blocks(_settle, inputs, work.layouts, work.search)
