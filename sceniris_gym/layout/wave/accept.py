@@ -197,8 +197,8 @@ def _accept(
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
     # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts,
-    #   queue, rows_left, source, rows, opened, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos,
-    #   body_quat
+    #   queue, rows_left, source, rows, rows_before, opened, cause, turn, surface, place, bounds, grasp, free, qpos,
+    #   body_pos, body_quat
     # Search out: best, waiting, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts, row_free, queue,
     #   row_surface, row_variant, rows_left, opened, row, obj, trial
     search: Search,

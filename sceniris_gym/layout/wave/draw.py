@@ -150,10 +150,11 @@ def _draw(
     lanes: int,
     # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, rows_left, source, opened, row, obj, trial, cause, turn, heading, point, qpos,
-    #   body_pos, body_quat
-    # Search out: rows_left, source, rows, candidates, cuts, narrow_pairs, enclosed, hands, any_overflowed, cause, turn,
-    #   heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
+    # Search in: row_world, row_restart, rows_left, source, rows, opened, row, obj, trial, cause, turn, heading, point,
+    #   qpos, body_pos, body_quat
+    # Search out: rows_left, source, rows, rows_before, candidates, cuts, narrow_pairs, enclosed, hands, any_overflowed,
+    #   cause, turn, heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos,
+    #   body_quat
     search: Search,
 ):
     if wp.tid() == 0:

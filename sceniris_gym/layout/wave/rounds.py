@@ -130,7 +130,7 @@ def _open_rows(
     # Layouts out: qpos, mocap_pos, mocap_quat, present, grasp, row_rejections, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, row_trial, rows_left,
-    #   restarts_at_once, source, rows, opened
+    #   restarts_at_once, source, rows, rows_before, opened
     # Search out: best, waiting, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead,
     #   row_attempts, queue, rows_left, opened, row, obj, trial
     search: Search,

@@ -66,6 +66,7 @@ class Search:
     restarts_at_once: wp.array[int]
     source: wp.array[int]  # the list of `queue` that is read
     rows: wp.array[int]  # number of rows in that list
+    rows_before: wp.array[int]  # the same in the wave before
     opened: wp.array[int]  # number of candidates of the next wave
     candidates: wp.array[int]
     cuts: wp.array[int]  # number of candidates in `cut`
@@ -140,8 +141,11 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
     obj = search.row_object[row]
     trial = search.row_trial[row]
-    scale = float(busy) / float(wp.max(search.rows[0], 1))
-    wanted = ahead + wp.clamp(int(scale * program.obj_effort[obj]), 1, program.attempts - trial)
+    # the share of the rows that goes on is expected to be that of the last wave
+    rows = float(wp.max(search.rows[0], 1))
+    scale = float(busy) * wp.max(float(search.rows_before[0]), rows) / (rows * rows)
+    trials = wp.min(scale * program.obj_effort[obj], float(program.attempts - trial))
+    wanted = ahead + wp.max(int(trials), 1)
     first = wp.atomic_add(search.opened, 0, wanted)
     num = wp.clamp(search.cause.shape[0] - first, 0, wanted)
     if num < ahead:
@@ -168,6 +172,7 @@ def finish_row(search: Search, row: int, staged: bool):
 def begin_wave(search: Search):
     """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
     search.candidates[0] = search.opened[0]
+    search.rows_before[0] = search.rows[0]
     search.rows[0] = search.rows_left[0]
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
@@ -342,7 +347,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((2, nrow), "queue")
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
-        zeros(1, "worlds_left rows_left restarts_at_once source rows")
+        zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
         zeros(1, "opened candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
