@@ -107,7 +107,8 @@ def _draw_from_heap(
     pose_candidate(program, layouts, search, c, row, obj)
 
 
-@wp.func
+# On a CPU a call would copy the structs, which takes as long as half of a draw.
+@wp.func(inline=True)
 def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int):
     """Draw a candidate's joints, orientation and point, and pose it, unless `points.py` draws the point."""
     row = search.row[c]
