@@ -189,6 +189,7 @@ class ResetRandomizer(Fixed, StaysHere):
             *(compiled, model, data, self.layouts, self._split),
             rest=self.fields.rest,
             origins=origins,
+            variants=self.variants,
             refresh=self._launch_stages,
             graph=graph,
         )
@@ -271,7 +272,6 @@ class ResetRandomizer(Fixed, StaysHere):
         Raises:
             UnknownNameError: Not an object that the scene places.
             ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
-            NotSupportedError: A scene in which objects have variants.
             MaskTypeError, MaskError: As in `reset`.
         """
         self.replacer.launch(objects, None if mask is None else as_mask(mask, self.data.nworld, self.device))
