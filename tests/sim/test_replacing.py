@@ -37,7 +37,7 @@ def mid() -> CompiledScene:
 
 def randomizer_of(compiled: CompiledScene, options: dict[str, Any] | None = None, **words: Any) -> ResetRandomizer:
     """Return a randomizer after a reset and some steps with random velocities."""
-    batch = Batch(compiled.scene, NWORLD, "cpu", options=options or {})
+    batch = Batch(compiled.scene, NWORLD, compiled.device, options=options or {})
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=4, fields=batch.fields, **words)
     randomizer.reset()
     stir(randomizer, 0)
@@ -170,10 +170,11 @@ def test_wrong_arguments_are_refused(mid: CompiledScene):
         randomizer.replace("apple", np.zeros(2, bool))
 
 
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize("names", [("target",), ("stand", "apple")])
-def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...]):
+def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device: str):
     """Free where those are, also in worlds that got them from stored layouts; nothing else differs by a bit."""
-    compiled = compile_scene(with_variants(*reversed(THINGS)), "cpu")
+    compiled = compile_scene(with_variants(*reversed(THINGS)), device)
     sim = compiled.scene.sim
     randomizer = randomizer_of(compiled)
     stored = make_table(compiled, NWORLD, seed=7)
