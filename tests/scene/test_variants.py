@@ -12,7 +12,8 @@ import trimesh
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene import assemble
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import geom_classes
 from tests.config.scenes import TABLE
 

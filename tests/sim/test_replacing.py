@@ -16,7 +16,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 from sceniris_gym.sim.variants import fields_of_variants
