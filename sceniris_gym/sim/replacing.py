@@ -19,7 +19,7 @@ from sceniris_gym.program.part import chosen_objects
 from sceniris_gym.sim.rest import RestMap
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import sleeps
-from sceniris_gym.sim.write import Poses, StateWriter
+from sceniris_gym.sim.write import StateWriter, poses_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -131,7 +131,7 @@ class Replacer:
             if variants is not None:
                 variants.launch_read(d, self._mask, self._layouts.view, state)
             redraw.launch(state, self._mask, self.number, self._origins)
-            poses = Poses(found.qpos, found.mocap_pos, found.mocap_quat)
+            poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch_poses(poses, redraw.placed))
             wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
             self._refresh()
