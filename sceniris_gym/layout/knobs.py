@@ -90,6 +90,11 @@ class KnobTable:
         """Names of the knobs, sorted."""
         return tuple(self.first)
 
+    @property
+    def has_clearances(self) -> bool:
+        """True if a clearance is a knob."""
+        return any(knob.form == "clearance" for knob in self.knobs)
+
     def knob(self, name: str, where: str = "set_knob") -> Knob:
         """Return a knob by its name.
 
@@ -147,8 +152,9 @@ class KnobTable:
     def fill(self, program: Program, nworld: int) -> tuple[Program, wp.array | None]:
         """Return the program with a row for each world where knobs are, and the numbers that knobs have in it."""
         names = {name for knob in self.knobs for name, _, _ in knob.places}
+        clear = {"pair_margin"} if self.has_clearances else set()
         made, device = copied(Program, program), program.home_qpos.device
-        for name in names:
+        for name in names | clear:
             array = getattr(program, name)
             with wp.ScopedDevice(device):
                 rows = np.repeat(array.numpy(), nworld, axis=0)

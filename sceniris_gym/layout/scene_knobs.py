@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.bounds import BOUNDS
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
 from sceniris_gym.scene.draws import FieldDraw
 
+_FARTHEST = BOUNDS["clearance"].high
 STARTS = "start.weights"
 """The knob of the weights of the kinds of starts."""
 
@@ -26,8 +29,8 @@ class Knob:
     Attributes:
         name: The key in the scene file, such as "groups.clutter.count".
         default: Its numbers as the scene file has them, float32: least ones, then greatest ones; or weights.
-        form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), or
-            "weights".
+        form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
+            or "clearance" (a least distance).
         least: The number of weights that should be above 0.
         places: Where it is held: the name of an array, the element of a row, and which of its numbers.
     """
@@ -37,6 +40,11 @@ class Knob:
     form: str = "interval"
     least: int = 0
     places: tuple[tuple[str, int, int], ...] = ()
+
+    @property
+    def half(self) -> int:
+        """The number of its low ends, which as many high ends follow; 0 if it is no interval."""
+        return 0 if self.form in ("weights", "clearance") else len(self.default) // 2
 
     def checked(self, value: Any, nworld: int) -> np.ndarray:
         """Return a value for all worlds, or one for each, as float32 of shape (1 or nworld, number of numbers).
@@ -49,23 +57,34 @@ class Knob:
             given = np.asarray(value.numpy() if isinstance(value, wp.array) else value, np.float32)
         except (TypeError, ValueError):
             given = np.zeros(0, np.float32)
-        width = len(self.default)
+        width, half = len(self.default), self.half
         if given.size not in (width, nworld * width):
-            each = "[low, high]" if self.form in ("interval", "count") else f"{width} numbers"
+            each = (
+                "[low, high]"
+                if self.form in ("interval", "count")
+                else "1 number"
+                if width == 1
+                else f"{width} numbers"
+            )
             raise ArgumentError(f"{self.name} should be {each}, or such for each of {nworld} worlds: {short(value)}.")
         rows = given.reshape(-1, width)
-        half = width // 2 if self.form != "weights" else 0
         low, high = rows[:, :half], rows[:, half:]
-        fits = np.isfinite(rows).all() and (high >= (low if half else 0.0)).all()
+        first, last = self.default[:half], self.default[half:]
         if half:
-            fits = fits and (low >= self.default[:half]).all() and (high <= self.default[half:]).all()
-        if not fits or (self.form == "box" and (low == high).any()):
-            first, last = self.default[:half].tolist(), self.default[half:].tolist()
-            limits = f"low and high within {first} and {last}, as the scene file has them"
-            raise ArgumentError(f"{self.name} should be {limits if half else 'numbers of 0 or more'}: {short(value)}.")
+            fits, limits = (low >= first) & (low <= high) & (high <= last), (first.tolist(), last.tolist())
+            wanted = "low and high within {} and {}, as the scene file has them".format(*limits)
+        elif self.form == "clearance":
+            fits, wanted = (
+                (rows >= last) & (rows <= _FARTHEST),
+                f"from {last[0]:g}, as in the scene file, to {_FARTHEST:g}",
+            )
+        else:
+            fits, wanted = (rows >= 0.0) & np.isfinite(rows), "numbers of 0 or more"
+        if not fits.all() or (self.form == "box" and (low == high).any()):
+            raise ArgumentError(f"{self.name} should be {wanted}: {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
             raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
-        if not half and ((rows > 0).sum(axis=1) < self.least).any():
+        if (np.count_nonzero(rows, axis=1) < self.least).any():
             raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0: {short(value)}.")
         return rows
 
@@ -184,9 +203,27 @@ def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
 
 
 def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
-    """Yield the clearances of objects and robots, which are none."""
-    for name in (*compiled.config.objects, *compiled.config.all_robots):
-        yield f"{compiled.config.key(name)}.clearance", "least distances of geoms are the same in all worlds."
+    """Yield the clearances of objects and robots."""
+    used = {name for names in clearances_of_pairs(compiled) for name in names}
+    for owner, part in (*compiled.config.objects.items(), *compiled.config.all_robots.items()):
+        name = f"{compiled.config.key(owner)}.clearance"
+        known = Knob(name, np.array([part.clearance], np.float32), "clearance")
+        yield name, known if name in used else "nothing is placed that it keeps off."
+
+
+def clearances_of_pairs(compiled: CompiledScene) -> list[list[str]]:
+    """Return the names of the clearances that apply to each pair of colliders: two, or fewer."""
+    program, config, owners = compiled.program, compiled.config, compiled.scene.owners
+    bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
+    first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()
+    found: list[list[str]] = [[] for _ in bodies]
+    for i, owner in enumerate(compiled.placed):
+        for pair in range(first[i], first[i] + number[i]):
+            a, b, own, _ = bodies[pair]
+            if kinds[i] != ObjectKind.STATIC and own in (OWN_A, OWN_B):  # not of its own parts alone
+                others = owner, owners.get(b if own == OWN_A else a)
+                found[pair] = [f"{config.key(name)}.clearance" for name in others if name is not None]
+    return found
 
 
 _FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (

@@ -53,9 +53,9 @@ def set_ranges(buffer: Buffer, words: Ranges, table: KnobTable) -> None:
     columns: dict[str, list] = {name: [] for name in ("column", "other", "present", "limit", "step", "band")}
     for name, value in words.start.items():
         knob = table.knob(name, "Ranges")
-        if knob.form == "weights":
-            raise ArgumentError(f"Ranges: {name} should be an interval, and is weights.")
-        first, half = table.first[name], len(knob.default) // 2
+        if knob.half == 0:
+            raise ArgumentError(f"Ranges: {name} should be an interval, and is not.")
+        first, half = table.first[name], knob.half
         for k, (start, limit) in enumerate(zip(knob.checked(value, 1)[0], knob.default, strict=True)):
             other, outwards = (k + half, -1.0) if k < half else (k - half, 1.0)
             step = words.step * abs(float(knob.default[other] - limit))

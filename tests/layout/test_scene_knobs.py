@@ -18,11 +18,12 @@ def test_what_cannot_be_a_knob_says_so(knobbed: CompiledScene):
         LayoutGenerator(knobbed, 2, knobs=["objects.near.region"])
     with pytest.raises(UnknownNameError, match=r"'groups\.same\.count'.* Did you mean 'groups\.some\.count'"):
         LayoutGenerator(knobbed, 2, knobs=["groups.same.count"])
-    generator = LayoutGenerator(knobbed, 2, knobs=["groups.*", "objects.cabinet.joints.*"])
+    generator = LayoutGenerator(knobbed, 2, knobs=["groups.*", "objects.cabinet.joints.*", "objects.a.clearance"])
     wrong: dict[str, list[Any]] = {
         "groups.some.count": [[-1, 2], [0, 5], [1.5, 2], [3, 2], [1], "two", [1, np.nan]],
         "groups.some.weights": [[1, 1, 0, 0], [1, 1, 1, -1]],
         "objects.cabinet.joints.door": [[0.0, 0.9]],
+        "objects.a.clearance": [0.0, 11.0, np.nan, [0.1, 0.2, 0.3]],
     }
     for name, values in wrong.items():
         for value in values:
