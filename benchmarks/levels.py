@@ -28,7 +28,8 @@ from benchmarks.timing import spread, wait
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.levels import Levels
-from sceniris_gym.levels.buffer import create_buffer, launch_choose, launch_refresh, launch_update
+from sceniris_gym.levels.buffer import create_buffer, launch_choose, launch_update
+from sceniris_gym.levels.weights import launch_refresh
 from sceniris_gym.training.task_scenes import make_env, scene_of
 
 _ROUNDS = 21
@@ -61,7 +62,7 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
         for name in ("seed", "episode"):
             getattr(made, name).assign(rng.integers(0, 1 << 31, capacity))
         made.value.assign(rng.random(capacity))
-        made.stamp.zero_()
+        made.age.zero_()
         launch_refresh(made, levels)
         seed, episode = wp.zeros(num_envs, dtype=wp.uint64), wp.zeros(num_envs, dtype=int)
         outcome, knob = wp.array(rng.random(num_envs), dtype=float), wp.zeros((num_envs, 4), dtype=float)
@@ -69,7 +70,7 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
 
         def both() -> None:
             launch_choose(made, mask, 7, levels.replay)
-            launch_update(made, made.level, seed, episode, outcome, mask, knob)
+            launch_update(made, made.level, seed, episode, outcome, knob)
 
         both()
         found = {"launched_us": _times(both, device, 20)}

@@ -50,21 +50,19 @@ def set_ranges(buffer: Buffer, words: Ranges, table: KnobTable) -> None:
     Raises:
         UnknownNameError, ArgumentError: A knob that is not in the table or no interval, or a start beyond it.
     """
-    columns: dict[str, list] = {name: [] for name in ("column", "other", "present", "limit", "step", "band")}
+    names, parts = ("column", "other", "present", "start", "limit", "step", "band"), []
     for name, value in words.start.items():
         knob = table.knob(name, "Ranges")
         if knob.half == 0:
             raise ArgumentError(f"Ranges: {name} should be an interval, and is not.")
-        first, half = table.first[name], knob.half
-        for k, (start, limit) in enumerate(zip(knob.checked(value, 1)[0], knob.default, strict=True)):
-            other, outwards = (k + half, -1.0) if k < half else (k - half, 1.0)
-            step = words.step * abs(float(knob.default[other] - limit))
-            if knob.form == "count":
-                step = max(1.0, round(step))
-            row = (first + k, first + other, start, limit, outwards * step)
-            for key, number in zip(columns, (*row, 0.0 if knob.form == "count" else outwards * step), strict=True):
-                columns[key].append(number)
-    arrays = {name: np.array(values) for name, values in columns.items()} | {"start": np.array(columns["present"])}
-    arrays |= {name: np.zeros(len(columns["column"])) for name in ("episodes", "successes")}
+        start, limit, is_count = knob.checked(value, 1)[0], knob.default, knob.form == "count"
+        own = np.arange(len(limit))
+        other, outwards = np.roll(own, knob.half), np.where(own < knob.half, -1.0, 1.0)
+        step = words.step * np.abs(limit[other] - limit)
+        step = outwards * (np.maximum(1.0, np.round(step)) if is_count else step)
+        first = table.first[name]
+        parts.append((first + own, first + other, start, start, limit, step, 0.0 * step if is_count else step))
+    arrays = dict(zip(names, np.concatenate(parts, axis=1), strict=True))
+    arrays |= {name: np.zeros(len(arrays["column"])) for name in ("episodes", "successes")}
     fill_struct(Buffer, buffer, arrays, str(buffer.base.device))
     buffer.probes = words.probe

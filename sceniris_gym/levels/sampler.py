@@ -20,11 +20,11 @@ from sceniris_gym.levels.buffer import (
     launch_choose,
     launch_finish,
     launch_forget,
-    launch_refresh,
     launch_update,
 )
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.ranges import launch_move, set_ranges
+from sceniris_gym.levels.weights import launch_refresh
 
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
@@ -59,35 +59,32 @@ class LevelSampler(LayoutSource):
         self._buffer = buffer = create_buffer(levels, nworld, device, len(table.default))
         self.level, self.probe = buffer.level, buffer.probe
         wp.copy(buffer.base, self.layouts.view.next_seed)
-        for knob in (buffer.base_knob, buffer.next_knob) if table.knobs else ():
-            wp.copy(knob, self.layouts.view.next_knob)
+        if table.knobs:
+            wp.copy(buffer.base_knob, self.layouts.view.next_knob)
         if words is not None:
             set_ranges(buffer, words, table)
         self._launch_forget(None, None)
 
     @property
-    def counts(self) -> bool:
-        """True if successes count: for scores, or for ranges."""
-        return self.levels.score != "given" or self.levels.ranges is not None
-
-    @property
     def size(self) -> int:
         """See the class."""
-        return int((self._buffer.stamp.numpy() >= 0).sum())
+        return int((self._buffer.age.numpy() >= 0).sum())
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Serve the masked worlds their levels, and choose those that follow."""
         self.source.launch_generate(mask)
+        if self.levels.ranges is not None:
+            launch_move(self._buffer, self.levels.ranges)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
         self._launch_knobs(mask)
         self.source.launch_reseed(self._buffer.next_seed, mask, self._buffer.next_episode)
 
     def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
-        for knob in (self._buffer.base_knob, self._buffer.next_knob):
-            launch_set(knob, columns, values, mask)
-        launch_forget(self._buffer, None, mask, restores=False)
-        self.source.launch_set_knobs(columns, values, mask)
+        launch_set(self._buffer.base_knob, columns, values, mask)
+        launch_forget(self._buffer, None, mask)
+        launch_set(self._buffer.next_knob, columns, values, mask)  # those of ranges too
+        self._launch_knobs(mask)
 
     def _launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
         """Forget what was chosen for the masked worlds; their next levels have the knobs of fresh ones."""
@@ -112,31 +109,6 @@ class LevelSampler(LayoutSource):
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
         launch_finish(self._buffer, self.layouts.view, success, finished)
-        if self.levels.ranges is not None:
-            launch_move(self._buffer, self.levels.ranges)
-
-    def launch_update(
-        self,
-        level: wp.array,
-        seed: wp.array,
-        episode: wp.array,
-        outcome: wp.array,
-        mask: wp.array | None,
-        knob: wp.array | None = None,
-    ) -> None:
-        """Tell how episodes went: update the levels that are in the buffer, and insert the others.
-
-        A level is inserted in the place of one with a lower score, if there is one.
-
-        Args:
-            level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32.
-            seed: Its seed, shape (n,), uint64.
-            episode: Its episode, shape (n,), int32.
-            outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
-            mask: Which rows count, shape (n,), bool; all if None.
-            knob: Numbers of its knobs, shape (n, nvalue), float32; None has those of the present layouts.
-        """
-        launch_update(self._buffer, level, seed, episode, outcome, mask, self.layouts.knob if knob is None else knob)
 
     def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""
@@ -170,6 +142,8 @@ class LevelSampler(LayoutSource):
     def update(self, level: Any, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Give scores to levels that were played: those of the buffer are updated, others inserted.
 
+        A level is inserted in the place of one with a lower score, if there is one.
+
         Args:
             level: `layout_level` of an info, shape (n,): a torch tensor or NumPy array of integers, as all others.
                 None inserts as many levels as there is room for, as `insert` does.
@@ -195,7 +169,7 @@ class LevelSampler(LayoutSource):
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             knob = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
-            self.launch_update(*(array[part] for array in arrays), mask=None, knob=knob)
+            launch_update(self._buffer, *(array[part] for array in arrays), knob)
             if level is None:
                 launch_refresh(self._buffer, self.levels)
 

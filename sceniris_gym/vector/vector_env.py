@@ -515,8 +515,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _tell_levels(self, success: Tensor) -> None:
         """Count the successes of the episodes that finished on layouts of their own, if the worlds play levels."""
-        sampler = self.randomizer.levels
-        if sampler is not None and sampler.counts:
+        if (sampler := self.randomizer.levels) is not None:
             sampler.launch_finish(wp.from_torch(success), wp.from_torch(self.statistics.finished))
 
     def _reset_worlds(self, mask: Tensor) -> None:
