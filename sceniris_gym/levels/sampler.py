@@ -55,15 +55,15 @@ class LevelSampler(LayoutSource):
         self.source, self.levels, self.layouts = source, levels, source.layouts
         nworld, device = source.layouts.nworld, source.layouts.qpos.device
         self._device, self._stream = device, wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
-        self._since, table, words = 0, self.layouts.knobs, levels.ranges
+        self._since, table, view = 0, self.layouts.knobs, self.layouts.view
         self._buffer = buffer = create_buffer(levels, nworld, device, len(table.default))
         self.level, self.probe = buffer.level, buffer.probe
-        wp.copy(buffer.base, self.layouts.view.next_seed)
-        if table.knobs:
-            wp.copy(buffer.base_knob, self.layouts.view.next_knob)
-        if words is not None:
-            set_ranges(buffer, words, table)
-        self._launch_forget(None, None)
+        # what is chosen for the worlds is what the source makes next
+        buffer.next_seed, buffer.next_episode, buffer.next_knob = view.next_seed, view.next_episode, view.next_knob
+        buffer.base, buffer.base_knob = wp.clone(view.next_seed), wp.clone(view.next_knob)
+        if levels.ranges is not None:
+            set_ranges(buffer, levels.ranges, table)
+        launch_forget(buffer, None, None)
 
     @property
     def size(self) -> int:
@@ -76,30 +76,17 @@ class LevelSampler(LayoutSource):
         if self.levels.ranges is not None:
             launch_move(self._buffer, self.levels.ranges)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
-        self._launch_knobs(mask)
-        self.source.launch_reseed(self._buffer.next_seed, mask, self._buffer.next_episode)
 
     def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
         launch_set(self._buffer.base_knob, columns, values, mask)
         launch_forget(self._buffer, None, mask)
-        launch_set(self._buffer.next_knob, columns, values, mask)  # those of ranges too
-        self._launch_knobs(mask)
-
-    def _launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
-        """Forget what was chosen for the masked worlds; their next levels have the knobs of fresh ones."""
-        launch_forget(self._buffer, seeds, mask)
-        self._launch_knobs(mask)
-
-    def _launch_knobs(self, mask: wp.array | None) -> None:
-        """Hand the knobs of the next levels on."""
-        if self.layouts.knobs.knobs:
-            self.source.launch_set_knobs(None, self._buffer.next_knob, mask)
+        self.source.launch_set_knobs(columns, values, mask)
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """See `LayoutSource`; the worlds draw their fresh levels by these seeds from then on."""
         self.source.launch_reseed(seeds, mask, episodes)
-        self._launch_forget(seeds, mask)
+        launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
         """Tell how episodes ended; those on layouts from the bank do not count.
@@ -169,7 +156,7 @@ class LevelSampler(LayoutSource):
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             knob = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
-            launch_update(self._buffer, *(array[part] for array in arrays), knob)
+            launch_update(self._buffer, *(array[part] for array in arrays), knob=knob)
             if level is None:
                 launch_refresh(self._buffer, self.levels)
 
@@ -218,6 +205,4 @@ class LevelSampler(LayoutSource):
                 raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
             if array.size:
                 array.assign(state[name])
-        self._launch_knobs(None)
-        self.source.launch_reseed(self._buffer.next_seed, None, self._buffer.next_episode)
         launch_refresh(self._buffer, self.levels)
