@@ -20,7 +20,6 @@ from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import launch_write
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
-from sceniris_gym.layout.margins import Margins
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.reaching.start import StartStage
@@ -113,9 +112,6 @@ class LayoutGenerator(Fixed, LayoutSource):
         words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
         self.layouts = Layouts.create(compiled, nworld, **words)
         program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld)
-        self._margins = None
-        if self.layouts.knobs.has_clearances:
-            self._margins = Margins(compiled, self.layouts.knobs, program.pair_margin)
         self._boxes = self.layouts.knobs.boxes(compiled)
         self._masses = DrawnMasses(compiled, nworld, split, self.layouts.knobs)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
@@ -184,8 +180,6 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._knobbed is not None:
             view = self.layouts.view
             launch_write(self._knobbed, self.nworld, mask, view.next_knob, view.default_knob)
-        if self._margins is not None:
-            self._margins.launch(mask, self.layouts.view.next_knob)
         launch_start(self._work, mask)
         self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:

@@ -203,27 +203,21 @@ def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
 
 
 def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
-    """Yield the clearances of objects and robots."""
-    used = {name for names in clearances_of_pairs(compiled) for name in names}
-    for owner, part in (*compiled.config.objects.items(), *compiled.config.all_robots.items()):
-        name = f"{compiled.config.key(owner)}.clearance"
-        known = Knob(name, np.array([part.clearance], np.float32), "clearance")
-        yield name, known if name in used else "nothing is placed that it keeps off."
-
-
-def clearances_of_pairs(compiled: CompiledScene) -> list[list[str]]:
-    """Return the names of the clearances that apply to each pair of colliders: two, or fewer."""
+    """Yield the clearances of objects and robots, which pairs of what is placed keep, with whatever is there before."""
     program, config, owners = compiled.program, compiled.config, compiled.scene.owners
     bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
     first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()
-    found: list[list[str]] = [[] for _ in bodies]
+    places: dict[str, list[tuple[str, int, int]]] = {owner: [] for owner in (*config.objects, *config.all_robots)}
     for i, owner in enumerate(compiled.placed):
         for pair in range(first[i], first[i] + number[i]):
             a, b, own, _ = bodies[pair]
             if kinds[i] != ObjectKind.STATIC and own in (OWN_A, OWN_B):  # not of its own parts alone
-                others = owner, owners.get(b if own == OWN_A else a)
-                found[pair] = [f"{config.key(name)}.clearance" for name in others if name is not None]
-    return found
+                for other in {owner, owners.get(b if own == OWN_A else a, owner)}:
+                    places[other].append(("pair_margin", pair, 0))
+    for owner, part in (*config.objects.items(), *config.all_robots.items()):
+        name, least = f"{config.key(owner)}.clearance", np.array([part.clearance], np.float32)
+        known = Knob(name, least, "clearance", places=tuple(places[owner]))
+        yield name, known if known.places else "nothing is placed that it keeps off."
 
 
 _FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (
