@@ -113,7 +113,10 @@ def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
 def steps(
     task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096, rounds: int = 5, episode: int = 100
 ) -> None:
-    """Time steps with random actions: plain, with levels, and with levels and all knobs.
+    """Time steps with random actions: plain, a second time plain, with levels, and with levels and all knobs.
+
+    The second plain environment tells how far two of the same differ. `fresh_levels` replays none, so that its layouts
+    are as those without levels. Turns go forwards and backwards.
 
     Args:
         task: id of a task of this package
@@ -123,7 +126,9 @@ def steps(
         episode: control steps of an episode, and of a turn
     """
     compiled = compile_scene(scene_of(task, reachable=True), device)
-    words = {"plain": {}, "levels": {"levels": Levels()}, "levels_and_knobs": {"levels": Levels(), "knobs": "*"}}
+    both = {"levels": Levels(), "knobs": "*"}
+    words = {"plain": {}, "plain_again": {}, "fresh_levels": {"levels": Levels(replay=0.0)}}
+    words |= {"levels": {"levels": Levels()}, "levels_and_knobs": both}
     made = {name: make_env(task, num_envs, compiled, max_episode_steps=episode, **w) for name, w in words.items()}
     random = torch.Generator().manual_seed(0)
     begun = torch.randint(episode, (num_envs,), generator=random)
@@ -133,8 +138,8 @@ def steps(
     for envs in made.values():
         envs.reset(seed=0)
         envs.state.elapsed.copy_(begun)
-    for _ in range(rounds + 1):
-        for name, envs in made.items():
+    for turn in range(rounds + 1):
+        for name, envs in list(made.items())[:: 1 if turn % 2 else -1]:
             wait(envs)
             start = time.perf_counter()
             for action in actions:

@@ -6,7 +6,7 @@ The kind belongs to the episode, not to a restart: otherwise restarts would favo
 import warp as wp
 
 from sceniris_gym.device.random import START_STREAM, uniforms
-from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.layouts import LayoutsView, knobs_differ
 from sceniris_gym.layout.wave.draw import draw_static
 from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, numbered_stream, stream_of, trial_of
@@ -21,18 +21,16 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 @wp.func
 def _weighted_kind(layouts: LayoutsView, worldid: int, column: int, num: int, u: float, usual: int) -> int:
     """Return the kind at share `u` of the weights that knobs give; the usual one where these are as in the file."""
-    total = float(0.0)
-    differs = bool(False)
-    for k in range(column, column + num):
-        total += layouts.pending_knob[worldid, k]
-        differs = differs or layouts.pending_knob[worldid, k] != layouts.default_knob[k]
-    if not differs:
+    if not knobs_differ(layouts, worldid, column, num):
         return usual
+    total = float(0.0)
+    for k in range(column, column + num):
+        total += layouts.next_knob[worldid, k]
     kind = int(0)
-    below = layouts.pending_knob[worldid, column]
+    below = layouts.next_knob[worldid, column]
     while kind < num - 1 and u * total >= below:
         kind += 1
-        below += layouts.pending_knob[worldid, column + kind]
+        below += layouts.next_knob[worldid, column + kind]
     return kind
 
 
@@ -42,7 +40,7 @@ def _draw_kinds(
     mask: wp.array[bool],
     split: wp.uint32,
     column: int,
-    # Layouts in: pending_seed, pending_episode, pending_knob, default_knob
+    # Layouts in: pending_seed, pending_episode, next_knob, default_knob
     # Layouts out: start
     layouts: LayoutsView,
 ):
