@@ -30,13 +30,14 @@ class Buffer:
     age: wp.array[int]  # refreshes since it was chosen last, -1 where there is no level
     knob: wp.array2d[float]  # numbers of its knobs
     cumulative: wp.array[int]  # sum of the weights up to it
-    # of each bin of scores:
+    # of each bin of scores, from the highest one down:
     count: wp.array[int]
-    weight: wp.array[float]
+    better: wp.array[int]  # levels up to it
+    ages: wp.array[wp.int64]  # sum of the ages of its levels
+    weight: wp.array[float]  # of each of them
     # of all levels:
-    total: wp.array[float]  # sum of their weights
-    ages: wp.array[wp.int64]  # sum
-    lowest: wp.array[int]  # the highest bin of which levels may be replaced, -1 while places are empty
+    total_weight: wp.array[wp.int64]  # in units of 2^-32
+    total_age: wp.array[wp.int64]
     vacant: wp.array[int]  # places that are empty or have the lowest scores, -1 beyond them
     # of each world:
     base: wp.array[wp.uint64]  # seed that fresh levels are drawn by
@@ -299,8 +300,8 @@ def create_buffer(levels: Levels, nworld: int, device: wp.Device, nknob: int = 0
     buffer, capacity = Buffer(), levels.capacity
     sizes: dict[str, Any] = {
         "seed episode value age cumulative": capacity,
-        "count weight": BINS,
-        "total ages lowest": 1,
+        "count better ages weight": BINS,
+        "total_weight total_age": 1,
         "base decision level next_level next_seed next_episode inserted probe next_probe": nworld,
         "knob": (capacity, nknob),
         "column other present start limit step band episodes successes": 0,
