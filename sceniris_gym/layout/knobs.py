@@ -71,12 +71,13 @@ class KnobTable:
     """
 
     def __init__(self, compiled: CompiledScene, names: str | Sequence[str], where: str = "knobs") -> None:
-        known, refused = scene_knobs(compiled) if names else ({}, {})
+        every = scene_knobs(compiled) if names else {}
+        known = {name: knob for name, knob in every.items() if isinstance(knob, Knob)}
         chosen: dict[str, Knob] = {}
         for name in (names,) if isinstance(names, str) else names:
             found = [name] if name in known else fnmatch.filter(known, name)
-            if not found and name in refused:
-                raise ArgumentError(f"{where}: '{name}' cannot be a knob: {refused[name]}")
+            if not found and name in every:
+                raise ArgumentError(f"{where}: '{name}' cannot be a knob: {every[name]}")
             if not found:
                 raise UnknownNameError("knob", str(name), where, known)
             chosen |= {one: known[one] for one in found}
@@ -113,14 +114,6 @@ class KnobTable:
                 bits = "".join(f"{number:08x}" for number in values[0].view(np.uint32))
                 parts.append(f"{quote(name, safe='.')}={bits}")
         return ",".join(parts)
-
-    def row(self, text: str) -> np.ndarray:
-        """Return the numbers that the fifth part of a layout id means, shape (nvalue,), float32.
-
-        Raises:
-            UnknownNameError, ArgumentError: A knob that is not in the table, or numbers that it cannot have.
-        """
-        return self.rows(knobs_in(text), 1)[0]
 
     def rows(self, values: Mapping[str, Any], nworld: int) -> np.ndarray:
         """Return the numbers of all worlds in which some knobs have other values, shape (nworld, nvalue), float32.

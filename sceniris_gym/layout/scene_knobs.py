@@ -17,7 +17,6 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
 from sceniris_gym.scene.draws import FieldDraw
 
-_FARTHEST = BOUNDS["clearance"].high
 STARTS = "start.weights"
 """The knob of the weights of the kinds of starts."""
 
@@ -41,6 +40,14 @@ class Knob:
     least: int = 0
     places: tuple[tuple[str, int, int], ...] = ()
 
+    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and the greatest value of each number."""
+        if self.half:
+            return np.tile(self.default[: self.half], 2), np.tile(self.default[self.half :], 2)
+        bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
+        least = 0.0 * self.default if self.form == "weights" else self.default
+        return least, np.full(len(least), bound.high)
+
     @property
     def half(self) -> int:
         """The number of its low ends, which as many high ends follow; 0 if it is no interval."""
@@ -59,29 +66,17 @@ class Knob:
             given = np.zeros(0, np.float32)
         width, half = len(self.default), self.half
         if given.size not in (width, nworld * width):
-            each = (
-                "[low, high]"
-                if self.form in ("interval", "count")
-                else "1 number"
-                if width == 1
-                else f"{width} numbers"
-            )
-            raise ArgumentError(f"{self.name} should be {each}, or such for each of {nworld} worlds: {short(value)}.")
+            each = {"interval": "[low, high]", "count": "[low, high]", "clearance": "a number"}
+            wanted = each.get(self.form, f"{width} numbers")
+            raise ArgumentError(f"{self.name} should be {wanted}, or such for each of {nworld} worlds: {short(value)}.")
         rows = given.reshape(-1, width)
         low, high = rows[:, :half], rows[:, half:]
-        first, last = self.default[:half], self.default[half:]
-        if half:
-            fits, limits = (low >= first) & (low <= high) & (high <= last), (first.tolist(), last.tolist())
-            wanted = "low and high within {} and {}, as the scene file has them".format(*limits)
-        elif self.form == "clearance":
-            fits, wanted = (
-                (rows >= last) & (rows <= _FARTHEST),
-                f"from {last[0]:g}, as in the scene file, to {_FARTHEST:g}",
-            )
-        else:
-            fits, wanted = (rows >= 0.0) & np.isfinite(rows), "numbers of 0 or more"
-        if not fits.all() or (self.form == "box" and (low == high).any()):
-            raise ArgumentError(f"{self.name} should be {wanted}: {short(value)}.")
+        least, most = self._limits()
+        fits = ((rows >= least) & (rows <= most)).all() and (low <= high[:, :half]).all()
+        if not fits or (self.form == "box" and (low == high).any()):
+            ends = "low and high " if half else ""
+            limits = f"{least[-half:].tolist()} and {most[-half:].tolist()}, as the scene file has them"
+            raise ArgumentError(f"{self.name} should be {ends}within {limits}: {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
             raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
         if (np.count_nonzero(rows, axis=1) < self.least).any():
@@ -89,16 +84,9 @@ class Knob:
         return rows
 
 
-def scene_knobs(compiled: CompiledScene) -> tuple[dict[str, Knob], dict[str, str]]:
+def scene_knobs(compiled: CompiledScene) -> dict[str, Knob | str]:
     """Return all knobs of a scene by name, and the reason for each part of a like kind that cannot be one."""
-    known, refused = {}, {}
-    for find in _FINDERS:
-        for name, found in find(compiled):
-            if isinstance(found, Knob):
-                known[name] = found
-            else:
-                refused[name] = found
-    return known, refused
+    return {name: found for find in _FINDERS for name, found in find(compiled)}
 
 
 def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
