@@ -134,9 +134,8 @@ class KnobTable:
         """
         found = [self.knob(name).checked(value, nworld) for name, value in values.items()]
         columns = [self.first[name] + k for name in values for k in range(len(self.knob(name).default))]
-        most = max(map(len, found), default=1)
-        wide = [np.broadcast_to(rows, (most, rows.shape[1])) for rows in found]
-        return np.array(columns, np.int32), np.concatenate([np.zeros((most, 0), np.float32), *wide], axis=1)
+        blank = np.zeros((max(map(len, found), default=1), 1), np.float32)
+        return np.array(columns, np.int32), np.concatenate([blank[:, :0], *(blank + rows for rows in found)], axis=1)
 
     def fill(self, program: Program, nworld: int) -> tuple[Program, wp.array | None]:
         """Return the program with a row for each world where knobs are, and the numbers that knobs have in it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,13 +41,14 @@ class Knob:
     least: int = 0
     places: tuple[tuple[str, int, int], ...] = ()
 
+    @cached_property
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the least and the greatest value of each number."""
         if self.half:
             return np.tile(self.default[: self.half], 2), np.tile(self.default[self.half :], 2)
         bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
         least = 0.0 * self.default if self.form == "weights" else self.default
-        return least, np.full(len(least), bound.high)
+        return least, np.full_like(least, bound.high)
 
     @property
     def half(self) -> int:
@@ -71,7 +73,7 @@ class Knob:
             raise ArgumentError(f"{self.name} should be {wanted}, or such for each of {nworld} worlds: {short(value)}.")
         rows = given.reshape(-1, width)
         low, high = rows[:, :half], rows[:, half:]
-        least, most = self._limits()
+        least, most = self._limits
         fits = ((rows >= least) & (rows <= most)).all() and (low <= high[:, :half]).all()
         if not fits or (self.form == "box" and (low == high).any()):
             ends = "low and high " if half else ""
@@ -79,7 +81,7 @@ class Knob:
             raise ArgumentError(f"{self.name} should be {ends}within {limits}: {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
             raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
-        if (np.count_nonzero(rows, axis=1) < self.least).any():
+        if self.least and (np.count_nonzero(rows, axis=1) < self.least).any():
             raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0: {short(value)}.")
         return rows
 
