@@ -191,21 +191,19 @@ def collides_without_stack(
     program: Program,
     startadr: int,
     startnum: int,
-    worldid: int,
-    support: int,
     lane: int,
     own_pos: wp.array[wp.vec3],
     own_quat: wp.array[wp.vec4],
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Test a list of broad-phase pairs as `collides` does. Each lane has its own stack, which is never too small."""
+    """Test pairs of an arm as `collides` does. Each lane has its own stack, which is never too small."""
     hit = int(0)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):
         entry = program.broad_pair[i]
         poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
-        if leaves_below_touch(program, entry, poses, margin_of(program, worldid, entry[0], support), stack):
+        if leaves_below_touch(program, entry, poses, margin_of(program, 0, entry[0], -1), stack):
             hit = 1
             break
     return block_any(hit) != 0

@@ -181,7 +181,7 @@ def _test_hands(
         found = collides(program, adr, num, 0, -1, nodes, leaves, lane, pos, quat, own_pos, own_quat)
         hit = found == Cause.COLLISION
         if found == UNPROVEN:
-            hit = collides_without_stack(program, adr, num, 0, -1, lane, pos, quat, own_pos, own_quat)
+            hit = collides_without_stack(program, adr, num, lane, pos, quat, own_pos, own_quat)
         if lane == 0 and hit:
             search.free[c, early] = False
 

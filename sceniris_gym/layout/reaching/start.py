@@ -76,7 +76,7 @@ def _test(
             found = collides(program, adr, num, 0, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
             hit = found == Cause.COLLISION
             if found == UNPROVEN:
-                hit = collides_without_stack(program, adr, num, 0, -1, lane, own_pos, own_quat, pos, quat)
+                hit = collides_without_stack(program, adr, num, lane, own_pos, own_quat, pos, quat)
             step += 1
         if lane == 0 and hit:  # every lane has read `passed` by now
             start_search.passed[c] = False
