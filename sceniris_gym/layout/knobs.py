@@ -137,11 +137,14 @@ class KnobTable:
         blank = np.zeros((max(map(len, found), default=1), 1), np.float32)
         return np.array(columns, np.int32), np.concatenate([blank[:, :0], *(blank + rows for rows in found)], axis=1)
 
-    def fill(self, program: Program, nworld: int) -> tuple[Program, wp.array | None]:
-        """Return the program with a row for each world where knobs are, and the numbers that knobs have in it."""
+    def fill(self, program: Program, nworld: int, by_world: Sequence[str] = ()) -> tuple[Program, wp.array | None]:
+        """Return the program with a row for each world where knobs are, and the numbers that knobs have in it.
+
+        The fields `by_world` also have a row for each world.
+        """
         made, arrays = copied(Program, program), {}
         places = {name: knob.places for name, knob in self.knobs.items()}
-        for name in {name for each in places.values() for name, _, _ in each}:
+        for name in {*by_world, *(name for each in places.values() for name, _, _ in each)}:
             array = getattr(program, name)
             rows = np.repeat(array.numpy(), nworld, axis=0)
             arrays[name] = wp.array(rows, dtype=array.dtype, ndim=2, device=array.device)

@@ -83,16 +83,6 @@ def open_episode(layouts: LayoutsView, worldid: int):
 
 
 @wp.func
-def knobs_differ(layouts: LayoutsView, worldid: int, first: int, num: int) -> bool:
-    """Return True if numbers of knobs of a world's next layout differ from those of the scene file."""
-    differ = bool(False)
-    for k in range(first, first + num):
-        if layouts.next_knob[worldid, k] != layouts.default_knob[k]:
-            differ = True
-    return differ
-
-
-@wp.func
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
     """Give a world the seed, the episode and the knobs of the layout that `made` has for it."""
     for k in range(layouts.knob.shape[1]):

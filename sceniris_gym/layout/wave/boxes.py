@@ -8,7 +8,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import apply, pose_of
-from sceniris_gym.layout.layouts import LayoutsView, knobs_differ
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, stream_of, trial_of
 from sceniris_gym.placement.polygons import area, clip, draw_in_polygon, half_plane, set_triangle
@@ -51,6 +51,16 @@ def _choose_triangle(
     return chosen
 
 
+@wp.func
+def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
+    """Return True if the box of a world differs from that of the scene file."""
+    narrowed = bool(False)
+    for k in range(first, first + 4):
+        if layouts.next_knob[worldid, k] != layouts.default_knob[k]:
+            narrowed = True
+    return narrowed
+
+
 @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
 def _draw_in_boxes(
     program: Program,
@@ -72,7 +82,7 @@ def _draw_in_boxes(
         worldid = search.row_world[row]
         if first < 0 or search.cause[c] != Cause.NONE:
             continue
-        if not knobs_differ(layouts, worldid, first, 4):
+        if not _is_narrowed(layouts, worldid, first):
             continue
         seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
         u = uniforms(seed, episode, stream_of(program, split, obj), trial_of(program, search, c), _DRAW)
