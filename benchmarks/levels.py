@@ -27,9 +27,11 @@ import warp as wp
 from benchmarks.timing import spread, wait
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.levels import Levels
 from sceniris_gym.levels.buffer import create_buffer, launch_choose, launch_update
 from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.program.device import allocate
 from sceniris_gym.training.task_scenes import make_env, scene_of
 
 _ROUNDS = 21
@@ -58,7 +60,10 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
     """
     levels, rng = Levels("learnability", capacity=capacity), np.random.default_rng(0)
     with wp.ScopedDevice(device):
-        made = create_buffer(levels, num_envs, wp.get_device(device), nknob=4)
+        layouts = LayoutsView()
+        allocate(LayoutsView, layouts, num_envs, "next_seed next_episode")
+        allocate(LayoutsView, layouts, (num_envs, 4), "next_knob")
+        made = create_buffer(levels, layouts)
         for name in ("seed", "episode"):
             getattr(made, name).assign(rng.integers(0, 1 << 31, capacity))
         made.value.assign(rng.random(capacity))

@@ -55,8 +55,8 @@ class Buffer:
     column: wp.array[int]  # of its number in a row of knobs
     other: wp.array[int]  # of the other end's
     present: wp.array[float]
-    start: wp.array[float]
-    limit: wp.array[float]
+    least: wp.array[float]
+    most: wp.array[float]
     step: wp.array[float]  # outwards
     band: wp.array[float]  # levels at this end lie between it and so much inwards
     episodes: wp.array[int]
@@ -295,31 +295,31 @@ def launch_finish(buffer: Buffer, layouts: LayoutsView, success: wp.array, finis
     wp.launch(_finish, buffer.base.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
 
-def create_buffer(levels: Levels, nworld: int, device: wp.Device, nknob: int = 0) -> Buffer:
-    """Allocate an empty buffer of levels with so many numbers of knobs."""
-    buffer, capacity = Buffer(), levels.capacity
+def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
+    """Allocate an empty buffer for the worlds of some layouts; what is chosen for them is what they get next."""
+    buffer, capacity, (nworld, nknob) = Buffer(), levels.capacity, layouts.next_knob.shape
     sizes: dict[str, Any] = {
         "seed episode value age cumulative": capacity,
         "count better ages weight": BINS,
         "total_weight total_age": 1,
-        "base decision level next_level next_seed next_episode inserted probe next_probe": nworld,
+        "decision level next_level inserted probe next_probe": nworld,
         "knob": (capacity, nknob),
-        "column other present start limit step band episodes successes": 0,
-        "base_knob next_knob": (nworld, nknob),
+        "column other present least most step band episodes successes": 0,
     }
-    for names, size in sizes.items():
-        with wp.ScopedDevice(device):
+    with wp.ScopedDevice(layouts.next_knob.device):
+        for names, size in sizes.items():
             allocate(Buffer, buffer, size, names)
+        vacant = min(-(-capacity // _LOWEST), _SHARE * nworld)
+        buffer.vacant = wp.array(np.arange(vacant), dtype=int)
     for array in (buffer.age, buffer.level, buffer.next_level, buffer.probe, buffer.next_probe):
         array.fill_(-1)
-    vacant = min(-(-capacity // _LOWEST), _SHARE * nworld)
-    buffer.vacant = wp.array(np.arange(vacant), dtype=int, device=device)
+    buffer.next_seed, buffer.next_episode, buffer.next_knob = layouts.next_seed, layouts.next_episode, layouts.next_knob
+    buffer.base, buffer.base_knob = wp.clone(layouts.next_seed), wp.clone(layouts.next_knob)
     buffer.score, buffer.rate = SCORES.index(levels.score), levels.rate
     return buffer
 
 
-KEPT = (
-    *("seed", "episode", "value", "age", "base", "decision", "level", "next_level", "next_seed", "next_episode"),
-    *("knob", "base_knob", "next_knob", "probe", "next_probe", "present", "episodes", "successes"),
-)
-"""Arrays of a Buffer from which all others follow."""
+def arrays_of(buffer: Buffer) -> dict[str, wp.array]:
+    """Return the arrays of a buffer by name."""
+    values = {name: getattr(buffer, name) for name in Buffer.vars}
+    return {name: value for name, value in values.items() if isinstance(value, wp.array)}

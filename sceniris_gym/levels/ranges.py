@@ -19,7 +19,7 @@ def _move(
     episodes: int,
     low: float,
     high: float,
-    # Buffer in: present, start, limit, step, episodes, successes
+    # Buffer in: present, least, most, step, episodes, successes
     # Buffer out: present, episodes, successes
     buffer: Buffer,
 ):
@@ -34,8 +34,7 @@ def _move(
         moved += buffer.step[i]
     elif rate <= low:
         moved -= buffer.step[i]
-    least, most = wp.min(buffer.start[i], buffer.limit[i]), wp.max(buffer.start[i], buffer.limit[i])
-    buffer.present[i] = wp.clamp(moved, least, most)
+    buffer.present[i] = wp.clamp(moved, buffer.least[i], buffer.most[i])
 
 
 def launch_move(buffer: Buffer, words: Ranges) -> None:
@@ -50,7 +49,7 @@ def set_ranges(buffer: Buffer, words: Ranges, table: KnobTable) -> None:
     Raises:
         UnknownNameError, ArgumentError: A knob that is not in the table or no interval, or a start beyond it.
     """
-    names, parts = ("column", "other", "present", "start", "limit", "step", "band"), []
+    names, parts = ("column", "other", "present", "least", "most", "step", "band"), []
     for name, value in words.start.items():
         knob = table.knob(name, "Ranges")
         if knob.half == 0:
@@ -61,7 +60,8 @@ def set_ranges(buffer: Buffer, words: Ranges, table: KnobTable) -> None:
         step = words.step * np.abs(limit[other] - limit)
         step = outwards * (np.maximum(1.0, np.round(step)) if is_count else step)
         first = table.first[name]
-        parts.append((first + own, first + other, start, start, limit, step, 0.0 * step if is_count else step))
+        ends = np.minimum(start, limit), np.maximum(start, limit)
+        parts.append((first + own, first + other, start, *ends, step, 0.0 * step if is_count else step))
     arrays = dict(zip(names, np.concatenate(parts, axis=1), strict=True))
     arrays |= {name: np.zeros(len(arrays["column"])) for name in ("episodes", "successes")}
     fill_struct(Buffer, buffer, arrays, str(buffer.base.device))

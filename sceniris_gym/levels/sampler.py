@@ -15,7 +15,7 @@ from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.buffer import (
-    KEPT,
+    arrays_of,
     create_buffer,
     launch_choose,
     launch_finish,
@@ -53,16 +53,12 @@ class LevelSampler(LayoutSource):
 
     def __init__(self, source: LayoutSource, levels: Levels, split: str = "train") -> None:
         self.source, self.levels, self.layouts = source, levels, source.layouts
-        nworld, device = source.layouts.nworld, source.layouts.qpos.device
-        self._device, self._stream = device, wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
-        self._since, table, view = 0, self.layouts.knobs, self.layouts.view
-        self._buffer = buffer = create_buffer(levels, nworld, device, len(table.default))
+        self._device, self._since = source.layouts.qpos.device, 0
+        self._stream = wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
+        self._buffer = buffer = create_buffer(levels, self.layouts.view)
         self.level, self.probe = buffer.level, buffer.probe
-        # what is chosen for the worlds is what the source makes next
-        buffer.next_seed, buffer.next_episode, buffer.next_knob = view.next_seed, view.next_episode, view.next_knob
-        buffer.base, buffer.base_knob = wp.clone(view.next_seed), wp.clone(view.next_knob)
         if levels.ranges is not None:
-            set_ranges(buffer, levels.ranges, table)
+            set_ranges(buffer, levels.ranges, self.layouts.knobs)
         launch_forget(buffer, None, None)
 
     @property
@@ -145,13 +141,12 @@ class LevelSampler(LayoutSource):
             UnknownNameError: A knob that the worlds do not have.
         """
         level_in = np.full(np.shape(seed), -1) if level is None else level
-        columns = {"level": (level_in, wp.int32), "seed": (seed, wp.uint64), "episode": (episode, wp.int32)}
-        columns["score"] = score, wp.float32
-        arrays = [self._column(name, *column) for name, column in columns.items()]
-        if len({array.shape for array in arrays}) != 1:
-            shapes = ", ".join(str(array.shape) for array in arrays)
-            raise ArgumentError(f"LevelSampler.update: arrays should have one length, got {shapes}.")
-        rows = self.layouts.knobs.rows(knobs or {}, arrays[0].shape[0])
+        columns = (level_in, wp.int32), (seed, wp.uint64), (episode, wp.int32), (score, wp.float32)
+        shapes = [tuple(np.shape(values)) for values, _ in columns]
+        if len({*shapes}) != 1 or len(shapes[0]) != 1:
+            raise ArgumentError(f"LevelSampler.update: arrays should have one length, shape (n,), got {shapes}.")
+        arrays = [self._column(*column) for column in columns]
+        rows = self.layouts.knobs.rows(knobs or {}, shapes[0][0])
         most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # so each row of a launch has places of its own
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
@@ -160,11 +155,9 @@ class LevelSampler(LayoutSource):
             if level is None:
                 launch_refresh(self._buffer, self.levels)
 
-    def _column(self, name: str, values: Any, dtype: type) -> wp.array:
+    def _column(self, values: Any, dtype: type) -> wp.array:
         """Return a column on the device, seeds as the 64 bits that they are."""
         numbers = values.detach().contiguous() if hasattr(values, "detach") else np.asarray(values)
-        if numbers.ndim != 1:
-            raise ArgumentError(f"LevelSampler.update: {name} should have shape (n,), got {tuple(numbers.shape)}.")
         given = wp.array(numbers) if isinstance(numbers, np.ndarray) else wp.from_torch(numbers)
         given = given.to(self._device)
         if dtype is wp.uint64 and given.dtype in (wp.int64, wp.uint64):
@@ -191,7 +184,7 @@ class LevelSampler(LayoutSource):
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device."""
-        return {name: getattr(self._buffer, name).numpy().copy() for name in KEPT}
+        return {name: array.numpy().copy() for name, array in arrays_of(self._buffer).items()}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Go on from a `state` of a sampler of the same capacity and number of worlds.
@@ -199,10 +192,8 @@ class LevelSampler(LayoutSource):
         Raises:
             ArgumentError: It is of another one.
         """
-        for name in KEPT:
-            array = getattr(self._buffer, name)
+        for name, array in arrays_of(self._buffer).items():
             if name not in state or state[name].shape != array.shape:
                 raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
             if array.size:
                 array.assign(state[name])
-        launch_refresh(self._buffer, self.levels)

@@ -5,12 +5,22 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.levels.buffer import Buffer, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.program.device import allocate
 
 NWORLD = 500
-CPU = wp.get_device("cpu")
+
+
+def created(levels: Levels, nworld: int, nknob: int = 0) -> Buffer:
+    """Return an empty buffer for so many worlds."""
+    layouts = LayoutsView()
+    with wp.ScopedDevice("cpu"):
+        allocate(LayoutsView, layouts, nworld, "next_seed next_episode")
+        allocate(LayoutsView, layouts, (nworld, nknob), "next_knob")
+    return create_buffer(levels, layouts)
 
 
 def column(values: object, dtype: type) -> wp.array:
@@ -27,7 +37,7 @@ def tell(buffer: Buffer, level: object, seed: object, outcome: object) -> None:
 
 def filled(levels: Levels, scores: np.ndarray) -> Buffer:
     """Return a buffer of one level for each score, with seeds 100, 101, ..."""
-    buffer = create_buffer(levels, NWORLD, CPU)
+    buffer = created(levels, NWORLD)
     tell(buffer, np.full(len(scores), -1), 100 + np.arange(len(scores)), scores)
     launch_refresh(buffer, levels)
     return buffer

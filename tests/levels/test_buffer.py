@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.levels.buffer import Buffer, create_buffer, launch_choose, launch_forget
+from sceniris_gym.levels.buffer import arrays_of, launch_choose, launch_forget
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.weights import launch_refresh
-from tests.levels.filling import CPU, NWORLD, SCORES, chosen, column, filled, tell
+from tests.levels.filling import NWORLD, SCORES, chosen, column, created, filled, tell
 
 
 def test_the_share_of_replays_is_the_one_asked_for():
     """The rest are fresh levels, each with a seed of its own; without any level in the buffer all are fresh."""
     levels = Levels("given", capacity=32)
-    empty = create_buffer(levels, NWORLD, CPU)
+    empty = created(levels, NWORLD)
     assert (chosen(empty, 2) == -1).all()
     buffer = filled(levels, SCORES)
     launch_forget(buffer, column(np.arange(NWORLD), wp.uint64), None)
@@ -49,7 +49,7 @@ def test_choices_do_not_depend_on_which_worlds_choose_beside_them():
 def test_successes_move_a_rate(score: str, function):
     """It begins at 0.5; a level that another one has replaced is not touched by what comes late."""
     levels = Levels(score, rate=0.25, capacity=1)
-    buffer = create_buffer(levels, 4, CPU)
+    buffer = created(levels, 4)
     tell(buffer, [-1], [5], [1.0])
     assert buffer.value.numpy()[0] == pytest.approx(0.625)
     tell(buffer, [0], [5], [0.0])
@@ -65,6 +65,5 @@ def test_successes_move_a_rate(score: str, function):
 
 def test_a_million_levels_take_little_memory():
     """At most 32 MB."""
-    buffer = create_buffer(Levels(capacity=1_000_000), 4096, CPU)
-    arrays = [getattr(buffer, name) for name in Buffer.vars]
-    assert sum(a.capacity for a in arrays if isinstance(a, wp.array)) <= 32e6
+    buffer = created(Levels(capacity=1_000_000), 4096)
+    assert sum(array.capacity for array in arrays_of(buffer).values()) <= 32e6

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare, rankdata
 
-from sceniris_gym.levels.buffer import create_buffer
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.weights import launch_refresh
-from tests.levels.filling import CPU, NWORLD, SCORES, chosen, filled, tell
+from tests.levels.filling import NWORLD, SCORES, chosen, created, filled, tell
 
 
 @pytest.mark.parametrize("staleness", [0.0, 0.4])
@@ -44,7 +43,7 @@ def test_levels_are_chosen_by_their_weights(priority: str, staleness: float):
 def test_the_lowest_scores_make_room():
     """A full buffer keeps the best of all that it was given, whatever the order; empty places are filled first."""
     levels, rng = Levels("given", capacity=64), np.random.default_rng(0)
-    buffer = create_buffer(levels, 16, CPU)
+    buffer = created(levels, 16)
     scores = rng.permutation(np.geomspace(0.001, 100.0, 640))
     for i, part in enumerate(np.split(np.arange(640), 40)):
         tell(buffer, np.full(16, -1), part, scores[part])
