@@ -59,7 +59,7 @@ def _settle(
     bank_start: wp.array[int],  # the kinds of starts of the bank, if there are some
     split: wp.uint32,
     blocks: int,
-    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
+    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, start, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
     #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
