@@ -25,9 +25,8 @@ def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int, lan
     if row != worldid:
         causes = layouts.row_rejections.shape[2]
         for i in range(lane, layouts.row_rejections.shape[1] * causes, lanes):
-            layouts.row_rejections[worldid, i // causes, i % causes] += layouts.row_rejections[
-                row, i // causes, i % causes
-            ]
+            obj, cause = i // causes, i % causes
+            layouts.row_rejections[worldid, obj, cause] += layouts.row_rejections[row, obj, cause]
 
 
 @wp.func
@@ -83,10 +82,7 @@ def _settle(
         for i in range(last - first + 1):
             row = row_of_restart(search, worldid, i)
             _count_row(layouts, search, worldid, row, lane, lanes)
-        unsound = int(0)
-        if placed and not is_sound(program, layouts, row, lane, lanes):
-            unsound = 1
-        unsound = block_any(unsound)
+        unsound = block_any(int(placed and not is_sound(program, layouts, row, lane, lanes)))
         if placed and unsound == 0 and row != worldid:
             _copy_row(layouts, row, worldid, lane, lanes)
         if lane > 0:
