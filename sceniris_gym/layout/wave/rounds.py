@@ -42,8 +42,8 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode, next_knob
-    # Layouts out: attempts, present, pending_seed, pending_episode, pending_knob, row_rejections
+    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
     # Search out: pending, restart, waiting, worlds_left, rows_left, restarts_at_once, candidates
@@ -302,7 +302,7 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
-    # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
+    # Layouts in: status, rejections, pending_seed, pending_episode, next_knob, default_knob, row_rejections
     # Layouts out: seed, episode, knob, rejections, next_episode
     layouts: LayoutsView,
 ):
