@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 import shapely
-from shapely.geometry import MultiPoint, Point
+from shapely.geometry import MultiPoint, Point, Polygon
 
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.feet import foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
-from sceniris_gym.geometry.resting_poses import HomeShape, Variant
+from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, weights
 from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.supports import SupportSurface, section
 from sceniris_gym.program.device_statics import FEW_CORNERS
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import touch_distances
@@ -23,6 +24,14 @@ from sceniris_gym.scene.model import SceneModel
 
 # A piece whose top is as near as this [m] to the height of a surface is part of it.
 _NEAR = 5.0e-4
+# Width [m] of the walls around a surface that a foot cannot reach over.
+_WALL = 5.0e-3
+# A load that moves the centre of mass of what carries it by less than this share of its margin does not tip it.
+_LIGHT = 0.25
+# Axes are level if they are inclined by less than this.
+_LEVEL = 1.0e-3
+_CONTACTS = 4
+_PASSES = 6
 
 
 @dataclass(frozen=True)
@@ -32,19 +41,17 @@ class Law:
     Attributes:
         shake: The margin as a share of the root of fall times height.
         lean: What each radian by which the load leans adds to that share.
-        move: The greatest move [m] of the uppermost object until it is at rest.
         soft: What the lean is multiplied by.
     """
 
     shake: float
     lean: float
-    move: float
     soft: float
 
 
-BOXES, FLAT, OTHERS = Law(0.33, 0.0, 9.5e-3, 1.3), Law(0.7, 0.0, 9.5e-3, 1.1), Law(0.3, 20.0, 7.0e-3, 2.0)
-"""The laws of boxes on boxes or planes, of flat feet with a few corners on one convex geom, and of all other contacts,
-whose points change as they lean.
+FLAT, OTHERS = Law(0.7, 0.0, 1.3), Law(0.3, 20.0, 2.0)
+"""The laws of boxes on boxes or planes and of flat feet with a few corners on one convex geom, and of all other
+contacts, whose points change as they lean.
 
 With them 23 of 18,016 layouts of 578 random scenes moved by 1 cm in half a second of MuJoCo C (seed 80000 of
 `tests.stress.standing`); of the rejected candidates 62% would have stood.
@@ -73,25 +80,24 @@ class Stance:
     Attributes:
         carrier: The object that carries it, as its number in `Plan.objects`, if that is free; else None.
         feet: Its foot in each of its variants.
-        spring: Of its contacts: sink under a weight of 1 kg on one rigid contact [m], and the least and the greatest
-            impedance and the depth between them [m], as in MuJoCo's solimp.
+        load: The greatest weight [kg] of it and of all that may be put on it.
+        sink: How deep four contacts of it are under that load, with the least masses that are drawn [m].
         law: The margin that it needs.
         is_whole: Whether all of its foot is on its support.
-        share: The share of the object's own inverse weight in the softness of that spring.
+        is_round: Whether its foot is round.
         is_shifted: Whether draws move its centre of mass.
-        has_four: Whether MuJoCo keeps four contacts of it at most: those of two convex shapes which are not both boxes.
         meets: Whether it collides with its support at all.
     """
 
     carrier: int | None
     feet: list[Foot]
-    spring: np.ndarray
+    load: float
+    sink: float
     law: Law
     is_whole: bool
-    has_four: bool
+    is_round: bool
+    is_shifted: bool
     meets: bool
-    share: float = 1.0
-    is_shifted: bool = False
 
     @property
     def is_certain(self) -> bool:
@@ -107,7 +113,7 @@ class Stance:
 
 NO_FOOT = Foot([np.zeros((1, 2))], is_curved=True, margin=0.0)
 """The foot of what does not collide with its support."""
-NO_STANCE = Stance(None, [], np.array([0.0, 0.9, 0.95, 1e-3]), BOXES, is_whole=True, has_four=False, meets=True)
+NO_STANCE = Stance(None, [], 0.0, 0.0, FLAT, is_whole=True, is_round=False, is_shifted=False, meets=True)
 """The stance of what need not stand."""
 
 
@@ -122,12 +128,31 @@ def stances(
         pieces: All obstacles.
         home: MjData at the start pose.
     """
-    number = {o.name: i for i, o in enumerate(objects)}
-    around = _Surroundings(scene, pieces, home, scene.contact_rules, number)
-    return [
-        _stance(around, o) if o.config is not None and o.config.has_to_stand and o.heap is None else None
-        for o in objects
+    around = _Surroundings(scene, pieces, home, scene.contact_rules, {o.name: i for i, o in enumerate(objects)})
+    mjm = scene.mjm
+    heaviest = drawn_bounds(scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
+    load = np.array([(weights(mjm) * heaviest)[o.bodies].sum() for o in objects])
+    for number in reversed(range(len(objects))):
+        below = carrier_of(objects[number], objects)
+        if below is not None:
+            load[below] += load[number]
+    found = [
+        _stance(around, o, kg) if o.config is not None and o.config.has_to_stand and o.heap is None else None
+        for o, kg in zip(objects, load.tolist(), strict=True)
     ]
+    firm = {i for i, s in enumerate(found) if s is not None and s.is_certain and _is_heavy(around, objects[i], s)}
+    return [replace(s, carrier=None) if s is not None and s.carrier in firm else s for s in found]
+
+
+def _is_heavy(around: _Surroundings, o: PlacedObject, stance: Stance) -> bool:
+    """Return whether an object's weight keeps it where it is, wherever things are put on it."""
+    mjm, joints = around.scene.mjm, around.scene.moving_joints(o.name)
+    if any(mjm.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or abs(around.home.xaxis[j][2]) > _LEVEL for j in joints):
+        return False  # what it carries moves sideways with it; on what turns up nothing is placed
+    shape = HomeShape(around.home, o.bodies[0], [p for p in around.pieces if p.body in o.bodies and p.mesh is not None])
+    reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
+    share = 1.0 - weights(mjm)[o.bodies].sum() / max(stance.load, mujoco.mjMINVAL)
+    return share * reach < _LIGHT * min(f.margin for f in stance.feet)
 
 
 def levels_of(found: list[Stance | None], number: int) -> list[int]:
@@ -160,8 +185,8 @@ class _Surroundings:
     number: dict[str, int]
 
 
-def _stance(around: _Surroundings, o: PlacedObject) -> Stance:
-    """Work out how one object stands."""
+def _stance(around: _Surroundings, o: PlacedObject, load: float) -> Stance:
+    """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     scene, support = around.scene, o.support
     assert support is not None
     assert o.config is not None
@@ -171,9 +196,9 @@ def _stance(around: _Surroundings, o: PlacedObject) -> Stance:
     touch = touch_distances(scene.mjm, around.rules, pieces, support.body)
     own = [p for p, distance in zip(pieces, touch, strict=True) if distance is not None and p.mesh is not None]
     heights = {s.height for surfaces in o.surfaces for s in surfaces}
-    below = [
-        p for p in around.pieces if p.body == support.body and support.geom in (None, p.geom) and _ends_at(p, heights)
-    ]
+    there = [p for p in around.pieces if p.body == support.body]
+    below = [p for p in there if support.geom in (None, p.geom) and _ends_at(p, heights)]
+    walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
     shape = HomeShape(around.home, o.bodies[0], own)
     points, center = shape.points(), shape.center_of_mass
     feet = [_foot(_in_pose([*points, center[None]], v)) if own else NO_FOOT for v in o.variants]
@@ -181,19 +206,18 @@ def _stance(around: _Surroundings, o: PlacedObject) -> Stance:
     boxes = {PieceType.BOX, PieceType.PLANE}
     owner = scene.config.objects.get(support.owner or "")
     are_boxes = {p.type for p in (*own, *below)} <= boxes
-    has_four = not are_boxes and len(own) == len(below) == 1
-    is_flat = has_four and all(not f.is_curved and len(f.parts[0]) <= FEW_CORNERS for f in feet)
-    spring, share = _softest(scene, [p.geom for p in own], [p.geom for p in below])
+    is_round = any(len(f.parts) == 1 and len(f.parts[0]) > FEW_CORNERS for f in feet)
+    is_flat = len(own) == len(below) == 1 and not is_round
     return Stance(
         carrier=around.number.get(support.owner or "") if owner is not None and owner.has_to_stand else None,
         feet=feet,
-        spring=spring,
-        law=BOXES if are_boxes else FLAT if is_flat else OTHERS,
-        is_whole=whole or o.config.ratio_on_support == 1.0 or _lies_inside(o, [f.parts for f in feet]),
-        has_four=has_four,
-        meets=bool(own),
-        share=share,
+        load=load,
+        sink=_sink(scene, [p.geom for p in own], [p.geom for p in below], load),
+        law=FLAT if are_boxes or is_flat else OTHERS,
+        is_whole=whole or o.config.ratio_on_support == 1.0 or _cannot_leave(o, feet, walls),
+        is_round=is_round,
         is_shifted=_is_shifted(scene, o),
+        meets=bool(own),
     )
 
 
@@ -228,31 +252,52 @@ def _foot(points: list[np.ndarray]) -> Foot:
     return Foot(parts, curved, hull.boundary.distance(at) if hull.contains(at) else -hull.distance(at))
 
 
-def _lies_inside(o: PlacedObject, feet: list[list[np.ndarray]]) -> bool:
-    """Return whether the foot lies on its support in any heading, wherever in its region the pivot is."""
-    return all(
-        s.outline.contains(shapely.buffer(s.region, np.linalg.norm(np.concatenate(parts), axis=1).max()))
-        for surfaces, parts in zip(o.surfaces, feet, strict=True)
-        for s in surfaces
-    )
+def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
+    """Return whether the foot lies on its support in any heading, as its region or walls keep it from the edge."""
+    assert o.config is not None
+    for surfaces, own in zip(o.surfaces, feet, strict=True):
+        reach = np.linalg.norm(np.concatenate(own.parts), axis=1).max()
+        parts = shapely.union_all([MultiPoint(part).convex_hull for part in own.parts])
+        is_one = isinstance(parts.buffer(0.5 * _WALL), Polygon)  # no part of it is beyond a wall
+        rise = o.config.gap + 2.0 * reach * np.tan(np.radians(ROCKING))
+        for s in surfaces:
+            inside = s.outline.contains(shapely.buffer(s.region, reach))
+            if not inside and not (is_one and _is_walled(s, rise, walls)):
+                return False
+    return True
 
 
-def _softest(scene: SceneModel, own: list[int], below: list[int]) -> tuple[np.ndarray, float]:
-    """Return the spring of the softest contact of two lists of geoms, and the first one's share; see `Stance`."""
-    mjm, gravity = scene.mjm, drawn_bounds(scene.draws, scene.mjm, "gravity")
-    pull = float(np.linalg.norm(np.max(np.abs(gravity), axis=0)))
-    springs = [(_spring(mjm, pull, a, b), a, b) for a in own for b in below]
-    if not springs:
-        return np.array([0.0, 0.9, 0.95, 1e-3]), 1.0
-    spring, a, b = max(springs, key=lambda s: s[0][0])
-    weight = mjm.body_invweight0[mjm.geom_bodyid[[a, b]], 0]
-    return spring, float(weight[0] / max(weight.sum(), mujoco.mjMINVAL))
+def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bool:
+    """Return whether walls stand all around a surface up to a height [m] above it."""
+    ends = surface.height + _NEAR, surface.height + max(height, _NEAR)
+    meshes = [p.mesh for p in walls if p.mesh is not None and p.mesh.is_convex]
+    low, high = ([section(mesh, z) for mesh in meshes] for z in ends)
+    solid = shapely.union_all(shapely.intersection(low, high))
+    around, inside = (surface.outline.buffer(by, join_style="mitre") for by in (_WALL, 0.02 * _WALL))
+    return solid.buffer(1e-5).covers(around.difference(inside))
 
 
-def _spring(mjm: mujoco.MjModel, gravity: float, a: int, b: int) -> np.ndarray:
+def _sink(scene: SceneModel, own: list[int], below: list[int], load: float) -> float:
+    """Return the depth [m] at which four of the softest contacts of two lists of geoms carry a load [kg]."""
+    mjm = scene.mjm
+    pull = float(np.linalg.norm(np.max(np.abs(drawn_bounds(scene.draws, mjm, "gravity")), axis=0)))
+    lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
+    inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
+    springs = [_spring(mjm, pull * inverse[mjm.geom_bodyid[[a, b]]].sum(), a, b) for a in own for b in below]
+    scale, least, most, width = max(springs, key=lambda spring: spring[0], default=(0.0, 1.0, 1.0, 1.0))
+    depth = 0.0
+    for _ in range(_PASSES):
+        x = min(depth / width, 1.0)
+        d = least + (2.0 * x * x if x < 0.5 else 1.0 - 2.0 * (1.0 - x) ** 2) * (most - least)
+        depth = 0.5 * (depth + scale * load / _CONTACTS * (1.0 - d) / d**2)
+    return depth
+
+
+def _spring(mjm: mujoco.MjModel, pull: float, a: int, b: int) -> tuple[float, float, float, float]:
     """Return the spring of a contact, by the mixing and the impedance of the chapter "Computation" of MuJoCo's manual.
 
-    Gravity is in m/s^2.
+    It is the depth [m] of a rigid contact under 1 kg, given gravity times the inverse weights of both bodies, `pull`
+    [m/s^2/kg], and the least and the greatest impedance and the depth between them [m], as in MuJoCo's solimp.
 
     At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
     weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax.
@@ -272,5 +317,4 @@ def _spring(mjm: mujoco.MjModel, gravity: float, a: int, b: int) -> np.ndarray:
             ref[0] if mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE else max(ref[0], 2 * mjm.opt.timestep)
         )
         stiff = 1.0 / (most * time * ref[1]) ** 2
-    weight = mjm.body_invweight0[mjm.geom_bodyid[[a, b]], 0].sum()
-    return np.array([gravity * weight / max(stiff, mujoco.mjMINVAL), least, most, max(imp[2], mujoco.mjMINVAL)])
+    return pull / max(stiff, mujoco.mjMINVAL), float(least), float(most), float(max(imp[2], mujoco.mjMINVAL))

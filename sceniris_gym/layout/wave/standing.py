@@ -7,69 +7,18 @@ from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.collision import collides_alone
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
-from sceniris_gym.placement.standing import (
-    MOST_CORNERS,
-    Level,
-    find_patch,
-    lies_on_a_part,
-    loads_stand,
-    measure,
-    softness_of,
-    weigh,
-)
+from sceniris_gym.placement.standing import Level, find_patch, lies_on_a_part, loads_stand, measure, weigh
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_statics import Statics
+from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func
-def _around(total: wp.vec4) -> wp.vec4:
+def _centered(total: wp.vec4) -> wp.vec4:
     """Return a weight and its centre from a weight and the sum of weights times places."""
     share = 1.0 / wp.max(total[0], 1.0e-30)
     return wp.vec4(total[0], total[1] * share, total[2] * share, total[3] * share)
-
-
-@wp.func
-def _moments(load: wp.vec4, by: wp.vec3) -> wp.vec4:
-    """Return a weight, and the sum of weights times places around a point, from its centre and that point's offset."""
-    return load[0] * wp.vec4(1.0, load[1] - by[0], load[2] - by[1], load[3] - by[2])
-
-
-@wp.func
-def _level_of(
-    program: Program,
-    statics: Statics,
-    layouts: LayoutsView,
-    search: Search,
-    c: int,
-    row: int,
-    number: int,
-    above: Level,
-) -> Level:
-    """Return level `number` of `Statics`, on which `above` stands, without what its patch says."""
-    obj = statics.level_obj[number]
-    worldid = search.row_world[row]
-    level = Level()
-    own = wp.vec4(0.0)
-    if obj == search.obj[c]:
-        place = search.place[c]
-        level.pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
-        own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], level.pivot)
-    else:
-        place = layouts.place[row, program.obj_slot[obj]]
-        level.pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
-        own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
-    for i in range(statics.level_loadnum[number]):
-        other = statics.load[statics.level_loadadr[number] + i]
-        if layouts.present[row, program.obj_slot[other]] != 0:
-            own += weigh(program, statics, other, worldid, layouts.body_pos[row], layouts.body_quat[row], level.pivot)
-    level.own = _around(own)
-    level.load = _around(own + _moments(above.load, level.pivot - above.pivot))
-    level.gap = program.obj_gap[obj]
-    level.law = statics.obj_law[obj]
-    level.soft = softness_of(program, statics, obj, worldid)
-    return level
 
 
 @wp.func
@@ -81,38 +30,55 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
         return False
     place = search.place[c]
     body = program.obj_ground[obj]
-    pivot = wp.vec3(place[0], place[1], place[2] - program.obj_gap[obj])
-    ground = pose_of(layouts.body_pos[row, body] - pivot, layouts.body_quat[row, body])
-    return lies_on_a_part(statics, variant, place[3], search.surface[c], ground)
+    ground = pose_of(layouts.body_pos[row, body], layouts.body_quat[row, body])
+    return lies_on_a_part(statics, variant, wp.vec2(place[0], place[1]), place[3], search.surface[c], ground)
 
 
 @wp.func
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate stands, and all levels below it with it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
-    patch = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
+    patch = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
     num = statics.obj_levelnum[search.obj[c]]
-    above = Level()
+    worldid = search.row_world[row]
+    origin = wp.vec3(search.place[c][0], search.place[c][1], search.place[c][2])
+    total = wp.vec4(0.0)
     for j in range(num):
-        obj = statics.level_obj[adr + j]
+        number = adr + j
+        obj = statics.level_obj[number]
         surface = search.surface[c]
         variant = search.turn[c].variant
-        heading = search.place[c][3]
-        if j > 0:
+        place = search.place[c]
+        own = wp.vec4(0.0)
+        if j == 0:
+            own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], origin)
+        else:
             surface = search.row_surface[row, obj]
             variant = search.row_variant[row, obj]
-            heading = layouts.place[row, program.obj_slot[obj]][3]
-        above = _level_of(program, statics, layouts, search, c, row, adr + j, above)
+            place = layouts.place[row, program.obj_slot[obj]]
+            own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], origin)
+        for i in range(statics.level_loadnum[number]):
+            other = statics.load[statics.level_loadadr[number] + i]
+            if layouts.present[row, program.obj_slot[other]] != 0:
+                own += weigh(program, statics, other, worldid, layouts.body_pos[row], layouts.body_quat[row], origin)
+        total += own
+        level = Level()
+        level.own = _centered(own)
+        level.load = _centered(total)
+        level.sink = statics.obj_sink[obj]
+        level.gap = program.obj_gap[obj]
+        level.foot = place[2] - level.gap - origin[2]
+        level.law = statics.obj_law[obj]
         body = program.obj_ground[obj]
-        ground = pose_of(layouts.body_pos[row, body] - above.pivot, layouts.body_quat[row, body])
-        corners = find_patch(statics, obj, variant, heading, surface, ground, patch)
-        if corners == 0:
+        ground = pose_of(layouts.body_pos[row, body] - origin, layouts.body_quat[row, body])
+        at = wp.vec2(place[0] - origin[0], place[1] - origin[1])
+        if not find_patch(statics, variant, at, place[3], surface, ground, patch):
             return False
-        above = measure(statics, above, obj, variant, patch, corners)
-        if above.margin <= 0.0:
+        level = measure(statics, level, obj, variant, patch)
+        if level.margin <= 0.0:
             return False
-        levels[j] = above
+        levels[j] = level
     return loads_stand(levels, num)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.resting_poses import weights
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight
@@ -23,7 +22,6 @@ from sceniris_gym.scene.model import SceneModel
 _TILT = 1.0
 # Greatest depth [m] to which an object sinks into its support by its own weight, and to which that gives way.
 _GIVES = 5.0e-3
-_CONTACTS = 4
 _SECONDS = 0.5
 # Inertia [kg or kg m^2] that keeps free bodies where they are.
 _HELD = 1.0e9
@@ -39,13 +37,11 @@ def check_standing(plan: Plan) -> None:
         SceneKeyError: Gravity that does not point down, contacts that are switched off or too soft, an object that its
             support does not carry, too many objects on each other, or a joint that gives way.
     """
-    config, mjm, found = plan.scene.config, plan.scene.mjm, plan.stances
-    heaviest = drawn_bounds(plan.scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
-    # of the model, and of what is drawn at most
-    loads = [np.array([(weights(mjm) * ratio)[o.bodies].sum() for ratio in (1.0, heaviest)]) for o in plan.objects]
-    for number in reversed([i for i, stance in enumerate(found) if stance is not None]):
-        o, stance = plan.objects[number], found[number]
-        assert o.config is not None and o.config.support is not None and stance is not None
+    config, found = plan.scene.config, plan.stances
+    for number, (o, stance) in enumerate(zip(plan.objects, found, strict=True)):
+        if stance is None:
+            continue
+        assert o.config is not None and o.config.support is not None
         where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
         _check_gravity(plan.scene, where)
         if not stance.meets:
@@ -53,17 +49,15 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
                 f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
             )
-        check_weight(mjm, o.bodies, where)
-        _check_foot(stance, float(loads[number][0]), f"{where}: '{o.name}'")
+        check_weight(plan.scene.mjm, o.bodies, where)
+        _check_foot(stance, f"{where}: '{o.name}'")
         levels = len(levels_of(found, number))
         if levels > MAX_LEVELS:
             raise SceneKeyError(
                 f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
                 "another stack."
             )
-        _check_joints(plan, o, float(loads[number][1]), where)
-        if stance.carrier is not None:
-            loads[stance.carrier] += loads[number]
+        _check_joints(plan, o, stance.load, where)
 
 
 def _check_gravity(scene: SceneModel, where: str) -> None:
@@ -81,18 +75,17 @@ def _check_gravity(scene: SceneModel, where: str) -> None:
         raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
 
 
-def _check_foot(stance: Stance, load: float, whose: str) -> None:
-    """Refuse an object whose foot does not hold it in any of its poses, or sinks in by its load [kg]."""
+def _check_foot(stance: Stance, whose: str) -> None:
+    """Refuse an object whose foot does not hold it in any of its poses, or sinks in."""
     if stance.margin <= 0.0:
         raise SceneKeyError(
             f"{whose} falls over: its centre of mass is {-1e3 * stance.margin:.3g} mm outside of its foot. Correct its "
             f"<inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
         )
-    least = stance.spring[0] * load / _CONTACTS * (1.0 - stance.spring[2]) / stance.spring[2] ** 2
-    if least > _GIVES:
+    if stance.sink > _GIVES:
         raise SceneKeyError(
-            f"{whose} sinks into its support by {1e3 * least:.3g} mm, which should be {1e3 * _GIVES:g} mm at most. "
-            f"Give its geoms a harder 'solref' or 'solimp', or a weight nearer to that of its support, {_ANYWAY}."
+            f"{whose} sinks into its support by {1e3 * stance.sink:.3g} mm, which should be {1e3 * _GIVES:g} mm at "
+            f"most. Give its geoms a harder 'solref' or 'solimp', or a weight nearer to that of its support, {_ANYWAY}."
         )
 
 
