@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
@@ -42,42 +42,22 @@ def with_chains(scene: Any) -> Any:
 
     Things that have a support already, unknown names, and anything that is no scene are left to the checks that follow.
     """
-    placed = _objects(scene)
-    for name, below, near in _steps(scene):
-        part = placed.get(name)
-        part = part.model_dump(by_alias=True, exclude_unset=True) if isinstance(part, Section) else part
-        if isinstance(part, Mapping) and not any(word in part for word in (*SUPPORT_WORDS, "in_")):
-            own = part.get("relations") or ()
-            placed[name] = {**part, "on": below, **({"relations": [*own, *near]} if near else {})}
-    return {**scene, "objects": placed} if placed else scene
-
-
-def without_chains(scene: dict[str, Any]) -> dict[str, Any]:
-    """Return the words of a valid scene as they were before `with_chains`."""
-    placed = _objects(scene)
-    for name, _, near in _steps(scene):
-        part = {word: value for word, value in placed[name].items() if word != "on"}
-        relations = [relation for relation in part.pop("relations", ()) if relation not in near]
-        placed[name] = {**part, **({"relations": relations} if relations else {})}
-    return {**scene, "objects": placed} if placed else scene
-
-
-def _objects(scene: Any) -> dict[str, Any]:
-    """Return the objects of a scene, none if it has no stacks, or is no scene."""
     stacks, objects = (scene.get(key) if isinstance(scene, Mapping) else None for key in ("stacks", "objects"))
-    return dict(objects) if isinstance(stacks, Mapping) and isinstance(objects, Mapping) and stacks else {}
-
-
-def _steps(scene: Any) -> Iterator[tuple[str, Any, list[dict[str, Any]]]]:
-    """Yield each thing of the stacks with what is below it, and with its relation to that, if it has one."""
-    for stack in scene["stacks"].values() if _objects(scene) else ():
+    if not isinstance(stacks, Mapping) or not isinstance(objects, Mapping):
+        return scene
+    placed = dict(objects)
+    for stack in stacks.values():
         words = stack.model_dump() if isinstance(stack, StackConfig) else stack
         things = words.get("of") if isinstance(words, Mapping) else None
-        below, near = None, None
-        for name in things if isinstance(things, list | tuple) else ():
-            offset = listed(words.get("offset"))
+        below, near = None, []
+        for name in (n for n in (things if isinstance(things, list | tuple) else ()) if isinstance(n, str)):
+            offset, part = listed(words.get("offset")), placed.get(name)
             if below is not None and _is_offset(offset):
-                near = {"near": below, "distance": {"min": offset[0], "max": offset[1]}}
-            if isinstance(name, str):
-                yield name, words.get("on") if below is None else below, [near] if near else []
-                below = name
+                near = [{"near": below, "distance": {"min": offset[0], "max": offset[1]}}]
+            part = part.model_dump(by_alias=True, exclude_unset=True) if isinstance(part, Section) else part
+            if isinstance(part, Mapping) and not any(word in part for word in (*SUPPORT_WORDS, "in_")):
+                relations = [*(part.get("relations") or ()), *near]
+                on = words.get("on") if below is None else below
+                placed[name] = {**part, "on": on, **({"relations": relations} if relations else {})}
+            below = name
+    return {**scene, "objects": placed}

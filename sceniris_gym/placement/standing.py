@@ -91,31 +91,23 @@ def _side(statics: Statics, number: int, ground: Pose) -> wp.vec4:
 
 
 @wp.func
-def _is_left(statics: Statics, variant: int, at: wp.vec2, x: wp.vec2, ends: wp.vec4) -> bool:
-    """Return True if all of a foot is left of an edge."""
-    a = wp.vec2(ends[0], ends[1])
-    along = wp.vec2(ends[2], ends[3]) - a
-    if cross2(along, at - a) > statics.variant_radius[variant] * wp.length(along):
-        return True
-    first = statics.variant_footadr[variant]
-    last = first + statics.variant_footnum[variant] - 1
-    for k in range(statics.foot_corneradr[first], statics.foot_corneradr[last] + statics.foot_cornernum[last]):
-        if cross2(along, _corner(statics, k, at, x) - a) < 0.0:
-            return False
-    return True
-
-
-@wp.func
 def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, heading: float, surface: int, ground: Pose) -> bool:
     """Return True if all of a foot is on one convex part of a surface; see `find_patch` for the arguments."""
+    first = statics.variant_footadr[variant]
+    last = first + statics.variant_footnum[variant] - 1
     for i in range(statics.surface_partnum[surface]):
         part = statics.surface_partadr[surface] + i
         inside = bool(True)
-        s = int(0)
-        while inside and s < statics.part_sidenum[part]:
+        for s in range(statics.part_sidenum[part]):
             ends = _side(statics, statics.part_sideadr[part] + s, ground)
-            inside = _is_left(statics, variant, at, unit_circle(heading), ends)
-            s += 1
+            a = wp.vec2(ends[0], ends[1])
+            along = wp.vec2(ends[2], ends[3]) - a
+            if cross2(along, at - a) < statics.variant_radius[variant] * wp.length(along):
+                for k in range(
+                    statics.foot_corneradr[first], statics.foot_corneradr[last] + statics.foot_cornernum[last]
+                ):
+                    if cross2(along, _corner(statics, k, at, unit_circle(heading)) - a) < 0.0:
+                        inside = False
         if inside:
             return True
     return False

@@ -10,7 +10,6 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPoint, Point, Polygon
 
-from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.feet import foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, weights
@@ -128,28 +127,32 @@ def stances(
         pieces: All obstacles.
         home: MjData at the start pose.
     """
-    around = _Surroundings(scene, pieces, home, scene.contact_rules, {o.name: i for i, o in enumerate(objects)})
-    mjm = scene.mjm
+    mjm, below = scene.mjm, [carrier_of(o, objects) for o in objects]
     heaviest = drawn_bounds(scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
     load = np.array([(weights(mjm) * heaviest)[o.bodies].sum() for o in objects])
-    for number in reversed(range(len(objects))):
-        below = carrier_of(objects[number], objects)
-        if below is not None:
-            load[below] += load[number]
-    found = [
-        _stance(around, o, kg) if o.config is not None and o.config.has_to_stand and o.heap is None else None
-        for o, kg in zip(objects, load.tolist(), strict=True)
-    ]
-    firm = {i for i, s in enumerate(found) if s is not None and s.is_certain and _is_heavy(around, objects[i], s)}
-    return [replace(s, carrier=None) if s is not None and s.carrier in firm else s for s in found]
+    for number, carrier in reversed(list(enumerate(below))):
+        if carrier is not None:
+            load[carrier] += load[number]
+    found: list[Stance | None] = []
+    for o, kg, carrier in zip(objects, load.tolist(), below, strict=True):
+        stance = None
+        if o.config is not None and o.config.has_to_stand and o.heap is None:
+            stance = _stance(scene, o, pieces, home, kg)
+            base = None if carrier is None else found[carrier]
+            if base is not None and not (
+                base.is_certain and _is_heavy(scene, objects[carrier or 0], pieces, home, base)
+            ):
+                stance = replace(stance, carrier=carrier)
+        found.append(stance)
+    return found
 
 
-def _is_heavy(around: _Surroundings, o: PlacedObject, stance: Stance) -> bool:
+def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, stance: Stance) -> bool:
     """Return whether an object's weight keeps it where it is, wherever things are put on it."""
-    mjm, joints = around.scene.mjm, around.scene.moving_joints(o.name)
-    if any(mjm.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or abs(around.home.xaxis[j][2]) > _LEVEL for j in joints):
+    mjm, joints = scene.mjm, scene.moving_joints(o.name)
+    if any(mjm.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or abs(home.xaxis[j][2]) > _LEVEL for j in joints):
         return False  # what it carries moves sideways with it; on what turns up nothing is placed
-    shape = HomeShape(around.home, o.bodies[0], [p for p in around.pieces if p.body in o.bodies and p.mesh is not None])
+    shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
     share = 1.0 - weights(mjm)[o.bodies].sum() / max(stance.load, mujoco.mjMINVAL)
     return share * reach < _LIGHT * min(f.margin for f in stance.feet)
@@ -174,47 +177,36 @@ def carrier_of(o: PlacedObject, objects: Iterable[PlacedObject]) -> int | None:
     )
 
 
-@dataclass(frozen=True)
-class _Surroundings:
-    """Parts of a plan that decide how its objects stand, and the number of each object by its name."""
-
-    scene: SceneModel
-    pieces: list[Piece]
-    home: mujoco.MjData
-    rules: ContactRules
-    number: dict[str, int]
-
-
-def _stance(around: _Surroundings, o: PlacedObject, load: float) -> Stance:
+def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, load: float) -> Stance:
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
-    scene, support = around.scene, o.support
+    support, mjm = o.support, scene.mjm
     assert support is not None
     assert o.config is not None
     is_physics = scene.config.geometry == "physics"  # then the plan has them
-    found = around.pieces if is_physics else extract_pieces(scene.mjm, "physics", set(o.bodies))
-    pieces = [p for p in found if p.body in o.bodies]
-    touch = touch_distances(scene.mjm, around.rules, pieces, support.body)
-    own = [p for p, distance in zip(pieces, touch, strict=True) if distance is not None and p.mesh is not None]
-    heights = {s.height for surfaces in o.surfaces for s in surfaces}
-    there = [p for p in around.pieces if p.body == support.body]
-    below = [p for p in there if support.geom in (None, p.geom) and _ends_at(p, heights)]
+    found = [p for p in (pieces if is_physics else extract_pieces(mjm, "physics", set(o.bodies))) if p.body in o.bodies]
+    touch = touch_distances(mjm, scene.contact_rules, found, support.body)
+    own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]
+    surfaces = [s for mine in o.surfaces for s in mine]
+    there = [p for p in pieces if p.body == support.body]
+    below = [
+        p
+        for p in there
+        if support.geom in (None, p.geom)
+        and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
+    ]
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
-    shape = HomeShape(around.home, o.bodies[0], own)
-    points, center = shape.points(), shape.center_of_mass
-    feet = [_foot(_in_pose([*points, center[None]], v)) if own else NO_FOOT for v in o.variants]
-    whole = support.is_floor or all(s.is_endless for surfaces in o.surfaces for s in surfaces)
-    boxes = {PieceType.BOX, PieceType.PLANE}
-    owner = scene.config.objects.get(support.owner or "")
-    are_boxes = {p.type for p in (*own, *below)} <= boxes
+    shape = HomeShape(home, o.bodies[0], own)
+    feet = [_foot(shape, v) if own else NO_FOOT for v in o.variants]
+    whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
+    are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     is_round = any(len(f.parts) == 1 and len(f.parts[0]) > FEW_CORNERS for f in feet)
-    is_flat = len(own) == len(below) == 1 and not is_round
     return Stance(
-        carrier=around.number.get(support.owner or "") if owner is not None and owner.has_to_stand else None,
+        carrier=None,
         feet=feet,
         load=load,
-        sink=_sink(scene, [p.geom for p in own], [p.geom for p in below], load),
-        law=FLAT if are_boxes or is_flat else OTHERS,
-        is_whole=whole or o.config.ratio_on_support == 1.0 or _cannot_leave(o, feet, walls),
+        sink=max((_sink(scene, load, a.geom, b.geom) for a in own for b in below), default=0.0),
+        law=FLAT if are_boxes or (len(own) == len(below) == 1 and not is_round) else OTHERS,
+        is_whole=whole or _cannot_leave(o, feet, walls),
         is_round=is_round,
         is_shifted=_is_shifted(scene, o),
         meets=bool(own),
@@ -222,33 +214,18 @@ def _stance(around: _Surroundings, o: PlacedObject, load: float) -> Stance:
 
 
 def _is_shifted(scene: SceneModel, o: PlacedObject) -> bool:
-    """Return whether draws move the centre of mass of an object; a common factor of all masses does not."""
+    """Return whether draws may move the centre of mass of an object."""
     heavy = set(np.flatnonzero(scene.mjm.body_mass)) & set(o.bodies)
-    for draw in scene.draws:
-        drawn = heavy.intersection(draw.rows.tolist())
-        is_common = drawn == heavy and draw.config.scale is not None and not draw.config.each
-        is_mass = draw.word.field == "body_mass" and len(heavy) > 1 and not is_common
-        if drawn and (is_mass or draw.word.field == "body_ipos"):
-            return True
-    return False
+    fields = {draw.word.field for draw in scene.draws if heavy.intersection(draw.rows.tolist())}
+    return "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)
 
 
-def _ends_at(piece: Piece, heights: Iterable[float]) -> bool:
-    """Return whether a piece of a support has its top at one of its surfaces."""
-    return piece.type == PieceType.PLANE or any(abs(piece.bounds()[1][2] - z) < _NEAR for z in heights)
-
-
-def _in_pose(pieces: list[np.ndarray], variant: Variant) -> list[np.ndarray]:
-    """Return points of the root's frame [m] around the pivot of a pose, shape (n, 3) each."""
-    return [(points - variant.pivot) @ matrix(variant.quat).T for points in pieces]
-
-
-def _foot(points: list[np.ndarray]) -> Foot:
-    """Return the foot of an object from the points of its pieces and, at last, its centre of mass."""
-    *pieces, center = points
-    parts, curved = foot(pieces, float(center[0, 2]))
-    hull = MultiPoint(np.concatenate(parts)).convex_hull
-    at = Point(center[0, :2])
+def _foot(shape: HomeShape, variant: Variant) -> Foot:
+    """Return the foot of an object in one of its poses."""
+    turn = matrix(variant.quat).T
+    center = (shape.center_of_mass - variant.pivot) @ turn
+    parts, curved = foot([(points - variant.pivot) @ turn for points in shape.points()], float(center[2]))
+    hull, at = MultiPoint(np.concatenate(parts)).convex_hull, Point(center[:2])
     return Foot(parts, curved, hull.boundary.distance(at) if hull.contains(at) else -hull.distance(at))
 
 
@@ -277,31 +254,14 @@ def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bo
     return solid.buffer(1e-5).covers(around.difference(inside))
 
 
-def _sink(scene: SceneModel, own: list[int], below: list[int], load: float) -> float:
-    """Return the depth [m] at which four of the softest contacts of two lists of geoms carry a load [kg]."""
-    mjm = scene.mjm
-    pull = float(np.linalg.norm(np.max(np.abs(drawn_bounds(scene.draws, mjm, "gravity")), axis=0)))
-    lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
-    inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
-    springs = [_spring(mjm, pull * inverse[mjm.geom_bodyid[[a, b]]].sum(), a, b) for a in own for b in below]
-    scale, least, most, width = max(springs, key=lambda spring: spring[0], default=(0.0, 1.0, 1.0, 1.0))
-    depth = 0.0
-    for _ in range(_PASSES):
-        x = min(depth / width, 1.0)
-        d = least + (2.0 * x * x if x < 0.5 else 1.0 - 2.0 * (1.0 - x) ** 2) * (most - least)
-        depth = 0.5 * (depth + scale * load / _CONTACTS * (1.0 - d) / d**2)
-    return depth
-
-
-def _spring(mjm: mujoco.MjModel, pull: float, a: int, b: int) -> tuple[float, float, float, float]:
-    """Return the spring of a contact, by the mixing and the impedance of the chapter "Computation" of MuJoCo's manual.
-
-    It is the depth [m] of a rigid contact under 1 kg, given gravity times the inverse weights of both bodies, `pull`
-    [m/s^2/kg], and the least and the greatest impedance and the depth between them [m], as in MuJoCo's solimp.
+def _sink(scene: SceneModel, load: float, a: int, b: int) -> float:
+    """Return the depth [m] at which four contacts of two geoms carry a load [kg].
 
     At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
-    weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax.
+    weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax, by
+    the mixing and the impedance of the chapter "Computation" of MuJoCo's manual.
     """
+    mjm = scene.mjm
     share = mjm.geom_solmix[a] / max(mjm.geom_solmix[a] + mjm.geom_solmix[b], mujoco.mjMINVAL)
     if mjm.geom_priority[a] != mjm.geom_priority[b]:
         share = float(mjm.geom_priority[a] > mjm.geom_priority[b])
@@ -313,8 +273,15 @@ def _spring(mjm: mujoco.MjModel, pull: float, a: int, b: int) -> tuple[float, fl
     least, most = np.clip(imp[:2], mujoco.mjMINIMP, mujoco.mjMAXIMP)
     stiff = -ref[0] / most**2
     if ref[0] > 0.0:
-        time = (
-            ref[0] if mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE else max(ref[0], 2 * mjm.opt.timestep)
-        )
-        stiff = 1.0 / (most * time * ref[1]) ** 2
-    return pull / max(stiff, mujoco.mjMINVAL), float(least), float(most), float(max(imp[2], mujoco.mjMINVAL))
+        is_safe = not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
+        stiff = 1.0 / (most * max(ref[0], 2.0 * mjm.opt.timestep * is_safe) * ref[1]) ** 2
+    gravity = np.max(np.abs(drawn_bounds(scene.draws, mjm, "gravity")), axis=0)
+    lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
+    inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
+    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[mjm.geom_bodyid[[a, b]]].sum()
+    depth = 0.0
+    for _ in range(_PASSES):
+        x = min(depth / max(imp[2], mujoco.mjMINVAL), 1.0)
+        d = least + (2.0 * x * x if x < 0.5 else 1.0 - 2.0 * (1.0 - x) ** 2) * (most - least)
+        depth = 0.5 * (depth + force / max(stiff, mujoco.mjMINVAL) * (1.0 - d) / d**2)
+    return float(depth)

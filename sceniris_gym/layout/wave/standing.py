@@ -82,16 +82,6 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
     return loads_stand(levels, num)
 
 
-@wp.func
-def _falls(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int) -> bool:
-    """Return True if a candidate would fall, or make what it is put on fall."""
-    if statics.obj_levelnum[search.obj[c]] == 0:
-        return False
-    if _stands_alone(program, statics, layouts, search, c, search.row[c]):
-        return False
-    return not _stands(program, statics, layouts, search, c, search.row[c])
-
-
 @wp.kernel(grid_stride=False)
 def _test_standing(
     program: Program,
@@ -110,9 +100,11 @@ def _test_standing(
             if search.cause[c] == Cause.NONE and search.overflowed[c] != 0:
                 if collides_alone(program, layouts, search, c):
                     search.cause[c] = Cause.COLLISION
-        if search.cause[c] == Cause.NONE:
-            if _falls(program, statics, layouts, search, c):
-                search.cause[c] = Cause.FALLS
+        if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
+            row = search.row[c]
+            if not _stands_alone(program, statics, layouts, search, c, row):
+                if not _stands(program, statics, layouts, search, c, row):
+                    search.cause[c] = Cause.FALLS
 
 
 def launch_test_standing(work: Workspace) -> None:
