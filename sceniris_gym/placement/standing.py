@@ -181,7 +181,7 @@ def find_patch(
 
 
 @wp.func
-def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.array[wp.vec2]) -> Level:
+def measure(statics: Statics, level: Level, obj: int, patch: wp.array[wp.vec2]) -> Level:
     """Return a level with what the corners of its patch say: its middle, its softness, the margin of its load."""
     at = wp.vec2(level.load[1], level.load[2])
     middle = wp.vec2(0.0)
@@ -215,9 +215,6 @@ def measure(statics: Statics, level: Level, obj: int, variant: int, patch: wp.ar
     level.margin = margin
     size = level.law[2] * float(DIRECTIONS) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
     level.softness = size * wp.mat22(yy, -xy, -xy, xx)
-    if statics.variant_curved[variant]:  # it rolls as it leans, and stays wherever it does not roll off
-        level.softness = wp.mat22(0.0, 0.0, 0.0, 0.0)
-        level.law = wp.vec3(0.0, 0.0, 0.0)
     return level
 
 

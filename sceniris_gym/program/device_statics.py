@@ -30,7 +30,6 @@ class Statics:
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
     variant_radius: wp.array[float]  # of its foot around its pivot
-    variant_curved: wp.array[bool]
     variant_holds: wp.array[bool]  # the object stands by itself wherever all of its foot is on its support
     foot_corneradr: wp.array[int]  # a foot has convex parts
     foot_cornernum: wp.array[int]

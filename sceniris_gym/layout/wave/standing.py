@@ -5,7 +5,6 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.collision import collides_alone
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.standing import Level, find_patch, lies_on_a_part, loads_stand, measure, weigh
 from sceniris_gym.program.device import Cause, Program
@@ -75,7 +74,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         at = wp.vec2(place[0] - origin[0], place[1] - origin[1])
         if not find_patch(statics, variant, at, place[3], surface, ground, patch):
             return False
-        level = measure(statics, level, obj, variant, patch)
+        level = measure(statics, level, obj, patch)
         if level.margin <= 0.0:
             return False
         levels[j] = level
@@ -89,17 +88,12 @@ def _test_standing(
     lanes: int,
     # Layouts in: present, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_surface, row_variant, candidates, any_overflowed, row, obj, cause, turn, surface, place,
-    #   overflowed, body_pos, body_quat
+    # Search in: row_world, row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos,
+    #   body_quat
     # Search out: cause
     search: Search,
 ):
-    # Most waves have nothing to test for either reason, so two launches would cost more than the tests do.
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if search.any_overflowed[0] != 0:
-            if search.cause[c] == Cause.NONE and search.overflowed[c] != 0:
-                if collides_alone(program, layouts, search, c):
-                    search.cause[c] = Cause.COLLISION
         if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
             row = search.row[c]
             if not _stands_alone(program, statics, layouts, search, c, row):
@@ -108,6 +102,6 @@ def _test_standing(
 
 
 def launch_test_standing(work: Workspace) -> None:
-    """Reject candidates that would fall, or make what they are put on fall; repeat collision tests that overflowed."""
+    """Reject candidates that would fall, or make what they are put on fall."""
     lanes = work.size.lanes
     work.launch(_test_standing, lanes, [work.program, work.statics, lanes, work.layouts, work.search])

@@ -52,7 +52,6 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_sink": np.array([s.sink for s in known]),
         "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 3)),
         "variant_radius": np.array([np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]),
-        "variant_curved": np.array([f.is_curved for f in feet], bool),
         "variant_holds": np.array([f.margin > 0.0 and not x for f, x in zip(feet, shifted, strict=True)], bool),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
