@@ -48,7 +48,7 @@ class Law:
     soft: float
 
 
-FLAT, CURVED, OTHERS = Law(0.7, 0.0, 1.3), Law(0.0, 0.0, 0.0), Law(0.3, 20.0, 2.0)
+FLAT, CURVED, OTHERS = Law(0.4, 0.0, 1.3), Law(0.0, 0.0, 0.0), Law(0.3, 20.0, 2.0)
 """The laws of boxes on boxes or planes and of flat feet with a few corners on one convex geom; of curved feet, which
 roll as they lean, and stay wherever they do not roll off; and of all other contacts, whose points change as they lean.
 
