@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from sceniris_gym.config.fields import Length, Names, listed, must
+from sceniris_gym.config.heaps import named_things
 from sceniris_gym.config.loader import SUPPORT_WORDS
 from sceniris_gym.config.section import Section
 
@@ -42,22 +43,16 @@ def with_chains(scene: Any) -> Any:
 
     Things that have a support already, unknown names, and anything that is no scene are left to the checks that follow.
     """
-    stacks, objects = (scene.get(key) if isinstance(scene, Mapping) else None for key in ("stacks", "objects"))
-    if not isinstance(stacks, Mapping) or not isinstance(objects, Mapping):
-        return scene
-    placed = dict(objects)
-    for stack in stacks.values():
-        words = stack.model_dump() if isinstance(stack, StackConfig) else stack
-        things = words.get("of") if isinstance(words, Mapping) else None
-        below, near = None, []
-        for name in (n for n in (things if isinstance(things, list | tuple) else ()) if isinstance(n, str)):
-            offset, part = listed(words.get("offset")), placed.get(name)
-            if below is not None and _is_offset(offset):
-                near = [{"near": below, "distance": {"min": offset[0], "max": offset[1]}}]
+    placed, stacks = named_things(scene, "stacks")
+    for words, things in stacks:
+        offset, below, near = listed(words.get("offset")), words.get("on"), []
+        for name in things:
+            part = placed.get(name)
             part = part.model_dump(by_alias=True, exclude_unset=True) if isinstance(part, Section) else part
             if isinstance(part, Mapping) and not any(word in part for word in (*SUPPORT_WORDS, "in_")):
-                relations = [*(part.get("relations") or ()), *near]
-                on = words.get("on") if below is None else below
-                placed[name] = {**part, "on": on, **({"relations": relations} if relations else {})}
+                own = part.get("relations") or ()
+                placed[name] = {**part, "on": below, **({"relations": [*own, *near]} if near else {})}
             below = name
-    return {**scene, "objects": placed}
+            if _is_offset(offset):
+                near = [{"near": name, "distance": {"min": offset[0], "max": offset[1]}}]
+    return {**scene, "objects": placed} if stacks else scene

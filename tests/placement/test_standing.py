@@ -16,7 +16,7 @@ from sceniris_gym.placement.standing import Level, find_patch, loads_stand, weig
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf
 from tests.placement.supports import PLATE, TILES, tiles_mjcf
 
