@@ -27,8 +27,6 @@ _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
 # A part of a foot of which less than this share is on the support has one contact there, which it may lose.
 _SLIVER = wp.constant(0.5)
-# MuJoCo keeps four contacts of a round foot, anywhere around it: of a circle their hull holds this share of its radius.
-_FOUR = wp.constant(0.7)
 # Greatest move [m] of the uppermost object until it is at rest.
 _MOVE = wp.constant(6.5e-3)
 
@@ -50,7 +48,7 @@ class Level:
     sink: float
     gap: float
     lean: wp.vec2
-    law: wp.vec3
+    law: wp.vec4
 
 
 @wp.func
@@ -91,24 +89,16 @@ def _side(statics: Statics, number: int, ground: Pose) -> wp.vec4:
 
 
 @wp.func
-def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, heading: float, surface: int, ground: Pose) -> bool:
-    """Return True if all of a foot is on one convex part of a surface; see `find_patch` for the arguments."""
-    first = statics.variant_footadr[variant]
-    last = first + statics.variant_footnum[variant] - 1
+def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, surface: int, ground: Pose) -> bool:
+    """Return True if the circle around a foot is on one convex part of a surface; see `find_patch`."""
     for i in range(statics.surface_partnum[surface]):
         part = statics.surface_partadr[surface] + i
-        inside = bool(True)
+        nearest = float(1.0e30)
         for s in range(statics.part_sidenum[part]):
             ends = _side(statics, statics.part_sideadr[part] + s, ground)
             a = wp.vec2(ends[0], ends[1])
-            along = wp.vec2(ends[2], ends[3]) - a
-            if cross2(along, at - a) < statics.variant_radius[variant] * wp.length(along):
-                for k in range(
-                    statics.foot_corneradr[first], statics.foot_corneradr[last] + statics.foot_cornernum[last]
-                ):
-                    if cross2(along, _corner(statics, k, at, unit_circle(heading)) - a) < 0.0:
-                        inside = False
-        if inside:
+            nearest = wp.min(nearest, cross2(wp.normalize(wp.vec2(ends[2], ends[3]) - a), at - a))
+        if nearest > statics.variant_radius[variant]:
             return True
     return False
 
@@ -181,7 +171,7 @@ def find_patch(
 
 
 @wp.func
-def measure(statics: Statics, level: Level, obj: int, patch: wp.array[wp.vec2]) -> Level:
+def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
     """Return a level with what the corners of its patch say: its middle, its softness, the margin of its load."""
     at = wp.vec2(level.load[1], level.load[2])
     middle = wp.vec2(0.0)
@@ -190,7 +180,6 @@ def measure(statics: Statics, level: Level, obj: int, patch: wp.array[wp.vec2]) 
     xx = float(0.0)
     xy = float(0.0)
     yy = float(0.0)
-    corners = int(0)
     margin = float(1.0e30)
     inner = float(1.0e30)
     before = patch[DIRECTIONS - 1]
@@ -202,14 +191,12 @@ def measure(statics: Statics, level: Level, obj: int, patch: wp.array[wp.vec2]) 
         yy += r[1] * r[1]
         side = after - before
         if wp.length_sq(side) > 1.0e-12:
-            corners += 1
             side = wp.normalize(side)
             margin = wp.min(margin, cross2(side, at - before))
             inner = wp.min(inner, cross2(side, middle - before))
         before = after
-    if statics.obj_round[obj]:
-        margin = wp.min(margin, _FOUR * inner - wp.length(at - middle))
-    if corners < 3:
+    margin = wp.min(margin, level.law[3] * inner - wp.length(at - middle))
+    if inner > 1.0e29:  # a point
         margin = -1.0
     level.middle = middle
     level.margin = margin

@@ -6,8 +6,6 @@ which cannot move.
 
 import warp as wp
 
-FEW_CORNERS = 8
-"""A foot with more corners than this is round."""
 DIRECTIONS = 16
 """Number of directions in which patches are measured."""
 
@@ -24,13 +22,11 @@ class Statics:
     # Objects in placement order, and the variants of `Program`.
     obj_leveladr: wp.array[int]
     obj_levelnum: wp.array[int]  # 0: it needs no test
-    obj_round: wp.array[bool]
     obj_sink: wp.array[float]  # [m]
-    obj_law: wp.array[wp.vec3]  # see `Law`
+    obj_law: wp.array[wp.vec4]  # see `Law`
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
-    variant_radius: wp.array[float]  # of its foot around its pivot
-    variant_holds: wp.array[bool]  # the object stands by itself wherever all of its foot is on its support
+    variant_radius: wp.array[float]  # of its foot around its pivot; 1e30 if that does not hold it by itself
     foot_corneradr: wp.array[int]  # a foot has convex parts
     foot_cornernum: wp.array[int]
     corner: wp.array[wp.vec2]  # around the pivot, at heading 0, counter-clockwise

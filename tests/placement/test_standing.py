@@ -56,7 +56,7 @@ def _weigh(
 def _load(
     off: wp.array[float],
     softness: float,
-    law: wp.vec3,
+    law: wp.vec4,
     # Out:
     stands: wp.array[bool],
 ):
@@ -153,6 +153,6 @@ def test_a_load_stands_up_to_a_distance_from_the_middle(softness: float, law: tu
     """By the margin alone, by its fall, as it leans, if it leans ever further, and by how far its top may move."""
     off = np.linspace(0.0001, 0.06, 600)
     stands = wp.zeros(len(off), dtype=bool)
-    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, wp.vec3(*law)], [stands], device="cpu")
+    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, wp.vec4(*law, 1.0e3)], [stands], device="cpu")
     last = off[stands.numpy()].max(initial=0.0)
     assert last == pytest.approx(limit, abs=0.0008)

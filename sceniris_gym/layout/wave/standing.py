@@ -25,12 +25,12 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
     """Return True if a candidate is carried by what cannot fall, and stands there with all of its foot."""
     obj = search.obj[c]
     variant = search.turn[c].variant
-    if statics.obj_levelnum[obj] > 1 or not statics.variant_holds[variant]:
+    if statics.obj_levelnum[obj] > 1:
         return False
     place = search.place[c]
     body = program.obj_ground[obj]
     ground = pose_of(layouts.body_pos[row, body], layouts.body_quat[row, body])
-    return lies_on_a_part(statics, variant, wp.vec2(place[0], place[1]), place[3], search.surface[c], ground)
+    return lies_on_a_part(statics, variant, wp.vec2(place[0], place[1]), search.surface[c], ground)
 
 
 @wp.func
@@ -74,7 +74,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         at = wp.vec2(place[0] - origin[0], place[1] - origin[1])
         if not find_patch(statics, variant, at, place[3], surface, ground, patch):
             return False
-        level = measure(statics, level, obj, patch)
+        level = measure(level, patch)
         if level.margin <= 0.0:
             return False
         levels[j] = level

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
-
 import numpy as np
 import shapely
 
@@ -43,16 +41,16 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "surface_part", ([_ENDLESS] if id(x) in whole else _convex_parts(x) for x in surfaces)
     )
     side, of_parts = addressed("part_side", parts)
-    shifted = [s.is_shifted for o, s in zip(objects, known, strict=True) for _ in o.variants]
+    owners = [s for o, s in zip(objects, known, strict=True) for _ in o.variants]
+    holds = [f.margin > 0.0 and not s.is_shifted for f, s in zip(feet, owners, strict=True)]
+    radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]
     statics = Statics()
     arrays = {
         **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
         "direction": around(DIRECTIONS),
-        "obj_round": np.array([s.is_round for s in known], bool),
         "obj_sink": np.array([s.sink for s in known]),
-        "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 3)),
-        "variant_radius": np.array([np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]),
-        "variant_holds": np.array([f.margin > 0.0 and not x for f, x in zip(feet, shifted, strict=True)], bool),
+        "obj_law": np.reshape([s.law for s in known], (-1, 4)),
+        "variant_radius": np.where(holds, radius, 1e30),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),
