@@ -73,13 +73,6 @@ def weigh(
 
 
 @wp.func
-def _corner(statics: Statics, number: int, at: wp.vec2, x: wp.vec2) -> wp.vec2:
-    """Return a corner of a foot whose pivot is at `at` and whose x axis is `x`."""
-    corner = statics.corner[number]
-    return at + corner[0] * x + corner[1] * wp.vec2(-x[1], x[0])
-
-
-@wp.func
 def _side(statics: Statics, number: int, ground: Pose) -> wp.vec4:
     """Return an edge of a part of a surface: from x, y, to x, y."""
     ends = statics.side[number]
@@ -105,23 +98,13 @@ def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, surface: int, gr
 
 @wp.func
 def _widen(statics: Statics, points: wp.array[wp.vec2], num: int, best: wp.array[float], patch: wp.array[wp.vec2]):
-    """Take a convex polygon into a patch: its corner in each direction is the one that is furthest along it."""
-    k = int(0)
-    for j in range(1, num):
-        if wp.dot(points[j] - points[k], statics.direction[0]) > 0.0:
-            k = j
+    """Take points into a patch: its corner in each direction is the one that is furthest along it."""
     for i in range(DIRECTIONS):
-        along = statics.direction[i]
-        far = wp.dot(points[k], along)
-        for _ in range(num):  # in all directions together once around
-            ahead = wp.dot(points[(k + 1) % num], along)
-            if ahead < far:
-                break
-            k = (k + 1) % num
-            far = ahead
-        if far > best[i]:
-            best[i] = far
-            patch[i] = points[k]
+        for k in range(num):
+            far = wp.dot(points[k], statics.direction[i])
+            if far > best[i]:
+                best[i] = far
+                patch[i] = points[k]
 
 
 @wp.func
@@ -157,7 +140,8 @@ def find_patch(
         part = statics.surface_partadr[surface] + i % parts
         num = int(statics.foot_cornernum[foot])
         for k in range(num):
-            points[k] = _corner(statics, statics.foot_corneradr[foot] + k, at, x)
+            corner = statics.corner[statics.foot_corneradr[foot] + k]
+            points[k] = at + corner[0] * x + corner[1] * wp.vec2(-x[1], x[0])
         least = float(0.0)
         if feet > 1:
             least = _SLIVER * area(points, num)

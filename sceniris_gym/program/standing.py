@@ -57,7 +57,7 @@ ROUND, OTHERS = Law(0.3, 20.0, 2.0, 0.7), Law(0.3, 20.0, 2.0, 1e3)
 roll as they lean, and stay wherever they do not roll off; of round feet; and of all others. Contacts of the last two
 change as they lean.
 
-@@EVIDENCE@@
+By `tests.stress.standing` 5 of 18,336 layouts of random scenes moved by 1 cm in half a second of MuJoCo C.
 """
 
 
@@ -106,11 +106,6 @@ class Stance:
         certain = self.carrier is None and self.is_whole and not self.is_shifted
         return certain and all(f.margin > 0.0 for f in self.feet)
 
-    @property
-    def margin(self) -> float:
-        """The margin [m] of the object by itself in the best of its poses."""
-        return max((f.margin for f in self.feet), default=0.0)
-
 
 NO_FOOT = Foot([np.zeros((1, 2))], is_curved=True, margin=0.0)
 """The foot of what does not collide with its support."""
@@ -137,37 +132,33 @@ def stances(
             load[carrier] += load[number]
     found: list[Stance | None] = []
     for o, kg, carrier in zip(objects, load.tolist(), below, strict=True):
-        stance = None
-        if o.config is not None and o.config.has_to_stand and o.heap is None:
-            stance = _stance(scene, o, pieces, home, kg)
-            base = None if carrier is None else found[carrier]
-            if base is not None and not (
-                base.is_certain and _is_heavy(scene, objects[carrier or 0], pieces, home, base)
-            ):
-                stance = replace(stance, carrier=carrier)
-        found.append(stance)
+        if o.config is None or not o.config.has_to_stand or o.heap is not None:
+            found.append(None)
+            continue
+        base = None if carrier is None else found[carrier]
+        carries = base is not None and not _is_heavy(scene, objects[carrier or 0], pieces, home, base)
+        found.append(replace(_stance(scene, o, pieces, home, kg), carrier=carrier if carries else None))
     return found
 
 
 def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, stance: Stance) -> bool:
-    """Return whether an object's weight keeps it where it is, wherever things are put on it."""
+    """Return whether an object stands anywhere, and its weight keeps it where it is whatever is put on it."""
     mjm, joints = scene.mjm, scene.moving_joints(o.name)
-    if any(mjm.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or abs(home.xaxis[j][2]) > _LEVEL for j in joints):
-        return False  # what it carries moves sideways with it; on what turns up nothing is placed
+    # what carries things sideways is left out; on what turns up nothing is placed
+    tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _LEVEL for j in joints)
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
     share = 1.0 - weights(mjm)[o.bodies].sum() / max(stance.load, mujoco.mjMINVAL)
-    return share * reach < _LIGHT * min(f.margin for f in stance.feet)
+    return stance.is_certain and tilts and share * reach < _LIGHT * min(f.margin for f in stance.feet)
 
 
 def levels_of(found: list[Stance | None], number: int) -> list[int]:
     """Return the levels below an object, as numbers of objects, itself first; none if it need not stand."""
     chain: list[int] = []
-    at: int | None = number if found[number] is not None else None
-    while at is not None:
+    at: int | None = number
+    while at is not None and (stance := found[at]) is not None:
         chain.append(at)
-        stance = found[at]
-        at = None if stance is None else stance.carrier
+        at = stance.carrier
     return chain
 
 

@@ -25,7 +25,7 @@ _GIVES = 5.0e-3
 _SECONDS = 0.5
 # Inertia [kg or kg m^2] that keeps free bodies where they are.
 _HELD = 1.0e9
-# Joints that move a support by less than this share of their own motion up or down do not yield to a load.
+# Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEVEL = 1.0e-3
 _ANYWAY = "or write 'stands: false' if it is meant to fall"
 
@@ -77,9 +77,10 @@ def _check_gravity(scene: SceneModel, where: str) -> None:
 
 def _check_foot(stance: Stance, whose: str) -> None:
     """Refuse an object whose foot does not hold it in any of its poses, or sinks in."""
-    if stance.margin <= 0.0:
+    margin = max(f.margin for f in stance.feet)
+    if margin <= 0.0:
         raise SceneKeyError(
-            f"{whose} falls over: its centre of mass is {-1e3 * stance.margin:.3g} mm outside of its foot. Correct its "
+            f"{whose} falls over: its centre of mass is {-1e3 * margin:.3g} mm outside of its foot. Correct its "
             f"<inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
         )
     if stance.sink > _GIVES:
@@ -91,28 +92,28 @@ def _check_foot(stance: Stance, whose: str) -> None:
 
 def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all else held."""
-    joints, mjm = _yielding(plan, o), plan.scene.mjm
+    mjm, surfaces = plan.scene.mjm, [s for own in o.surfaces for s in own]
+    assert o.ground is not None
+    bounds = np.array([s.region.bounds for s in surfaces])
+    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+    places = [np.array([x, y, surfaces[0].height]) for x in (low[0], high[0]) for y in (low[1], high[1])]
+    joints = sorted({joint for at in places for joint in _yielding(mjm, plan.home, o.ground, at)})
     if not joints:
         return
-    assert o.ground is not None
     model, data = copy.copy(mjm), mujoco.MjData(mjm)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     for joint in np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
         model.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + 6] = _HELD
     owner = next((x for x in plan.objects if o.support is not None and x.name == o.support.owner), o)
     ends = [{r.qposadr: r.intervals[i][i] for r in owner.joint_ranges} for i in (0, -1)]
-    surfaces = [s for own in o.surfaces for s in own]
-    bounds = np.array([s.region.bounds for s in surfaces])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    for state, x, y in itertools.product(({}, *ends), (low[0], high[0]), (low[1], high[1])):
+    for state, at in itertools.product(({}, *ends), places):
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.ctrl[:] = plan.home.qpos, plan.scene.home_ctrl
         data.qpos[list(state)] = list(state.values())
         mujoco.mj_forward(model, data)
         if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there
             continue
-        at, force = np.array([x, y, surfaces[0].height]), load * model.opt.gravity
-        start = _point(data, o.ground, at)
+        start, force = _point(data, o.ground, at), load * model.opt.gravity
         data.xfrc_applied[o.ground] = [*force, *np.cross(start - data.xipos[o.ground], force)]
         mujoco.mj_step(model, data, round(_SECONDS / model.opt.timestep))
         moved = float(np.linalg.norm(_point(data, o.ground, at) - start))
@@ -129,15 +130,9 @@ def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
     return data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
 
 
-def _yielding(plan: Plan, o: PlacedObject) -> list[int]:
-    """Return the joints that a load on an object's support can move: those that turn or slide it up or down."""
-    mjm, body, found = plan.scene.mjm, o.ground or 0, []
-    while body != 0:
-        for joint in range(mjm.body_jntadr[body], mjm.body_jntadr[body] + mjm.body_jntnum[body]):
-            kind, up = mjm.jnt_type[joint], abs(plan.home.xaxis[joint][2])
-            slides = kind == mujoco.mjtJoint.mjJNT_SLIDE and up > _LEVEL
-            turns = kind == mujoco.mjtJoint.mjJNT_HINGE and up < 1.0 - _LEVEL
-            if slides or turns or kind == mujoco.mjtJoint.mjJNT_BALL:
-                found.append(joint)
-        body = int(mjm.body_parentid[body])
-    return found
+def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarray) -> set[int]:
+    """Return the joints by which a load on a support moves it up or down at a point `at` in its frame [m]."""
+    jacobian = np.zeros((3, mjm.nv))
+    mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
+    joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEVEL]
+    return set(joints[mjm.jnt_type[joints] != mujoco.mjtJoint.mjJNT_FREE].tolist())
