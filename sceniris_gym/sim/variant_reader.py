@@ -10,7 +10,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.variants import LANES, mocap_bodies, owners_of_qpos
+from sceniris_gym.sim.variants import lanes_on, mocap_bodies, owners_of_qpos
 
 wp.set_module_options({"enable_backward": False})
 
@@ -99,5 +99,6 @@ class VariantReader:
 
     def launch(self, mask: wp.array) -> None:
         """Read the masked worlds, shape (nworld,), bool."""
-        inputs, device = [LANES, *self._inputs, mask], self._device
-        wp.launch(_read_worlds, (self._nworld, LANES), inputs=inputs, outputs=self._outputs, device=device)
+        lanes, device = lanes_on(self._device), self._device
+        inputs = [lanes, *self._inputs, mask]
+        wp.launch(_read_worlds, (self._nworld, lanes), inputs=inputs, outputs=self._outputs, device=device)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
@@ -19,8 +20,11 @@ from sceniris_gym.sim.write import Poses
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = 128
-"""Threads that write a world."""
+
+def lanes_on(device: wp.Device) -> int:
+    """Return the number of threads that read or write a world: on a GPU each waits for memory once a word."""
+    return 512 if device.is_cuda else 1
+
 
 _BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
 _DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
@@ -205,10 +209,11 @@ class VariantWriter:
     def _launch_write(
         self, table: list[wp.array], mask: wp.array, rows: wp.array | None, poses: Poses, subtreemass: wp.array | None
     ) -> Poses:
+        lanes = lanes_on(self._device)
         wp.launch(
             _write_variants,
-            (self.variant.shape[0], LANES),
-            inputs=[LANES, *table, *self._inputs, mask, rows, self.variant, *poses],
+            (self.variant.shape[0], lanes),
+            inputs=[lanes, *table, *self._inputs, mask, rows, self.variant, *poses],
             outputs=[*self._poses, subtreemass],
             device=self._device,
         )
@@ -222,15 +227,17 @@ class VariantWriter:
         shared, adr, num, address, stride = ([] for _ in range(5))
         size = 0
         for k, (name, members) in enumerate(zip(scene.config.variants, bodies, strict=True)):
-            rows = [(getattr(m, field), i, v) for field, i, v in _rows(scene, name, members, seen=False)]
-            copied = [(varied.get(field), i, v) for field, i, v in _rows(scene, name, members, seen=True)]
-            rows += [(array, i, v) for array, i, v in copied if array is not None]
-            width = sum(values.shape[1] for _, _, values in rows)
-            table.append(np.concatenate([values for _, _, values in rows], axis=1).ravel())
-            for array, element, values in rows:
-                first = array.ptr + element * array.strides[1]
-                address += [first + 4 * word for word in range(values.shape[1])]
-                stride += [array.strides[0]] * values.shape[1]
+            columns = []
+            for field, i, values, _ in _rows(scene, name, members, seen=False):
+                columns += [(getattr(m, field), i, word, values[:, word]) for word in range(values.shape[1])]
+            # nobody else writes to copies, so they keep what is the same in all variants, but for colours of draws
+            for field, i, values, held in _rows(scene, name, members, seen=True):
+                differs = (values != held).any(axis=0) | (field == "geom_rgba")
+                columns += [(varied[field], i, word, values[:, word]) for word in np.flatnonzero(differs).tolist()]
+            width = len(columns)
+            table.append(np.stack([values for *_, values in columns], axis=1).ravel())
+            address += [array.ptr + i * array.strides[1] + 4 * word for array, i, word, _ in columns]
+            stride += [array.strides[0] for array, *_ in columns]
             shared += [k] * width
             adr += range(size, size + width)
             num += [width] * width
@@ -268,10 +275,11 @@ def mocap_bodies(mjm: mujoco.MjModel) -> np.ndarray:
     return bodies[np.argsort(mjm.body_mocapid[bodies])]
 
 
-def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, np.ndarray]]:
+def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:
     """Return the values of an object's variants: field, element of the simulated model, words (nvariant, width).
 
-    If they are to be `seen`, colours are those of materials where these show.
+    The words that the simulated model begins with follow, shape (width,). If the values are to be `seen`, colours are
+    those of materials where these show.
     """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
     _, places = places_of_geoms(full, bodies)
@@ -296,5 +304,5 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
                     if i in own:
                         values[v] = theirs[full.body_geomadr[bodies[v]] + own.index(i)]
                 elements.append((geom + i, values))
-        found += [(field, element, values.view(np.int32)) for element, values in elements]
+        found += [(field, i, values.view(np.int32), ours[i].view(np.int32)) for i, values in elements]
     return found
