@@ -144,19 +144,17 @@ def _test_narrow_pairs(
 ):
     block, lane = wp.tid()
     num = narrow_pair_num(search)
-    # Few pairs are spread over all blocks, since lanes of a warp go through different steps one after the other.
-    width = wp.clamp(num // blocks + 1, 1, wp.block_dim())
     # Most pairs belong to candidates that are known to collide by now. The others wait until every lane has one.
     waiting = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=int)
-    base = int(block * width)
+    base = int(block * wp.block_dim())
     while base < num or wp.tile_stack_count(waiting) > 0:
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
             c = search.narrow_pair[i][0]
-            pending = lane < width and base + lane < num and search.cause[c] == Cause.NONE
+            pending = base + lane < num and search.cause[c] == Cause.NONE
             if wp.tile_stack_push(waiting, i, pending) < 0 and pending:
                 _mark_overflow(search, c)
-            base += blocks * width
+            base += blocks * wp.block_dim()
         else:
             i, slot = wp.tile_stack_pop(waiting)
             if slot >= 0:
