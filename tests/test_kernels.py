@@ -33,7 +33,7 @@ TITLES = {
     StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
     StructName("sceniris_gym.layout.reaching.start_search", "StartSearch"): "StartSearch",
     StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
-    StructName("sceniris_gym.sim.inertia_tables", "Inertia"): "Inertia",
+    StructName("sceniris_gym.sim.derived_tables", "Derived"): "Derived",
     StructName("sceniris_gym.levels.buffer", "Buffer"): "Buffer",
 }
 KERNELS = [

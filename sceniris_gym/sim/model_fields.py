@@ -21,7 +21,8 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls, components
+from sceniris_gym.sim.derived import FOLLOWS, OUTPUTS, DerivedFields
+from sceniris_gym.sim.holding import GAINS, HoldingControls, components
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -30,6 +31,7 @@ wp.set_module_options({"enable_backward": False})
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
 _WORDS = {word.field: word for word in OBJECT_WORDS.values()}
+_SOURCES = {*GAINS, *(name for each in FOLLOWS for name in each.sources)}
 
 
 @wp.kernel
@@ -72,7 +74,8 @@ class ModelFields:
         self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
-        self._followers: dict[type[Follower], Follower] = {}
+        self._derived: DerivedFields | None = None
+        self._holding: HoldingControls | None = None
         self._ahead: MadeAhead | None = None
         self._written = wp.zeros(1, dtype=int, device=m.qpos0.device)
         self._closed, self._knobs = False, None
@@ -106,7 +109,7 @@ class ModelFields:
         for other, _, _ in _followers(name):
             self.wide(other, where, name)
         self.asked.add(name)
-        if any(name in kind.SOURCES for kind in FOLLOWERS):
+        if name in _SOURCES:
             self._written.fill_(1)
         return array if rows is None else array[:, rows]
 
@@ -118,11 +121,12 @@ class ModelFields:
             self._nominal[name] = self.varied.get(name, made)
             self._widen(name, source or name, where)
             self._known[name] = getattr(owner(self._model, name), name)
-            for kind in FOLLOWERS:
-                if name in kind.SOURCES and kind not in self._followers:
-                    for output in kind.OUTPUTS:
-                        self.wide(output, where, name)
-                    self._followers[kind] = kind(self._scene.mjm, self._model, self._data, self.rest)
+            for output in _outputs(name):
+                self.wide(output, where, name)
+            if self._derived is None and _outputs(name):
+                self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
+            if name in GAINS and self._holding is None:
+                self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
         return getattr(owner(self._model, name), name)
 
     def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
@@ -182,11 +186,10 @@ class ModelFields:
             source: The source.
             split: "train" or "eval".
         """
-        sources = {name for kind in FOLLOWERS for name in kind.SOURCES}
-        draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
+        draws = tuple(draw for draw in self._scene.draws if _SOURCES & set(drawn_fields((draw,))))
         if self._ahead is not None:  # two sources reset these worlds
             self._written.fill_(1)
-        if not draws or self.varied or self._ahead is not None or sources & self.asked:
+        if not draws or self.varied or self._ahead is not None or _SOURCES & self.asked:
             return
 
         def make(mask: wp.array, layouts: Layouts) -> None:
@@ -203,9 +206,9 @@ class ModelFields:
             setattr(d, name, None)
         twin = ModelFields(dataclasses.replace(self._scene, draws=draws), m, d, grow=True)
         twin.use_knobs(self._knobs)
-        names = [name for kind in twin._followers for name in kind.OUTPUTS if getattr(m, name).size]
+        names = [name for name in OUTPUTS if name in twin._nominal and getattr(m, name).size]
         copied = [(getattr(self._model, name), getattr(m, name)) for name in names]
-        if HoldingControls in twin._followers:
+        if twin._holding is not None:
             copied += [(getattr(self.rest, name), getattr(twin.rest, name)) for name in ("coef", "bias")]
         with wp.ScopedDevice(m.qpos0.device):
             stale = wp.zeros(self._nworld, dtype=wp.bool)
@@ -253,13 +256,14 @@ class ModelFields:
     def rows(self) -> dict[str, wp.array]:
         """The arrays that have a row for each world, by name, with those of controls at rest if gains differ."""
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
-        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if HoldingControls in self._followers else {})
+        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
 
     def launch_follow(self, mask: wp.array) -> None:
         """Bring what follows from the fields up to date in the masked worlds, shape (nworld,), bool."""
-        for kind in FOLLOWERS:
-            if kind in self._followers:
-                self._followers[kind].launch(mask)
+        if self._derived is not None:
+            self._derived.launch(mask, self._nominal)
+        if self._holding is not None:
+            self._holding.launch(mask)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
@@ -311,9 +315,8 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         for name in (*drawn_fields(compiled.scene.sim.draws), *named):
             check_field(name, compiled.sim_mjm, "put_model")
             widen(m, name, nworld)
-            for kind in FOLLOWERS:
-                for output in kind.OUTPUTS if name in kind.SOURCES else ():
-                    widen(m, output, nworld)
+            for output in _outputs(name):
+                widen(m, output, nworld)
     setattr(m, _NAMED, fields)
     return m
 
@@ -321,6 +324,11 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
 def _followers(name: str) -> tuple[tuple[str, int, int], ...]:
     """Return the fields that keep their ratio to one that is scaled; see `Word.follow`."""
     return _WORDS[name].follow if name in _WORDS else ()
+
+
+def _outputs(name: str) -> list[str]:
+    """Return the fields that follow from one, however it is changed."""
+    return [output for each in FOLLOWS if name in each.sources for output in each.outputs]
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
