@@ -25,7 +25,7 @@ _LEAST = wp.constant(1.0e-15)
 """The smallest value that MuJoCo divides by (mjMINVAL)."""
 _SLIDES = wp.constant(2)
 """Value of `body_simple` for a lone body on slides, which MuJoCo weighs by its mass alone, without armature."""
-_LANES = 64
+_LANES = 128
 """Lanes that share a world."""
 
 
@@ -275,7 +275,7 @@ def _derive(
         _body_weight(w, worldid, i)
     for i in range(lane, w.dof_invweight0.shape[1], wp.block_dim()):
         _dof_weight(w, worldid, i)
-    for i in range(lane, w.moment.shape[0], wp.block_dim()):
+    for i in range(wp.block_dim() - 1 - lane, w.moment.shape[0], wp.block_dim()):  # others than lanes with a body
         _transmission_weight(w, worldid, i)
 
 

@@ -92,15 +92,15 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     end = np.array([subtree(mjm, b)[-1] + 1 for b in range(mjm.nbody)])
     widths = mjm.tree_dofnum[mjm.dof_treeid]
     squares = np.cumsum(widths)
-    moment = _moments(mjm, data)
     driven = np.isin(mjm.actuator_trntype, (*JOINT_TRANSMISSIONS, int(mujoco.mjtTrn.mjTRN_TENDON)))
+    driven &= np.any(mjm.actuator_armature)  # armatures that are 0 in the whole model stay so
     t = Derived()
     t.body_end, t.dof_shared = wp.array(end, dtype=int), wp.array(_shared(mjm), dtype=wp.vec2i, ndim=1)
     t.dof_row = wp.array(squares - widths - mjm.tree_dofadr[mjm.dof_treeid], dtype=int)
     t.xpos, t.xmat = wp.array(data.xpos, dtype=wp.vec3), wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
     t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1), dtype=wp.vec3) for j in jac)
     t.pair = wp.array(_pairs(mjm, end), dtype=wp.vec4i, ndim=1)
-    t.moment = wp.array(moment, dtype=wp.spatial_vector, ndim=2)
+    t.moment = wp.array(_moments(mjm, data), dtype=wp.spatial_vector, ndim=2)
     t.geared = wp.array(np.flatnonzero(np.append(np.ones(mjm.ntendon, bool), driven)), dtype=int)
     t.factor, t.inverse = (wp.zeros((nworld, int(widths.sum())), dtype=float) for _ in range(2))
     return t
