@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import dataclasses
 from typing import Any
 
 import mujoco_warp as mjw
@@ -11,17 +9,14 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.randomize import OBJECT_WORDS
-from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
-from sceniris_gym.layout.field_drawer import FieldDrawer, MadeAhead
+from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
-from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWS, OUTPUTS, DerivedFields
+from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
 from sceniris_gym.sim.holding import GAINS, HoldingControls, components
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
@@ -31,7 +26,6 @@ wp.set_module_options({"enable_backward": False})
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
 _WORDS = {word.field: word for word in OBJECT_WORDS.values()}
-_SOURCES = {*GAINS, *(name for each in FOLLOWS for name in each.sources)}
 
 
 @wp.kernel
@@ -76,9 +70,7 @@ class ModelFields:
         self._known: dict[str, wp.array] = {}
         self._derived: DerivedFields | None = None
         self._holding: HoldingControls | None = None
-        self._ahead: MadeAhead | None = None
-        self._written = wp.zeros(1, dtype=int, device=m.qpos0.device)
-        self._closed, self._knobs = False, None
+        self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
         self._drawer = self._make_drawer() if scene.draws else None
@@ -109,8 +101,6 @@ class ModelFields:
         for other, _, _ in _followers(name):
             self.wide(other, where, name)
         self.asked.add(name)
-        if name in _SOURCES:
-            self._written.fill_(1)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
@@ -173,48 +163,8 @@ class ModelFields:
 
     def use_knobs(self, knobs: KnobTable | None) -> None:
         """Draw from intervals that knobs narrow, world by world."""
-        self._knobs = knobs
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
-
-    def make_ahead(self, source: LayoutSource, split: str) -> None:
-        """Have what follows from the draws of the scene made ahead with the layouts of a source, if that can do so.
-
-        Variants are drawn in place, and so is what follows from a field that somebody asked for.
-
-        Args:
-            source: The source.
-            split: "train" or "eval".
-        """
-        draws = tuple(draw for draw in self._scene.draws if _SOURCES & set(drawn_fields((draw,))))
-        if self._ahead is not None:  # two sources reset these worlds
-            self._written.fill_(1)
-        if not draws or self.varied or self._ahead is not None or _SOURCES & self.asked:
-            return
-
-        def make(mask: wp.array, layouts: Layouts) -> None:
-            twin.launch_draw(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
-
-        in_place = source.make_beside(make)
-        if in_place is None:
-            return
-        m, d = copy.copy(self._model), copy.copy(self._data)
-        m.opt = copy.copy(m.opt)
-        for name, values in self._nominal.items():
-            setattr(owner(m, name), name, wp.clone(values))
-        for name in ("ctrl", "act", "history"):
-            setattr(d, name, None)
-        twin = ModelFields(dataclasses.replace(self._scene, draws=draws), m, d, grow=True)
-        twin.use_knobs(self._knobs)
-        names = [name for name in OUTPUTS if name in twin._nominal and getattr(m, name).size]
-        copied = [(getattr(self._model, name), getattr(m, name)) for name in names]
-        if twin._holding is not None:
-            copied += [(getattr(self.rest, name), getattr(twin.rest, name)) for name in ("coef", "bias")]
-        with wp.ScopedDevice(m.qpos0.device):
-            stale = wp.zeros(self._nworld, dtype=wp.bool)
-            self._ahead = MadeAhead(copied, in_place, self._written, stale, wp.zeros(1, dtype=int))
-        self._drawer = self._make_drawer()
-        self.use_knobs(self._knobs)
 
     def launch_draw(
         self,
@@ -226,18 +176,9 @@ class ModelFields:
         knob: wp.array | None = None,
     ) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
-        if self._drawer is None:
-            return
-        self._drawer.launch(mask, seed, episode, split, rows, knob)
-        if self._ahead is None or rows is not None:
+        if self._drawer is not None:
+            self._drawer.launch(mask, seed, episode, split, rows, knob)
             self.launch_follow(mask)
-        else:
-            repeat_launches(self._ahead.left, self._launch_left, 1)
-
-    def _launch_left(self) -> None:
-        assert self._ahead is not None
-        self.launch_follow(self._ahead.stale)
-        self._ahead.left.zero_()
 
     def _make_drawer(self) -> FieldDrawer:
         """Return the drawer of the scene, and give all its fields a row for each world."""
@@ -250,7 +191,7 @@ class ModelFields:
                 if draw.word.field == "geom_rgba":
                     nominal[:, draw.rows] = seen[draw.rows]
             self._nominal["geom_rgba"].assign(nominal)
-        return FieldDrawer(draws, arrays, self._nominal, self._nworld, self._ahead)
+        return FieldDrawer(draws, arrays, self._nominal, self._nworld)
 
     @property
     def rows(self) -> dict[str, wp.array]:

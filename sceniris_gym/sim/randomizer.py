@@ -193,8 +193,6 @@ class ResetRandomizer(Fixed, StaysHere):
             graph=graph,
         )
         self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
-        if self._whole:
-            self.fields.make_ahead(layout_source, self._split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
