@@ -63,8 +63,6 @@ def _hold_anew(
     bias_out[worldid, element] = -bias0 / gain
     for term in range(rest.rowadr[element], rest.rowadr[element + 1]):
         coef_out[worldid, term] = -bias1 / gain * (gear * rest.arm[term])
-    if not ctrl_out:
-        return
     now = rest_value(rest, worldid, element, qpos[worldid])
     # controls that hold the present pose follow; those that somebody else has set stay
     nu = ctrl_out.shape[1]

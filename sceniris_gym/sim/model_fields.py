@@ -73,7 +73,10 @@ class ModelFields:
         self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
-        self._drawer = self._make_drawer() if scene.draws else None
+        self._drawer = None
+        if scene.draws:
+            arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
+            self._drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
         for name in getattr(m, _NAMED, ()):
             self.ask(name, where="put_model")
 
@@ -107,9 +110,15 @@ class ModelFields:
         """Return the array of a field, with a row for each world; `source` is the field that it follows from."""
         if name not in self._nominal:
             array = getattr(owner(self._model, name), name)
-            made = wp.clone(array[:1]) if array.size else array
-            self._nominal[name] = self.varied.get(name, made)
-            self._widen(name, source or name, where)
+            if array.size and array.shape[0] != self._nworld and not self._grow:
+                raise SceneMismatchError(
+                    f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
+                    f'Make the Model by put_model(compiled, {self._nworld}, "{source or name}").'
+                )
+            made = self._nominal[name] = self.varied.get(name, wp.clone(array[:1]) if array.size else array)
+            if name == "geom_rgba" and not self.varied:  # relative to the colours that are seen
+                made.assign(nominal_values(self._scene.mjm, name)[None])
+            widen(self._model, name, self._nworld)
             self._known[name] = getattr(owner(self._model, name), name)
             for output in _outputs(name):
                 self.wide(output, where, name)
@@ -180,19 +189,6 @@ class ModelFields:
             self._drawer.launch(mask, seed, episode, split, rows, knob)
             self.launch_follow(mask)
 
-    def _make_drawer(self) -> FieldDrawer:
-        """Return the drawer of the scene, and give all its fields a row for each world."""
-        draws, arrays = self._scene.draws, {}
-        for name in drawn_fields(draws):
-            arrays[name] = self.wide(name, "randomize")
-        if "geom_rgba" in arrays:  # relative to the colours that are seen
-            seen, nominal = nominal_values(self._scene.mjm, "geom_rgba"), self._nominal["geom_rgba"].numpy()
-            for draw in draws:
-                if draw.word.field == "geom_rgba":
-                    nominal[:, draw.rows] = seen[draw.rows]
-            self._nominal["geom_rgba"].assign(nominal)
-        return FieldDrawer(draws, arrays, self._nominal, self._nworld)
-
     @property
     def rows(self) -> dict[str, wp.array]:
         """The arrays that have a row for each world, by name, with those of controls at rest if gains differ."""
@@ -224,15 +220,6 @@ class ModelFields:
         for name, array in self._known.items():
             if getattr(owner(self._model, name), name) is not array:
                 raise FixedError("model", name, f"Write into its array: model_field('{name}').")
-
-    def _widen(self, name: str, source: str, where: str) -> None:
-        array = getattr(owner(self._model, name), name)
-        if array.size and array.shape[0] != self._nworld and not self._grow:
-            raise SceneMismatchError(
-                f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. Make "
-                f'the Model by put_model(compiled, {self._nworld}, "{source}").'
-            )
-        widen(self._model, name, self._nworld)
 
 
 def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
