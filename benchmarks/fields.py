@@ -25,8 +25,8 @@ import warp as wp
 from benchmarks.timing import spread
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.draws import drawn_fields
-from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 

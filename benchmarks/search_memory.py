@@ -15,7 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.wave.search import GPU_SIZE, Search, create_search
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 
 def arrays(declared: Any, struct: Any) -> Iterator[tuple[str, wp.array]]:

@@ -14,9 +14,9 @@ from .layout.source import LayoutSource as LayoutSource
 from .layout.stored import StoredLayouts as StoredLayouts
 from .program.compiled import CompiledScene as CompiledScene
 from .scene.adopt import place_on as place_on
+from .scene.build import build_model as build_model
 from .scene.layout_table import LayoutTable as LayoutTable
 from .scene.model import SceneModel as SceneModel
-from .scene.model import build_model as build_model
 from .sim.model_fields import put_model as put_model
 from .sim.randomizer import ResetRandomizer as ResetRandomizer
 from .vector.arm_controller import ArmController as ArmController

@@ -25,8 +25,8 @@ from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table, read_rejected
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.progress import tell
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
-from sceniris_gym.scene.model import build_model
 
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
 _EPISODES = 1000  # resets after which a scene is taken to reject hardly anything

@@ -8,7 +8,7 @@ from typing import Any
 
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.files import as_json, replacing
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.records import MODEL, read_config, scene_of_run, share, without_layouts
 from sceniris_gym.training.runner import runner_of

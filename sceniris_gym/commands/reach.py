@@ -34,7 +34,7 @@ from sceniris_gym.reach.arm import TCP, SerialArm
 from sceniris_gym.reach.build import TILT_STEP, build_map
 from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier, map_file, map_path, why_not_map
 from sceniris_gym.reach.solve import solve
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 _ROUNDING = 1e-5  # m; how much deeper than at home parts of an arm may be in each other
 _ROUNDS = 32  # attempts at poses for which the joints found so far make the arm hit itself

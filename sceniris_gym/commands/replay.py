@@ -20,8 +20,9 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.render import captioned, save
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.model import SceneModel
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:

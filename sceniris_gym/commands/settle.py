@@ -10,7 +10,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
 from sceniris_gym.files import check_writable, replacing
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.settling import settle as settled
 
 

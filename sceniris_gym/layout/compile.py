@@ -31,7 +31,8 @@ from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 
 # The probe makes layouts until the bank is full, in `_ROUNDS` at most; if one split has layouts and the other none yet,
 # in `_MOST_ROUNDS`.

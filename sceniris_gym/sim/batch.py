@@ -35,8 +35,8 @@ LINE_SEARCH = 20
 _LEVEL = 0.002
 
 
-def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], None]]:
-    """List the functions that bring `needs` (keys of NEEDS) up to date, each once; kinematics always runs.
+def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
+    """Return a function that brings `needs` (keys of NEEDS) up to date; kinematics always runs.
 
     Raises:
         UnknownNameError: NEEDS has no such key.
@@ -46,7 +46,14 @@ def update_stages(needs: Iterable[str]) -> list[Callable[[mjw.Model, mjw.Data], 
         if name not in NEEDS:
             raise UnknownNameError("need", name, "needs", NEEDS)
     stages = list(dict.fromkeys(stage for name in needs for stage in NEEDS[name]))
-    return [mjw.forward] if mjw.forward in stages else stages  # a forward pass contains all the others
+    if mjw.forward in stages:  # a forward pass contains all the others
+        return mjw.forward
+
+    def update(m: mjw.Model, d: mjw.Data) -> None:
+        for stage in stages:
+            stage(m, d)
+
+    return update
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:
@@ -168,7 +175,6 @@ class Batch(Fixed):
         "model",
         "data",
         "fields",
-        "stages",
         "substeps",
         "step",
         "update",
@@ -208,8 +214,7 @@ class Batch(Fixed):
             room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
             self.data = mjw.make_data(mjm, nworld, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)
-        self.stages = update_stages(needs)
-        self.substeps = substeps
+        self.substeps, self._updater = substeps, updater(needs)
         self.update = LaunchSequence(self._launch_update, self.device, graph=graph)
         self.step = LaunchSequence(self._launch_step, self.device, graph=graph)
 
@@ -223,5 +228,4 @@ class Batch(Fixed):
         self._launch_update()
 
     def _launch_update(self) -> None:
-        for stage in self.stages:
-            stage(self.model, self.data)
+        self._updater(self.model, self.data)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import mujoco
@@ -15,34 +16,24 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import (
-    ArgumentError,
-    ArgumentTypeError,
-    MaskTypeError,
-    SceneMismatchError,
-    UnknownNameError,
-    check_type,
-)
-from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.errors import MaskTypeError, UnknownNameError, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
-from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.batch import check_budget, update_stages
-from sceniris_gym.sim.contacts import ContactList
+from sceniris_gym.sim.batch import check_budget, updater
 from sceniris_gym.sim.fit import check_fit
-from sceniris_gym.sim.grips import grips_of
+from sceniris_gym.sim.layout_rows import rows_of, stored_rows
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.replacing import Replacer
-from sceniris_gym.sim.variants import VariantWriter
-from sceniris_gym.sim.versions import fields_of_data, keyframe_plastic
-from sceniris_gym.sim.write import Poses, StateWriter
+from sceniris_gym.sim.reset_writer import ResetWriter
+from sceniris_gym.sim.sources import choose_source
+from sceniris_gym.sim.versions import fields_of_data
 
 PROMISED = fields_of_data(
     *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
@@ -151,48 +142,24 @@ class ResetRandomizer(Fixed, StaysHere):
         check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
-        if levels is not None:
-            check_type(levels, Levels, "ResetRandomizer: levels")
-            named = () if levels.ranges is None else tuple(levels.ranges.start)
-            knobs = (*((knobs,) if isinstance(knobs, str) else knobs), *named)
-        if layout_source is None:
-            generator = LayoutGenerator(compiled, data.nworld, seed=seed, split=split, knobs=knobs)
-            layout_source = _prefetching(generator, self.device.is_cuda if prefetch is None else prefetch, graph)
-        elif prefetch or knobs:
-            raise ArgumentError(
-                "ResetRandomizer: prefetch and knobs are for layouts that the randomizer generates itself. Give either "
-                "them or a layout_source, which may be a PreparedLayouts."
-            )
-        check_type(layout_source, LayoutSource, "ResetRandomizer: layout_source")
-        if levels is not None:
-            layout_source = LevelSampler(layout_source, levels, split)
-        self.layout_source: LayoutSource = layout_source
+        own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "levels": levels, "knobs": knobs}
+        self.layout_source = choose_source(compiled, data.nworld, layout_source, **own, graph=graph)
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         self.fields.use_knobs(self.layouts.knobs)
-        self._whole, self._stages = write == "all", update_stages(needs)
-        with wp.ScopedDevice(self.device):
-            self._mask = wp.zeros(data.nworld, dtype=wp.bool)  # a captured reset reads it
-            self._nacon = wp.zeros_like(data.nacon)
-            self.variant = wp.zeros((data.nworld, 0), dtype=int)
-        self.variants = None
-        if compiled.config.variants:
-            self.variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
-            self.variant = self.variants.variant
-        self._split = getattr(layout_source, "split", split)
+        self._update, self._split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
+        self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:
             origins = as_origins(origins, data.nworld, self.device)
             warn_of_origins(compiled.scene, origins.numpy(), "ResetRandomizer: origins")
-        self.replacer = Replacer(
-            *(compiled, model, data, self.layouts, self._split),
-            rest=self.fields.rest,
-            origins=origins,
-            refresh=self._launch_stages,
-            graph=graph,
-        )
-        self._contacts, self._writer = ContactList(data, self._mask), self._make_writer(origins)
+        more: Any = {"origins": origins, "refresh": self._update}
+        found, rest = (compiled, model, data), self.fields.rest
+        self.replacer = Replacer(*found, self.layouts, self._split, rest=rest, **more, graph=graph)
+        more |= {"whole": write == "all", "count": self.replacer.number}
+        self._writer = ResetWriter(*found, self.fields, self._mask, self._split, **more)
+        self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
@@ -368,30 +335,20 @@ class ResetRandomizer(Fixed, StaysHere):
             SceneMismatchError: The layouts are of another scene.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
-        scene = layouts.scene if isinstance(layouts, LayoutTable) else layouts.compiled.hash
-        if scene not in ("", self.compiled.hash):
-            mismatch = self.compiled.scene.mismatch(scene, "Give layouts of this scene.")
-            raise SceneMismatchError(f"layouts: each of them {mismatch}")
-        poses, nrow = _poses_of(layouts, self.compiled.mjm, self.device), layouts.qpos.shape[0]
-        present = layouts.present
-        if self.variants is not None and not isinstance(present, wp.array):
-            present = wp.array(present, dtype=int, ndim=2, device=self.device)
+        stored, nrow = stored_rows(layouts, self.compiled, self.device), layouts.qpos.shape[0]
+        if isinstance(layouts, Layouts) and layouts.knobs.names != self.layouts.knobs.names:
+            stored = stored._replace(knob=None)
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            seed, episode, start = layouts.seed, layouts.episode, layouts.start
-            if isinstance(layouts, LayoutTable):
-                seed, episode = wp.array(seed, dtype=wp.uint64), wp.array(episode, dtype=int)
-                start = wp.array(start, dtype=int)
-            own = isinstance(layouts, Layouts) and layouts.knobs.names == self.layouts.knobs.names
-            knob = layouts.knob if isinstance(layouts, Layouts) and own else None
-            self._launch_write(poses, present, start, seed, episode, knob, on_device)
+            self._writer.launch(stored, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
-        if self.variants is not None:
+        if self._writer.variants is not None:
+            layouts = rows_of(self.layouts)
             fill_mask(mask, self._mask)
-            self.variants.launch(_poses(self.layouts), self.layouts.present)
+            self._writer.variants.launch(layouts.poses, layouts.present)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
@@ -409,89 +366,10 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         check_budget(self.model, self.data)
 
-    def _make_writer(self, origins: Any) -> StateWriter:
-        """Return the writer of what a reset writes, at home where layouts do not say."""
-        scene, mjm, d = self.compiled.scene.sim, self.compiled.sim_mjm, self.data
-        plastic, bodies = keyframe_plastic(mjm, scene.keyframe) if scene.keyframe >= 0 else None, None
-        if not self._whole:
-            bodies, plastic = [body for name in scene.bodies for body in scene.subtree(name)], None
-        words = {"bodies": bodies, "origins": origins, "plastic": plastic, "count": self.replacer.number}
-        words["grips"] = grips_of(self.compiled, self.fields.rest, self.device)
-        return StateWriter(mjm, d, self._mask, self.fields.rest, **words)
-
     def _launch_reset(self) -> None:
-        layouts = self.layouts
         self.layout_source.launch_generate(self._mask)
-        start, seed, episode = layouts.start, layouts.seed, layouts.episode
-        self._launch_write(_poses(layouts), layouts.present, start, seed, episode, layouts.knob)
+        self._writer.launch(rows_of(self.layouts))
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)
-        self._launch_stages()
-
-    def _launch_stages(self) -> None:
-        for stage in self._stages:
-            stage(self.model, self.data)
-
-    def _launch_write(
-        self,
-        poses: Poses,
-        present: Any,
-        start: wp.array,
-        seed: wp.array,
-        episode: wp.array,
-        knob: wp.array | None,
-        rows: wp.array | None = None,
-    ) -> None:
-        m, d = self.model, self.data
-        drawn = rows
-        if self.variants is not None:
-            poses, rows = self.variants.launch(poses, present, rows), None
-        self._contacts.launch_drop()
-        self.fields.launch_draw(self._mask, seed, episode, self._split, drawn, knob)
-        if self._whole:
-            # reset_data zeroes the contact count of all worlds when it resets world 0
-            wp.copy(self._nacon, d.nacon)
-            mjw.reset_data(m, d, reset=self._mask)
-            wp.copy(d.nacon, self._nacon)
-        self._writer.launch(poses, rows, start if self.compiled.config.start else None, drawn)
-        self._launch_stages()
-
-
-def _poses(layouts: Layouts) -> Poses:
-    return Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
-
-
-def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> LayoutSource:
-    """Return a source that prefetches, on a stream if `prefetch` is one; the generator itself if it is false."""
-    if not isinstance(prefetch, bool | wp.Stream):
-        raise ArgumentTypeError(
-            f"ResetRandomizer: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
-            "wp.stream_from_torch(stream) turns a stream of torch's into a wp.Stream."
-        )
-    stream = prefetch if isinstance(prefetch, wp.Stream) else None
-    return PreparedLayouts(generator, stream, graph=graph) if prefetch else generator
-
-
-def _poses_of(layouts: Layouts | LayoutTable, m: mujoco.MjModel, device: wp.Device) -> Poses:
-    """Return the poses of stored layouts, on the device.
-
-    Raises:
-        SceneMismatchError: Their sizes are not those of the model.
-    """
-    nrow = layouts.qpos.shape[0]
-    # without a mocap body Layouts have one unused column
-    nmocap = layouts.mocap_pos.shape[1] if m.nmocap == 0 else m.nmocap
-    columns = (("qpos", (m.nq,), wp.float32), ("mocap_pos", (nmocap, 3), wp.vec3), ("mocap_quat", (nmocap, 4), wp.quat))
-    arrays = []
-    for name, shape, dtype in columns:
-        array = getattr(layouts, name)
-        on_device = isinstance(array, wp.array)
-        # a Warp array of vectors has no axis for their elements
-        found = (*array.shape, *shape[1:]) if on_device and array.dtype is dtype else tuple(array.shape)
-        if found != (nrow, *shape):
-            raise SceneMismatchError(
-                f"layouts.{name} has shape {found} and should have shape {(nrow, *shape)}. Give layouts of this scene."
-            )
-        arrays.append(array.to(device) if on_device else wp.array(array, dtype=dtype, ndim=2, device=device))
-    return Poses(*arrays)
+        self._update()

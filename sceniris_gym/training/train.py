@@ -30,7 +30,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json, replacing
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.choice import Levels
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, TEACHER, evaluations, without_layouts

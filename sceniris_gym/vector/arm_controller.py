@@ -11,8 +11,10 @@ from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.fingers import Fingers
+from sceniris_gym.vector.names import FREE, SCALAR, SLIDE
 from sceniris_gym.vector.position_actuators import PositionActuators
-from sceniris_gym.vector.state import FREE, SCALAR, SLIDE, State, as_columns
+from sceniris_gym.vector.readings import as_columns
+from sceniris_gym.vector.state import State
 
 JOINT_STEP = 0.04
 """Largest change of a hinge's target in a control step [rad]: 2 rad/s at 50 Hz."""

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.vector import rotations
-from sceniris_gym.vector.state import State, find_body
+from sceniris_gym.vector.names import find_body
+from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import Boxes
 
 
@@ -28,7 +29,7 @@ class Bounds:
     """
 
     def __init__(self, s: State, names: Sequence[str]) -> None:
-        bodies = [find_body(s, name, "Bounds") for name in names]
+        bodies = [find_body(s.scene, name, "Bounds") for name in names]
         self._boxes = Boxes(s.variants, bodies, f"scene '{s.scene.config.name}': Bounds")
         self._up = torch.tensor([0.0, 0.0, 1.0], device=s.device)
 

@@ -14,7 +14,8 @@ from sceniris_gym.importers.libero.kinds import moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.importers.libero.things import INNER
 from sceniris_gym.scene.support import subtree
-from sceniris_gym.vector.state import SCALAR, State, find_body
+from sceniris_gym.vector.names import SCALAR, find_body
+from sceniris_gym.vector.state import State
 from sceniris_gym.vector.touch import Touch
 
 _BESIDE = 0.03  # greatest distance of the origins of two things, one on the other [m]
@@ -103,7 +104,7 @@ class LiberoGoal:
 
     def _joints(self, s: State, predicate: Predicate, region: Region | None) -> Callable[[State], Tensor]:
         name, (low, high) = moving(self._problem, predicate)
-        root = find_body(s, name, self._where)
+        root = find_body(s.scene, name, self._where)
         bodies = subtree(s.mjm, root) if region is None else [int(s.mjm.site_bodyid[self._site(s, region)[0]])]
         joints = [j for j in range(s.mjm.njnt) if s.mjm.jnt_bodyid[j] in bodies and s.mjm.jnt_type[j] in SCALAR]
         columns = [int(s.mjm.jnt_qposadr[j]) for j in joints]
@@ -116,7 +117,7 @@ class LiberoGoal:
         return lambda _: tests[predicate.word](self._qpos[:, columns])
 
     def _origin(self, s: State, name: str) -> int:
-        return find_body(s, f"{name}/{INNER}", self._where)
+        return find_body(s.scene, f"{name}/{INNER}", self._where)
 
     def _site(self, s: State, region: Region) -> tuple[int, Tensor]:
         """Return a site and its half sizes [m], shape (3,)."""
@@ -128,6 +129,8 @@ class LiberoGoal:
 
     def _touch(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
         """Return the test of any part of one thing against any part of another one."""
-        parts = [[s.mjm.body(b).name for b in subtree(s.mjm, find_body(s, n, self._where))] for n in (name, other)]
+        parts = [
+            [s.mjm.body(b).name for b in subtree(s.mjm, find_body(s.scene, n, self._where))] for n in (name, other)
+        ]
         touch = Touch(s, *(list(filter(None, names)) for names in parts))
         return lambda s: touch(s).any(dim=2).any(dim=1)

@@ -13,7 +13,7 @@ from sceniris_gym.errors import ArmError
 from sceniris_gym.reach.arm import joint_label
 from sceniris_gym.sim.rest import rest_map
 from sceniris_gym.sim.versions import actuator_controls
-from sceniris_gym.vector.state import as_columns
+from sceniris_gym.vector.readings import as_columns
 
 
 class PositionActuators:

@@ -8,7 +8,8 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.vector.state import State, find_body
+from sceniris_gym.vector.names import find_body
+from sceniris_gym.vector.state import State
 
 
 class Touch:
@@ -54,5 +55,5 @@ def _places(s: State, names: Sequence[str]) -> Tensor:
     mjm = s.mjm
     places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
     for place, name in enumerate(names):
-        places[torch.as_tensor(mjm.geom_bodyid == find_body(s, name, "Touch"))] = place
+        places[torch.as_tensor(mjm.geom_bodyid == find_body(s.scene, name, "Touch"))] = place
     return places.to(s.device)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +21,9 @@ from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
     KNOBS,
@@ -45,19 +41,17 @@ from sceniris_gym.vector.arguments import (
     as_task,
     fresh_seed,
 )
-from sceniris_gym.vector.images import GROUP, make_images
+from sceniris_gym.vector.images import make_images
+from sceniris_gym.vector.observer import Observer
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
-from sceniris_gym.vector.sensing import Sensing, Sensors, as_sensing
-from sceniris_gym.vector.snapshot import Snapshot, live_tensors, put, take
-from sceniris_gym.vector.state import State
-from sceniris_gym.vector.statistics import EpisodeStatistics
-from sceniris_gym.vector.task import Observation, Task
-from sceniris_gym.vector.task_checks import check_observation, check_outcome
+from sceniris_gym.vector.sensing import Sensing, as_sensing
+from sceniris_gym.vector.snapshot import Snapshot, take
+from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.task_worlds import TaskWorlds
+from sceniris_gym.vector.torch_stream import on_torch_stream
 
 OUTPUTS = ("torch", "numpy")
-PARAMETERS = "parameters"
-"""The name of drawn physics and looks in the group `critic`."""
 
 
 class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
@@ -196,10 +190,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
-        self._groups = as_groups(observation_groups)
+        groups, self.max_episode_steps = as_groups(observation_groups), None
+        if max_episode_steps is not None:
+            self.max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs = as_task(task), num_envs
-        steps = max_episode_steps
-        self.max_episode_steps = None if steps is None else as_count(steps, "max_episode_steps")
         self.autoreset_mode = as_autoreset_mode(autoreset_mode)
         self.output, self.copy, self.split = output, copy, split
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
@@ -211,58 +205,27 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
         room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
-        physics: dict[str, Any] = {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
-        self.batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **room, **physics, graph=graph)
         words: dict[str, Any] = {"levels": levels, "knobs": knobs, "split": split, "prefetch": prefetch}
-        self.randomizer = ResetRandomizer(
-            self.compiled,
-            self.batch.model,
-            self.batch.data,
-            layout_source=layout_source(self.compiled, num_envs) if layout_source else None,
-            needs=self.task.needs,
-            fields=self.batch.fields,
-            graph=graph,
-            **words,
-        )
-        self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
-        self.device = self.state.device
-        self.statistics = EpisodeStatistics(num_envs, self.device)
+        worlds = TaskWorlds(self.task, self.compiled, num_envs, room, layout_source=layout_source, graph=graph, **words)
+        self._worlds, self.batch, self.randomizer = worlds, worlds.batch, worlds.randomizer
+        self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
 
-        flat = self._bind_task(wanted, images, render_every, graph)
-        self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
-        self._autoreset = torch.zeros(num_envs, dtype=torch.bool, device=self.device)
-        self._ready = self._stepped = False
-        self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
-
-    def _bind_task(self, sensing: Sensing | None, images: Any, every: Any, graph: bool) -> dict[str, Tensor]:
-        """Give the task its state, set the spaces by its first observation, and return that observation flat.
-
-        Images are made once the task has asked for its fields of the model, as cameras may differ in them.
-        """
         wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
-        with self._on_torch_stream():
-            for name in self.task.model_fields:
-                self.batch.fields.ask(name, where="Task.model_fields")
-            self.task.bind(self.state)
-            self.batch.fields.close()
-            self.batch.update()
-            self.images = make_images(self.batch, images, every, graph=graph)
-            observation = self._task_observation()
-            check_observation(self.task, observation, self.num_envs)
-            action_size = self.task.action_size or self.compiled.mjm.nu
-            self._sensors = None if sensing is None else Sensors(self.state, sensing, observation, action_size)
-            observation = spaces.chosen(observation, self._groups)
-            flat = spaces.flatten(observation)
-        self.observation_names = spaces.names_of(observation)
-        self.single_observation_space = spaces.observation_space(flat)
-        if self.images is not None:
-            self.single_observation_space[GROUP] = self.images.space
-        self.single_action_space = spaces.action_space(action_size)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        return flat
+        with on_torch_stream(self.batch.device):
+            worlds.bind()
+            # cameras may differ in fields of the model that the task has asked for
+            self.images = make_images(self.batch, images, render_every, graph=graph)
+            size = self.task.action_size or self.compiled.mjm.nu
+            seen: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": copy}
+            self._observer = Observer(self.task, self.state, self.images, size, **seen)
+        self.observation_names, self.single_observation_space = self._observer.names, self._observer.space
+        self.single_action_space = spaces.action_space(size)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._autoreset, self._ready = torch.zeros(num_envs, dtype=torch.bool, device=self.device), False
+        self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
 
     @exclusive
     def reset(
@@ -306,27 +269,21 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         self.batch.fields.check()
-        with self._on_torch_stream():
+        with on_torch_stream(self.batch.device):
             if given.get(KNOBS):
                 self.randomizer.layout_source.set_knobs(given[KNOBS], mask)
             if kept is not None:
-                live, given_to = self._live(), None if mask is None else due
-                due = put(kept, self.compiled.hash, live, given_to)
-                if self.randomizer.variants is not None:  # which brings the model of the variants as it was made
-                    self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
-                    put(kept, self.compiled.hash, live, given_to)
-                self.batch.update()
-                self.statistics.start(due)
+                due = self._worlds.restore(kept, self._live(), None if mask is None else due)
             else:
                 self._reseed(seed, chosen, mask)
-                self._reset_worlds(due.clone())
+                self._worlds.reset(due.clone())
                 self._autoreset.logical_and_(~due)
             if not self._ready:
                 self.batch.check_budget()
                 self._ready = True
-            observation = self._observe(0) | self._see(due)
+            observation = self._observer.flat(0) | self._observer.pictures(due)
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
-            return self._returned(observation), self._returned(self._layout_info())
+            return self._returned(observation), self._returned(self._worlds.layout_info())
 
     @exclusive
     def replace(self, objects: str | Sequence[str], mask: Any = None) -> None:
@@ -346,10 +303,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetNeeded: There was no reset yet.
             UnknownNameError, ArgumentError, NotSupportedError, MaskTypeError, MaskError: As ResetRandomizer.replace.
         """
-        self._check_open()
-        if not self._ready:
-            raise gymnasium.error.ResetNeeded("Call reset() before replace().")
-        with self._on_torch_stream():
+        self._check_ready("replace")
+        with on_torch_stream(self.batch.device):
             self.randomizer.replace(objects, mask)
 
     @exclusive
@@ -367,12 +322,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetNeeded: There was no reset yet.
             MaskError, MaskTypeError: As in `reset`.
         """
-        self._check_open()
-        if not self._ready:
-            raise gymnasium.error.ResetNeeded("Call reset() before snapshot().")
+        self._check_ready("snapshot")
         wanted = as_reset_mask({RESET_MASK: mask}, self.num_envs)
         worlds = np.arange(self.num_envs) if wanted is None else np.flatnonzero(wanted)
-        with self._on_torch_stream():
+        with on_torch_stream(self.batch.device):
             return take(self.compiled.hash, self._live(), torch.from_numpy(worlds).to(self.device))
 
     @exclusive
@@ -391,7 +344,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             MaskError, MaskTypeError: As in `reset`.
         """
         self._check_open()
-        with self._on_torch_stream():
+        with on_torch_stream(self.batch.device):
             self.randomizer.set_knob(name, value, as_reset_mask({RESET_MASK: mask}, self.num_envs))
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -407,10 +360,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""
-        sampler, count = self.randomizer.levels, wp.to_torch(self.randomizer.replacer.number)
-        level = () if sampler is None else (wp.to_torch(sampler.level), wp.to_torch(sampler.probe))
-        memory = {"task": self.task, "sensors": self._sensors, "redraws": count, "level": level, "due": self._autoreset}
-        return live_tensors(self.state, self.randomizer.layouts, memory)
+        return self._worlds.live(sensors=self._observer.sensors, due=self._autoreset)
 
     def _reseed(self, seed: Any, chosen: ChosenLayouts | None, mask: np.ndarray | None) -> None:
         """Choose the layouts that the next reset of the masked worlds serves; see `reset`."""
@@ -447,13 +397,12 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             BusyError: Another thread is in a call of this environment.
             ArgumentError: The actions have the wrong shape, or are not real numbers.
         """
-        self._check_open()
-        if not self._ready:
-            raise gymnasium.error.ResetNeeded("Call reset() before step().")
+        self._check_ready("step")
         self.batch.fields.check()
-        with self._on_torch_stream():
+        with on_torch_stream(self.batch.device):
             action = as_action(actions, self.action_space, self.device)
-            delayed = action if self._sensors is None else self._sensors.delayed_action(self.state, action)
+            sensors = self._observer.sensors
+            delayed = action if sensors is None else sensors.delayed_action(self.state, action)
             self.task.apply(self.state, delayed)
             self.batch.step()
             self.state.elapsed.add_(1)
@@ -468,7 +417,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         With "human" the page is brought up to date, as after every reset and step, and nothing is returned.
         """
         self._check_open()
-        with self._on_torch_stream():
+        with on_torch_stream(self.batch.device):
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
             return self.rendering.pictures(self.batch) if self.render_mode == "rgb_array" else None
 
@@ -478,97 +427,25 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Return the results of the step, and reset the worlds that are due."""
-        s, task = self.state, self.task
-        terms, success, terminated = task.reward(s, action), task.success(s), task.terminated(s)
-        if not self._stepped:
-            check_outcome(task, terms, success, terminated, self.num_envs)
-            self._stepped = True
-        success = success.clone()  # the task may write to it in a reset
-        broken = ~s.finite
-        gained = torch.where(broken, 0.0, torch.stack(list(terms.values()))).float()
-        terminated = terminated | broken
-        truncated = torch.zeros_like(terminated)
-        if self.max_episode_steps is not None:
-            truncated = s.elapsed >= self.max_episode_steps
-
+        outcome = self._worlds.judge(action, self.max_episode_steps)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             # worlds that ended in the last step are reset by this one, in which nothing counts for them
             due = self._autoreset.clone()
-            gained, success, broken = torch.where(due, 0.0, gained), success & ~due, broken & ~due
-            terminated, truncated = terminated & ~due, truncated & ~due
-            self._reset_worlds(due)
-            self._autoreset.copy_(terminated | truncated)
-        reward, terms = gained.sum(dim=0), dict(zip(terms, gained, strict=True))
-        done = terminated | truncated
-        self.statistics.add(tuple(terms), gained, success, broken, done, s.elapsed)
-        self._tell_levels(success)
-        info: dict[str, Any] = {"success": success, "broken": broken, "reward_terms": terms}
+            outcome = outcome.without(due)
+            self._worlds.reset(due)
+            self._autoreset.copy_(outcome.done)
+        self._worlds.count(outcome)
+        info = outcome.info()
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            info["final_info"] = {**info, "reward_terms": dict(terms), **self._layout_info()}
-            info["final_obs"] = self._observe(1) | (self._see(done, copy=True) if self.final_images else {})
+            done, observer = outcome.done, self._observer
+            info["final_info"] = outcome.info() | self._worlds.layout_info()
+            info["final_obs"] = observer.flat(1) | (observer.pictures(done, copy=True) if self.final_images else {})
             info["_final_obs"] = info["_final_info"] = done.clone()
-            self._reset_worlds(done)
-        info |= self._layout_info()
-        observation = self._observe(0) | self._see()
-        returned = (observation, reward, terminated, truncated, info)
+            self._worlds.reset(done)
+        info |= self._worlds.layout_info()
+        observation, reward = self._observer.flat(0) | self._observer.pictures(), outcome.gained.sum(dim=0)
+        returned = (observation, reward, outcome.terminated, outcome.truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
-
-    def _tell_levels(self, success: Tensor) -> None:
-        """Count the successes of the episodes that finished on layouts of their own, if the worlds play levels."""
-        sampler = self.randomizer.levels
-        if sampler is not None and sampler.counts:
-            sampler.launch_finish(wp.from_torch(success), wp.from_torch(self.statistics.finished))
-
-    def _reset_worlds(self, mask: Tensor) -> None:
-        """Reset the worlds of a mask on the device, to which the task may write."""
-        self.randomizer.launch_reset(wp.from_torch(mask, dtype=wp.bool))
-        self.state.elapsed.masked_fill_(mask, 0)
-        self.statistics.start(mask)
-        self.task.on_reset(self.state, mask)
-        if self.batch.fields.asked:
-            self.randomizer.refresh()
-
-    def _observe(self, buffer: int) -> dict[str, Tensor]:
-        """Return the flat observation, in new tensors or in one of the two buffers."""
-        observation = self._task_observation()
-        if self._sensors is not None:
-            observation = self._sensors(self.state, observation)
-        observation = spaces.chosen(observation, self._groups)
-        return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
-
-    def _task_observation(self) -> Observation:
-        """Return what the task observes, with the numbers that the scene has drawn in the group `critic`."""
-        observation, parameters = self.task.observe(self.state), self.state.parameters
-        if parameters is None or "critic" not in observation:
-            return observation
-        return {**observation, "critic": {**observation["critic"], PARAMETERS: parameters}}
-
-    def _see(self, mask: Tensor | None = None, *, copy: bool = False) -> dict[str, Any]:
-        """Return the group `images` after pictures of the masked worlds, by default of those that are due."""
-        if self.images is None:
-            return {}
-        return {
-            GROUP: self.images.take(self.images.due(self.state.elapsed) if mask is None else mask, copy or self.copy)
-        }
-
-    def _layout_info(self) -> dict[str, Any]:
-        s, sampler = self.state, self.randomizer.levels
-        info: dict[str, Any] = {
-            "layout_seed": s.seed.clone(),
-            "layout_episode": s.episode.clone(),
-            "layout_fallback": s.layout_status == Status.FALLBACK,
-        }
-        if self.compiled.config.start:
-            info["layout_start"] = s.start.clone()
-        if self.randomizer.layouts.knobs.knobs:
-            info["layout_knobs"] = self.randomizer.layouts.knobs.named(s.layout_knob.clone())
-        if s.variants.names:
-            info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
-        replacer = self.randomizer.replacer
-        if replacer.prepared:
-            info["layout_redraw"] = wp.to_torch(replacer.number).clone()
-            info["layout_kept"] = wp.to_torch(replacer.status) == Status.KEPT
-        return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
 
     def _returned(self, value: Any) -> Any:
         """Return tensors, and dicts of them, as the `output` of the environment."""
@@ -578,17 +455,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return {key: self._returned(item) for key, item in value.items()}
         return value.detach().cpu().numpy()
 
-    def _on_torch_stream(self) -> AbstractContextManager:
-        """Run Warp's launches on torch's current stream, in order with torch's own."""
-        device = self.batch.device
-        if not device.is_cuda:
-            return nullcontext()
-        stream = torch.cuda.current_stream(self.device)
-        # Warp knows a capture by its Stream object, so a caller's capture on this stream needs the same object
-        if device.stream.cuda_stream == stream.cuda_stream:
-            return nullcontext()
-        return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)
-
     def _check_open(self) -> None:
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("This environment was closed. Make a new one.")
+
+    def _check_ready(self, method: str) -> None:
+        self._check_open()
+        if not self._ready:
+            raise gymnasium.error.ResetNeeded(f"Call reset() before {method}().")

@@ -15,7 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError, ScenirisWarning
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model_files import file_of
 
 _MODELS = (".xml", ".mjcf", ".urdf")

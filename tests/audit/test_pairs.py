@@ -8,7 +8,7 @@ from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.geometry import solids_of
 from sceniris_gym.audit.pairs import Tree, judged_pairs
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.audit.judging import auditor
 from tests.commands.scenes import GAP, MODEL, bodies, layout, small_config, small_model
 

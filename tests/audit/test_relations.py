@@ -11,8 +11,8 @@ from sceniris_gym.audit import relations
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.config.relations import KINDS, Relation
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.model import build_model
 from tests.audit.judging import at, judge_language, missed
 
 

@@ -11,7 +11,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, ScenirisError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import compile_on_cpu, write_mjcf
 
 BUSY = {

@@ -14,7 +14,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table, read_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf
 from tests.layout.starting import starting
 

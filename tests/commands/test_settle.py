@@ -12,7 +12,7 @@ from sceniris_gym.commands.settle import settle
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.scene.heaping import THINGS, folder, words
 
 

@@ -12,7 +12,7 @@ from sceniris_gym.config.limits import MAX_ANCHORS, MAX_CORNERS, MAX_PIECES, MAX
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.config.scenes import refusal
 
 POSTS = [f"post{i}" for i in range(MAX_ANCHORS + 1)]

@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, SupportConfig
 from sceniris_gym.config.scene import Floor, SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.config.scenes import CLUTTER, NEIGHBOURS, SMALL, TABLE, grouped, refused, related
 
 

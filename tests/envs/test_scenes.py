@@ -8,7 +8,8 @@ import pytest
 import shapely
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 
 
 def free_objects(config: SceneConfig) -> list[str]:

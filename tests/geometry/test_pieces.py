@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces, hull_vertices
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 WORKSHOP = """
 <mujoco>

@@ -24,7 +24,8 @@ from sceniris_gym.geometry.resting_poses import (
 )
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.versions import since_4
 

@@ -23,7 +23,7 @@ from sceniris_gym.geometry.supports import (
     triangulate,
     weights,
 )
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 TABLE = """<geom type="box" size=".4 .3 .01" pos="0 0 .39"/>
   <geom type="box" size=".02 .02 .19" pos=".35 .25 .19"/><geom type="box" size=".02 .02 .19" pos="-.35 .25 .19"/>

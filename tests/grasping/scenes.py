@@ -12,7 +12,8 @@ from sceniris_gym.grasping.grasps import Graspable, GraspSet
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.reach import robot_arm
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 
 
 class Scene:

@@ -11,7 +11,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.grasping.grip import INSIDE, Fingers
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.program.starts import plan_grips
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf
 from tests.layout.starting import SCENE
 

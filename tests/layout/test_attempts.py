@@ -12,7 +12,7 @@ from sceniris_gym.layout.attempts import _still_failing, find_attempts
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, valid
 
 HALF = 0.15  # half the length [m] of the line on which pivots lie

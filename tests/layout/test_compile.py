@@ -29,7 +29,7 @@ from sceniris_gym.errors import (
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.device import Program
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, compile_on_cpu, make, valid, write_mjcf
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

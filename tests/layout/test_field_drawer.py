@@ -13,7 +13,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields
 
 MODEL = """

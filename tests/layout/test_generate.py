@@ -18,7 +18,7 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, full_tray, make, read
 
 

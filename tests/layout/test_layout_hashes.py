@@ -8,7 +8,7 @@ import pytest
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.layout_hashes import FILE, layout_hashes, processor
 from tests.versions import since_4
 

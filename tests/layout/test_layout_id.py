@@ -5,7 +5,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 
 @pytest.mark.parametrize("split", ["train", "eval"])

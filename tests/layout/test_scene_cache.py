@@ -21,7 +21,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.scene_cache import VARIABLE, cache_folder, scene_key, store_arrays
 from sceniris_gym.program.archive import to_arrays
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf
 
 LAYOUT = ("qpos", "mocap_pos", "mocap_quat", "status", "present", "grasp", "grasp_qpos", "rejections")

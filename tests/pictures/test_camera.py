@@ -9,7 +9,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
 
 

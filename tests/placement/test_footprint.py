@@ -19,7 +19,7 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.placement import footprint
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Program, fill_struct
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.candidates import refused
 from tests.layout.scenes import FLOOR, Rows, posed, read
 from tests.oracle.solids import Solids

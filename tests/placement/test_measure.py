@@ -16,7 +16,7 @@ from sceniris_gym.placement.measure import bounds_of, measure
 from sceniris_gym.placement.orientations import DrawnVariant
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.related import drawer_mjcf
 from tests.layout.scenes import ANYWHERE
 from tests.oracle.solids import Solids

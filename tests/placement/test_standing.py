@@ -16,7 +16,7 @@ from sceniris_gym.placement.standing import MOST_CORNERS, Level, find_patch, loa
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import Statics
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.placement.supports import PLATE, TILES, tiles_mjcf
 

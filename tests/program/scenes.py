@@ -13,7 +13,8 @@ from sceniris_gym.program.compiled import CHECKS
 from sceniris_gym.program.pack.program import pack_program
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan, build_plan
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 
 BOX = (
     '<mujoco><worldbody><body name="box"><geom type="box" size=".05 .02 .1" pos=".3 0 .4"/></body></worldbody></mujoco>'

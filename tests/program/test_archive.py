@@ -14,7 +14,7 @@ from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 
 def _uploaded(name: str) -> CompiledScene:

@@ -17,7 +17,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, SeedError
 from sceniris_gym.program.compiled import CHECKS, CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.program.scenes import scene_of
 
 PROGRAM = Path(program.__file__).parent

@@ -18,7 +18,8 @@ from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import forward, vec8
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import box_mjcf
 
 

@@ -8,7 +8,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import HeapError
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.program.scenes import Packed, pack
 from tests.scene.heaping import THINGS, folder, words
 

@@ -11,7 +11,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError, UnknownNameError
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import write_mjcf
 

@@ -14,7 +14,7 @@ from sceniris_gym.grasping.grip import Grip
 from sceniris_gym.program.device_starts import StartPose
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.starts import plan_grips, plan_starts
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.starting import HANDLE, HELD, PLACED, SCENE
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import mujoco
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 

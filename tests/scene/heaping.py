@@ -8,7 +8,8 @@ from tempfile import mkdtemp
 from typing import Any
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.settling import settle
 
 WALLS = "".join(

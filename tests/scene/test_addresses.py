@@ -7,7 +7,8 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
 from sceniris_gym.scene.addresses import joint_address, pose_address
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.scene.memory import cubes_on, spec_of
 
 

@@ -12,7 +12,8 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.scene.adopt import place_on
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.scene.memory import NEAR, cubes_on, model_text, spec_of
 
 PLACED = {"objects": cubes_on("ground", region=NEAR), "home": "init_state"}

@@ -12,7 +12,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.archive import write_zip
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 MESH = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 

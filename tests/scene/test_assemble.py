@@ -13,7 +13,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.scene.assemble import names_in
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.scene.assets import BALL, build, names
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 SCENE: dict[str, Any] = {
     "floor": {"size": [2, 2]},

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import CycleError, SceneKeyError
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.couplings import driven_by, follow, free_range, joint_couplings, turned_round
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import write_mjcf
 from tests.program.scenes import scene_of
 

@@ -11,8 +11,9 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.draws import FieldDraw
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.versions import since_4
 
 MODEL = """

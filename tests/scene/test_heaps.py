@@ -10,8 +10,8 @@ import pytest
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import HeapError, NotSupportedError
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.heaps import HeapRows, read_rows, rigid_part, settled_with
-from sceniris_gym.scene.model import build_model
 from tests.scene.heaping import BIN, folder, model, words
 
 HEAP = HeapConfig.model_validate({"fill": "bin", "of": ["a", "b"]})

@@ -10,7 +10,7 @@ import mujoco
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.scene.assets import CHEST, OWN, TETRAHEDRON, build
 from tests.scene.memory import NEAR, cubes_on, spec_of
 

@@ -8,7 +8,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ModelWarning, SceneFileError, UnknownNameError
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 GEOM = '<geom type="box" size=".02 .02 .02" pos="0 0 .02"/>'
 SOUND = f"<mujoco><worldbody><body>{GEOM}</body></worldbody></mujoco>"

@@ -11,7 +11,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MissingExtraError, SceneFileError
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model_files import file_of, load_model
 from tests.scene.assets import TETRAHEDRON
 

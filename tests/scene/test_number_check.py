@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.versions import since_4
 
 BODY = '<body name="crate"><freejoint/><geom name="side" size=".1" {geom}/></body>'

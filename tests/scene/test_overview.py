@@ -10,7 +10,8 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.backdrop import OVERVIEW
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.overview import Overview
 
 WITH_ROBOT = ["tabletop_lift", "tabletop_reach", "clutter_push", "drawer_pick"]

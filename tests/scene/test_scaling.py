@@ -9,7 +9,8 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import write_mjcf
 
 FACTOR = 1.3

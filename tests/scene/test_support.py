@@ -7,7 +7,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.support import Support, is_static, static_supports
 from tests.scene.memory import cubes_on, spec_of
 

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.adopt import place_on
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 
 FINGER = (
     '<body name="{0}" pos="{1}"><joint name="{0}" type="slide" axis="{2}" range="0 .03"/>'

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import geom_classes
 from tests.config.scenes import TABLE
 

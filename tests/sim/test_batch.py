@@ -10,8 +10,8 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table, read_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.model import build_model
 from sceniris_gym.sim.batch import LINE_SEARCH, Batch, default_budget, with_options
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS
 from tests.layout.scenes import compile_on_cpu
@@ -33,7 +33,7 @@ def test_a_step_from_a_graph_gives_the_same_bits_and_current_kinematics(small_sc
         np.testing.assert_array_equal(recorded, direct, err_msg=name)
 
 
-@pytest.mark.parametrize("name", ["scene", "model", "data", "stages", "substeps", "options", "graph"])
+@pytest.mark.parametrize("name", ["scene", "model", "data", "substeps", "options", "graph"])
 def test_a_batch_keeps_what_its_graph_was_captured_with(small_scene, name: str):
     """Those of another batch are refused, and steps go on as those of a batch that nobody touched."""
     batch, untouched, other = (Batch(small_scene.scene, 2, "cpu") for _ in range(3))

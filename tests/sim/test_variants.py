@@ -18,7 +18,7 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch, default_budget
 from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.model_fields import put_model
@@ -191,7 +191,8 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
             ResetRandomizer(compiled, mjw.put_model(compiled.sim_mjm), data)
         with pytest.raises(SceneMismatchError, match=r"model\.nq"):
             ResetRandomizer(compiled, mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=2))
-    assert ResetRandomizer(compiled, put_model(compiled, 2), data).variants is not None
+    variant = ResetRandomizer(compiled, put_model(compiled, 2), data).variant
+    assert variant.shape == (2, len(compiled.config.variants))
 
 
 def test_what_cannot_share_a_body_is_refused(tmp_path):

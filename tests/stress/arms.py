@@ -39,7 +39,8 @@ from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.reach.map import ReachMap
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 
 _DEEP = 1e-5  # m
 _ROUNDS = 24  # searches of the judge for poses for which the joints found so far make the arm hit itself

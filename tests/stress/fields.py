@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.derived import FOLLOWS
 from sceniris_gym.sim.model_fields import ModelFields
 

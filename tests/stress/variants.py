@@ -16,8 +16,9 @@ from sceniris_gym.audit.auditor import Auditor, Report
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.model import SceneModel
 
 Words = dict[str, Any]
 Choice = tuple[tuple[str, str], ...]

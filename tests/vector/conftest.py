@@ -85,3 +85,9 @@ def make_env(reach_scene: CompiledScene) -> Callable[..., SceneVectorEnv]:
         return SceneVectorEnv(Reach, num_envs, scene=reach_scene, **kwargs)
 
     return make
+
+
+@pytest.fixture(scope="module")
+def cuda_scene() -> CompiledScene:
+    """Return the CompiledScene of the reaching task on the GPU."""
+    return compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cuda:0")

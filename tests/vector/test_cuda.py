@@ -7,22 +7,13 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.prepared import PreparedLayouts
-from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.conftest import SCENE, Reach
+from tests.vector.conftest import Reach
 
 pytestmark = pytest.mark.cuda
-
-
-@pytest.fixture(scope="module")
-def cuda_scene() -> CompiledScene:
-    """Return the CompiledScene of the reaching task on the GPU."""
-    return compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cuda:0")
 
 
 def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):
@@ -58,28 +49,6 @@ def test_other_worlds_keep_their_bits(cuda_scene):
     for group in before:
         assert torch.equal(after[group][1:3], before[group][1:3])
     assert not torch.equal(after["critic"], before["critic"])
-
-
-def test_a_whole_step_can_be_captured_with_torch(cuda_scene):
-    """Task, physics, autoreset and layouts replay as one CUDA graph, and episodes advance in it."""
-    envs = SceneVectorEnv(Reach, 4, scene=cuda_scene, max_episode_steps=3)
-    envs.reset(seed=0)
-    action = torch.zeros(4, 5, device="cuda")
-    for _ in range(3):  # compiles and loads all that the capture needs
-        envs.step(action)
-    stream, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
-    torch.cuda.synchronize()
-    with torch.cuda.graph(graph, stream=stream):
-        warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
-        with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
-            observation, _, _, truncated, info = envs.step(action)
-    counts = []
-    for _ in range(6):
-        graph.replay()
-        counts.append((truncated.tolist(), info["layout_episode"].tolist()))
-    assert [flags for flags, _ in counts] == [[False] * 4, [False] * 4, [True] * 4] * 2
-    assert [episodes for _, episodes in counts] == [[1] * 4, [1] * 4, [2] * 4, [2] * 4, [2] * 4, [3] * 4]
-    assert torch.isfinite(observation["critic"]).all()
 
 
 def test_a_redraw_has_the_bits_of_a_cpu_waits_for_nothing_and_can_be_captured(cuda_scene, make_env):

@@ -8,7 +8,8 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArmError
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.fingers import Fingers
 from tests.vector.workshop import HANDS, JOINTS, mjcf, state_of

@@ -9,8 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from sceniris_gym.errors import ArgumentError, FixedError, UnknownNameError
-from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.errors import FixedError
 from tests.vector.stepping import actions, assert_equal, leaves, state
 
 
@@ -75,15 +74,6 @@ def test_disabled_leaves_resets_to_the_user(make_env):
     assert envs.step(actions(2))[3].tolist() == [True, False]
 
 
-def test_truncation_counts_the_steps_of_each_world(make_env):
-    """A world that ended early is truncated later than the others."""
-    envs = make_env(2, max_episode_steps=3)
-    envs.reset(seed=0)
-    envs.step(actions(2, ending=(0,)))
-    flags = [envs.step(actions(2))[3].tolist() for _ in range(3)]
-    assert flags == [[False, False], [False, True], [True, False]]
-
-
 def test_calls_out_of_order_are_refused(make_env):
     """No step and no masked reset before the first reset, nothing after close; close may come twice."""
     envs = make_env(2)
@@ -143,39 +133,6 @@ def test_returned_tensors_are_never_overwritten(make_env):
             torch.testing.assert_close(leaf, copy, rtol=0, atol=0)
 
 
-def test_without_copy_the_observation_buffers_are_used_again(make_env):
-    """copy=False is opt-in: the same memory every time, apart from final_obs, with the same values as with copies."""
-    envs, twin = make_env(2, copy=False), make_env(2)
-    envs.reset(seed=0)
-    twin.reset(seed=0)
-    first, *_ = envs.step(actions(2))
-    twin.step(actions(2))
-    second, _, _, _, info = envs.step(actions(2))
-    assert first["policy"].data_ptr() == second["policy"].data_ptr() != info["final_obs"]["policy"].data_ptr()
-    assert_equal(second, twin.step(actions(2))[0])
-
-
-def test_without_copy_all_but_observations_is_kept(make_env):
-    """The final info is of the episode that ended, and neither it nor the new one changes in later steps."""
-    envs = make_env(2, copy=False, max_episode_steps=2)
-    envs.task.success = lambda s: flags  # a task may return a tensor that it writes to
-    flags = torch.ones(2, dtype=torch.bool)
-    envs.reset(seed=5)
-    envs.step(actions(2))
-    *outcome, info = envs.step(actions(2))
-    flags.fill_(False)
-    final = info["final_info"]
-    kept = [outcome[1:], {name: value for name, value in info.items() if name != "final_obs"}]
-    copies = [leaf.clone() for leaf in leaves(kept)]
-    for _ in range(3):
-        envs.step(actions(2))
-    assert final["layout_episode"].tolist() == [0, 0]
-    assert info["layout_episode"].tolist() == [1, 1]
-    assert final["success"].tolist() == info["success"].tolist() == [True, True]
-    for leaf, copy in zip(leaves(kept), copies, strict=True):
-        assert torch.equal(leaf, copy)
-
-
 def test_numpy_output_suits_gymnasiums_wrappers(make_env):
     """Plain arrays, no objects and no key `episode`; statistics and lists of infos can be made of them."""
     envs = make_env(2, output="numpy", max_episode_steps=2)
@@ -202,26 +159,6 @@ def test_numpy_output_suits_gymnasiums_wrappers(make_env):
     assert truncated.all()
     np.testing.assert_allclose([info["episode"]["r"] for info in infos], total, rtol=1e-5)
     assert infos[1]["final_info"]["layout_episode"] == 0
-
-
-def test_a_world_with_nans_is_ended_and_cured(make_env):
-    """A broken world is terminated with reward 0 and starts anew; its neighbour goes on."""
-    envs = make_env(2)
-    envs.reset(seed=0)
-    qvel = envs.batch.data.qvel.numpy()
-    qvel[0] = np.nan
-    envs.batch.data.qvel.assign(qvel)
-    observation, reward, terminated, _, info = envs.step(actions(2))
-    assert terminated.tolist() == info["_final_obs"].tolist() == info["broken"].tolist() == [True, False]
-    assert info["final_info"]["broken"].tolist() == [True, False]
-    assert info["final_info"]["layout_seed"].tolist() == [0, 1]
-    assert envs.statistics.read()["broken"] == 1
-    assert float(reward[0]) == 0.0
-    assert torch.isfinite(observation["critic"]).all()
-    twin = make_env(2)
-    twin.reset(seed=0)
-    twin.reset()
-    np.testing.assert_array_equal(envs.step(actions(2))[0]["critic"][0], twin.step(actions(2))[0]["critic"][0])
 
 
 def test_it_steps_under_inference_mode(make_env):
@@ -252,17 +189,6 @@ def test_it_may_be_made_under_inference_mode(make_env):
         envs.reset()
 
 
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float16, torch.int64])
-def test_rewards_are_of_single_precision_whatever_a_task_returns(make_env, dtype):
-    """Their terms too."""
-    envs = make_env(2)
-    envs.task.reward = lambda s, action: {"three": torch.full((2,), 3, dtype=dtype)}
-    envs.reset(seed=0)
-    _, reward, _, _, info = envs.step(actions(2))
-    assert reward.dtype == info["reward_terms"]["three"].dtype == torch.float32
-    assert reward.tolist() == [3.0, 3.0]
-
-
 def test_render_takes_pictures_of_the_first_worlds(make_env):
     """One picture per world up to the stated number, different ones, and the worlds stay as they are."""
     envs = make_env(3, render_mode="rgb_array", render_envs=2, render_size=(48, 32))
@@ -275,41 +201,6 @@ def test_render_takes_pictures_of_the_first_worlds(make_env):
     assert ((frames[0][..., 0] > 100) & (frames[0][..., 1] < 60)).any(), "the red block is in the picture"
     assert_equal(state(envs), before)
     assert make_env(1).render() is None
-
-
-def test_layouts_made_ahead_change_nothing(make_env):
-    """Observations through ends of episodes, and after a reset of some worlds with new seeds."""
-    seen = []
-    for prefetch in (False, True):
-        envs = make_env(3, max_episode_steps=2, prefetch=prefetch)
-        assert isinstance(envs.randomizer.layout_source, PreparedLayouts) == prefetch
-        found = [envs.reset(seed=3)[0]]
-        for step in range(5):
-            found.append(envs.step(torch.full((3, 5), 0.1))[0])
-            if step == 2:
-                mask = torch.tensor([True, False, True])
-                found.append(envs.reset(seed=[9, 0, 4], options={"reset_mask": mask})[0])
-        seen.append(found)
-    for plain, ahead in zip(*seen, strict=True):
-        assert all(torch.equal(plain[group], ahead[group]) for group in plain)
-
-
-def test_only_the_groups_that_are_asked_for_are_observed(make_env):
-    """In their order, in spaces, steps and final observations; unknown ones are named."""
-    envs = make_env(3, observation_groups=("policy",), max_episode_steps=1)
-    whole = make_env(3, max_episode_steps=1)
-    assert list(envs.single_observation_space) == list(envs.observation_names) == ["policy"]
-    first, _ = envs.reset(seed=0)
-    assert list(first) == ["policy"]
-    assert torch.equal(first["policy"], whole.reset(seed=0)[0]["policy"])
-    after, *_, info = envs.step(torch.zeros(3, 5))
-    assert list(after) == list(info["final_obs"]) == ["policy"]
-    assert list(make_env(3, observation_groups=["critic", "policy"]).reset(seed=0)[0]) == ["critic", "policy"]
-    assert list(make_env(3, observation_groups="policy").reset(seed=0)[0]) == ["policy"]
-    with pytest.raises(ArgumentError, match="observation_groups"):
-        make_env(3, observation_groups=())
-    with pytest.raises(UnknownNameError, match=r"unknown observation group 'polcy'. Did you mean 'policy'"):
-        make_env(3, observation_groups=("polcy",))
 
 
 @pytest.mark.parametrize("name", ["scene", "overrides", "compiled", "randomizer", "batch", "state", "layout_source"])

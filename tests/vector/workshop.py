@@ -13,7 +13,8 @@ import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector.state import State
 

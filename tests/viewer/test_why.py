@@ -8,7 +8,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Cause
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from sceniris_gym.viewer.sketch import GREY, RED
 from sceniris_gym.viewer.why import (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.worlds import Worlds, body_mesh, drawn_model, grid_origins, view_direction

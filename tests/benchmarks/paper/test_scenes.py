@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.paper import scenes
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 
 @pytest.mark.parametrize("scene", [scenes.MID, scenes.HARD, scenes.HARD_PLUS, scenes.ARM], ids=lambda s: s[0])

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneFileError
 from sceniris_gym.importers.models.first_scene import first_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.importers.models.models import FINGERS, TABLE, arm
 
 

@@ -13,7 +13,7 @@ from sceniris_gym.config.objects import RegionConfig, SupportConfig
 from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.importers.sceniris.configurations import mug, read
 
 

@@ -13,7 +13,7 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Cause
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.related import Shapes, near_middle, related, scene
 from tests.layout.scenes import FLOOR, box_mjcf
 

@@ -13,7 +13,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import FLOOR, Rows, box_mjcf, collisions, compile_on_cpu, make, posed, read, valid, write_mjcf
 from tests.oracle.solids import Solids
 from tests.versions import since_4

@@ -21,7 +21,7 @@ from sceniris_gym.layout.wave.search import Search, default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.crane import HEIGHT, RADIUS, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, read, write_mjcf
 

@@ -10,7 +10,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 
 CRATE = '<body name="crate"><freejoint/><geom type="box" size=".05 .05 .05"/></body>'
 

@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.checks import memory
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import compile_on_cpu
 
 GIB = 1 << 30

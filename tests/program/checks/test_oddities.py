@@ -13,7 +13,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.program.checks.oddities import warn_of_oddities
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.versions import since_4
 

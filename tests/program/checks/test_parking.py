@@ -13,7 +13,8 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.checks.parking import check_parking
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.parking import PARKING_FROM, PARKING_SPACING
 from tests.layout.scenes import box_mjcf, write_mjcf
 

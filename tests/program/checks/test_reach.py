@@ -13,7 +13,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError, ReachWarning
 from sceniris_gym.program.checks.reach import check_reach
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 
 

@@ -13,7 +13,8 @@ from sceniris_gym.geometry.colliders import Collider, collect_colliders
 from sceniris_gym.program.pack.descent import Trees
 from sceniris_gym.program.pack.pairs import ArmPairs, Pair, PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.plan import Plan, build_plan
-from sceniris_gym.scene.model import SceneModel, build_model
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import box_mjcf
 from tests.program.scenes import scene_of
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.grasped import arm_mjcf
 from tests.layout.scenes import box_mjcf
 

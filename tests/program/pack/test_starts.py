@@ -7,7 +7,7 @@ import numpy as np
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.program.pack.starts import pack_starts
 from sceniris_gym.program.plan import build_plan
-from sceniris_gym.scene.model import build_model
+from sceniris_gym.scene.build import build_model
 from tests.layout.starting import HANDLE, HELD, HOME, LIFT, LIFTED, SCENE
 
 

@@ -1,0 +1,81 @@
+"""Names that tasks give to bodies, joints, sites and actuators, looked up in the model of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+
+from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
+
+Joints = str | tuple[int, ...]
+"""An object, a robot or one joint by its name, or joints by their numbers in the model."""
+
+FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+SCALAR = (SLIDE, int(mujoco.mjtJoint.mjJNT_HINGE))
+
+
+def unknown(scene: SceneModel, kind: str, name: str, where: str, valid: Iterable[str]) -> UnknownNameError:
+    """Return the error for a name that a scene does not have; `where` names the caller."""
+    return UnknownNameError(kind, name, f"scene '{scene.config.name}': {where}", filter(None, valid))
+
+
+def find_body(scene: SceneModel, name: str, where: str) -> int:
+    """Return the id of a body, by the scene's name of an object or a robot, or by its name in the model.
+
+    `where` names the caller in an error.
+
+    Raises:
+        UnknownNameError: The scene has no such body.
+    """
+    body = _body(scene, name)
+    if body < 0:
+        mjm = scene.mjm
+        raise unknown(scene, "body", name, where, {*scene.bodies, *(mjm.body(i).name for i in range(1, mjm.nbody))})
+    return body
+
+
+def _body(scene: SceneModel, name: str) -> int:
+    if name in scene.bodies:
+        return scene.bodies[name]
+    return mujoco.mj_name2id(scene.mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+
+
+def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
+    """Return the id of a 'site' or an 'actuator' by its name in the model; see `find_body`."""
+    mjm = scene.mjm
+    number = mujoco.mj_name2id(mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
+    if number < 0:
+        count = {"site": mjm.nsite, "actuator": len(mjm.actuator_trntype)}[kind]
+        raise unknown(scene, kind, name, where, (getattr(mjm, kind)(i).name for i in range(count)))
+    return number
+
+
+def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
+    """Return the address of the first of the six velocities of a free object; see `find_body`."""
+    mjm = scene.mjm
+    joint = int(mjm.body_jntadr[body])
+    if joint < 0 or mjm.jnt_type[joint] != FREE:
+        free = [mjm.body(b).name for j, b in enumerate(mjm.jnt_bodyid) if mjm.jnt_type[j] == FREE]
+        raise unknown(scene, "free object", mjm.body(body).name, where, free)
+    return int(mjm.jnt_dofadr[joint])
+
+
+def find_joints(scene: SceneModel, name: Joints, where: str) -> list[int]:
+    """Return the ids of a joint, or of the hinges and slides inside an object, a robot or a body; see `find_body`."""
+    if not isinstance(name, str):
+        return list(name)
+    mjm = scene.mjm
+    scalar = [j for j in range(mjm.njnt) if mjm.jnt_type[j] in SCALAR]
+    found = [j for j in scalar if mjm.joint(j).name == name]
+    body = _body(scene, name)
+    if not found and body >= 0:
+        inside = subtree(mjm, body)
+        found = [j for j in scalar if int(mjm.jnt_bodyid[j]) in inside]
+    if not found:
+        roots = {mjm.body(int(mjm.body_rootid[int(mjm.jnt_bodyid[j])])).name for j in scalar}
+        raise unknown(scene, "joint", name, where, roots | {mjm.joint(j).name for j in scalar})
+    return found

@@ -1,0 +1,247 @@
+"""`Readings`: what a task reads of the worlds, as torch tensors by name, in the robot's base frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.program.plan import slot_names
+from sceniris_gym.scene.support import subtree
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.versions import actuator_controls
+from sceniris_gym.vector import rotations
+from sceniris_gym.vector.base_frame import base_frame
+from sceniris_gym.vector.grasps import TargetGrasps
+from sceniris_gym.vector.names import SLIDE, Joints, find_body, find_element, find_free_dof, find_joints, unknown
+from sceniris_gym.vector.variants import Boxes, VariantView
+
+
+class Readings:
+    """The worlds as a task reads them; see `State`, which also writes to them."""
+
+    def __init__(self, batch: Batch, layouts: Layouts, split: str = "train", variant: wp.array | None = None) -> None:
+        self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
+        self.data, self._layouts, self._split = batch.data, layouts, split
+        self._batch = batch
+        self.dt = batch.substeps * float(self.mjm.opt.timestep)
+        self.device = torch.device(wp.device_to_torch(batch.device))
+        self.elapsed = torch.zeros(self.num_envs, dtype=torch.int32, device=self.device)
+        self._elapsed = wp.from_torch(self.elapsed)
+        self.seed, self.episode = wp.to_torch(layouts.seed).view(torch.int64), wp.to_torch(layouts.episode)
+        self.layout_status, self.layout_knob = wp.to_torch(layouts.status), wp.to_torch(layouts.knob)
+        self.start = wp.to_torch(layouts.start)
+        d = batch.data
+        self.ctrl = wp.to_torch(d.ctrl)
+        self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
+        self._qpos, self._qvel = wp.to_torch(d.qpos), wp.to_torch(d.qvel)
+        self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
+        self._site_xpos = wp.to_torch(d.site_xpos)
+        self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
+        self._base = base_frame(self.scene, self.device, self._xpos, self._xquat)
+        present = None if variant is None else wp.to_torch(variant)
+        self.variants = VariantView(batch.full_scene, present, self.device)
+        self._kept: dict[tuple[Hashable, ...], Any] = {}
+
+    @property
+    def finite(self) -> Tensor:
+        """Worlds of which all positions and velocities are finite, shape (num_envs,), bool."""
+        # a sum is finite if its terms are, and a finite number minus itself is 0
+        total = self._qpos.sum(dim=1) + self._qvel.sum(dim=1)
+        return total - total == 0.0
+
+    def pose(self, name: str) -> Tensor:
+        """Return position [m] and orientation (wxyz) of a body, shape (num_envs, 7)."""
+        body = find_body(self.scene, name, "State.pose")
+        return self._base.pose(self._xpos[:, body], self._xquat[:, body])
+
+    def present(self, names: Sequence[str]) -> Tensor:
+        """Return which objects are present rather than left out by their groups, shape (num_envs, len(names)), bool."""
+
+        def find() -> Tensor:
+            objects = list(self.scene.config.objects)
+            strange = [name for name in names if name not in objects]
+            if strange:
+                raise unknown(self.scene, "object", strange[0], "State.present", objects)
+            slots, always = slot_names(self.variants.scene.config), present.shape[1]
+            return self._index([always if name in self.variants.names else slots.index(name) for name in names])
+
+        present = wp.to_torch(self._layouts.present)
+        columns = self._once(find, "present", *names)
+        if self.variants.names:  # of which one variant is always there
+            present = torch.cat([present, torch.ones_like(present[:, :1])], dim=1)
+        return present[:, columns] > 0
+
+    def variant(self, name: str, *, one_hot: bool = False) -> Tensor:
+        """Return which variant of an object is present, numbered as in the scene file.
+
+        Args:
+            name: An object with variants.
+            one_hot: Return a 1 in the column of that variant and 0 in the others, instead of its number.
+
+        Returns:
+            Shape (num_envs,), int64; with `one_hot` shape (num_envs, number of variants), float32.
+
+        Raises:
+            UnknownNameError: The scene has no such object with variants.
+        """
+        if name not in self.variants.names:
+            raise unknown(self.scene, "object with variants", name, "State.variant", self.variants.names)
+        index = self.variants.index(name)
+        if not one_hot:
+            return index
+        return torch.nn.functional.one_hot(index, len(self.variants.scene.config.variants[name])).float()
+
+    def extent(self, name: str) -> Tensor:
+        """Return the edges [m] of the smallest box around a body, along the axes of its frame, shape (num_envs, 3).
+
+        It contains the colliding geoms of the body itself, of the variant that is present.
+
+        Raises:
+            UnknownNameError: The scene has no such body.
+            NotSupportedError: It has no geom that collides.
+        """
+        where = f"scene '{self.scene.config.name}': State.extent"
+        boxes = self._once(
+            lambda: Boxes(self.variants, [find_body(self.scene, name, "State.extent")], where), "extent", name
+        )
+        lower, upper = boxes.corners()
+        return (upper - lower).reshape(-1, 3).expand(self.num_envs, 3)
+
+    def poses(self, names: Sequence[str]) -> Tensor:
+        """Return the poses of several bodies at once, shape (num_envs, len(names), 7); see `pose`."""
+        bodies = self._once(
+            lambda: self._index([find_body(self.scene, n, "State.poses") for n in names]), "poses", *names
+        )
+        return self._base.pose(self._xpos[:, bodies], self._xquat[:, bodies])
+
+    def site(self, name: str) -> Tensor:
+        """Return position [m] and orientation (wxyz) of a site, shape (num_envs, 7)."""
+
+        def find() -> tuple[int, int, Tensor]:
+            number = find_element(self.scene, "site", name, "State.site")
+            return number, int(self.mjm.site_bodyid[number]), self._base.seen(self.mjm.site_quat[number])
+
+        site, body, seen = self._once(find, "site", name)
+        return self._base.pose(self._site_xpos[:, site], self._xquat[:, body], seen)
+
+    def velocity(self, name: str) -> Tensor:
+        """Return linear [m/s] and angular [rad/s] velocity of a free object, shape (num_envs, 6)."""
+        return self.velocities((name,))[:, 0]
+
+    def velocities(self, names: Sequence[str]) -> Tensor:
+        """Return the velocities of several free objects at once, shape (num_envs, len(names), 6); see `velocity`."""
+
+        def find() -> tuple[Tensor, Tensor]:
+            bodies = [find_body(self.scene, name, "State.velocity") for name in names]
+            dofs = [[find_free_dof(self.scene, body, "State.velocity") + i for i in range(6)] for body in bodies]
+            return self._index(bodies), self._index(dofs).reshape(-1, 6)
+
+        bodies, dofs = self._once(find, "velocities", *names)
+        linear, angular = self._qvel[:, dofs].split(3, dim=-1)
+        # MuJoCo keeps the angular velocity of a free joint in the body's own frame
+        angular = rotations.rotate(self._xquat[:, bodies], angular)
+        return self._base.vectors(linear, angular)
+
+    def qpos(self, name: Joints) -> Tensor:
+        """Return positions [m or rad] of the hinges and slides inside an object or a robot, or of one joint.
+
+        Shape (num_envs, number of joints), in the order of the model, or in that of the numbers in a tuple.
+        """
+        return self._qpos[:, self._span("qpos", name)]
+
+    def qvel(self, name: Joints) -> Tensor:
+        """Return velocities [m/s or rad/s] of the same joints as qpos."""
+        return self._qvel[:, self._span("qvel", name)]
+
+    def grasp(self, name: str) -> Tensor:
+        """Return the TCP pose of the grasp that an object's layout was accepted for, shape (num_envs, 7).
+
+        Position [m] and orientation (wxyz), +z the approach and +y the closing axis. It moves with the object; NaN
+        where the object is absent.
+        """
+        return self._target(name, "grasp").pose(self._base, self._xpos, self._xquat)
+
+    def grasp_qpos(self, name: str) -> Tensor:
+        """Return the arm's joints [rad or m] in that grasp, for the object's start pose, shape (num_envs, joints).
+
+        NaN where the object is absent, and for objects whose reachability only the arm's map decided.
+        """
+        return self._target(name, "grasp_qpos").joints("grasp_qpos")
+
+    def pregrasp_qpos(self, name: str) -> Tensor:
+        """Return the arm's joints [rad or m] at the pre-grasp, 8 cm back along the approach, as `grasp_qpos` does.
+
+        NaN also for tiers below `clear`.
+        """
+        return self._target(name, "pregrasp_qpos").joints("pregrasp_qpos")
+
+    def jacobian(self, site: str, name: Joints) -> Tensor:
+        """Return the Jacobian of a site, shape (num_envs, 6, number of joints), linear above angular.
+
+        This times qvel is the site's linear [m/s] and angular [rad/s] velocity in the robot's base frame. The column of
+        a hinge is (a x (p - o), a) for its axis a, its anchor o and the site's position p. The column of a slide is
+        (a, 0), that of a joint that does not carry the site 0.
+
+        Args:
+            site: The site.
+            name: The joints, as in `qpos`.
+        """
+        number = find_element(self.scene, "site", site, "State.jacobian")
+        joints, kinds = self._once(lambda: self._jacobian_columns(number, name), "jacobian", site, name)
+        axis, arm = self._xaxis[:, joints], self._site_xpos[:, None, number] - self._xanchor[:, joints]
+        linear = torch.linalg.cross(axis, arm)
+        if kinds is not None:
+            hinge, slide = kinds
+            linear, axis = hinge * linear + slide * axis, hinge * axis
+        return self._base.vectors(linear, axis).transpose(1, 2)
+
+    def actuator(self, name: str) -> int:
+        """Return the column of an actuator in `ctrl`."""
+        return int(actuator_controls(self.mjm)[0][find_element(self.scene, "actuator", name, "State.actuator")])
+
+    def _target(self, name: str, method: str) -> TargetGrasps:
+        where = f"State.{method}"
+        return self._once(lambda: TargetGrasps(self._layouts, self.variants, name, where), "grasps", name)
+
+    def _once(self, make: Callable[[], Any], *key: Hashable) -> Any:
+        """Return what `make` returned when it was first called for this key."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+    def _index(self, numbers: list) -> Tensor:
+        return torch.tensor(numbers, dtype=torch.int64, device=self.device)
+
+    def _span(self, array: str, name: Joints) -> slice | Tensor:
+        def find() -> slice | Tensor:
+            adr = self.mjm.jnt_qposadr if array == "qpos" else self.mjm.jnt_dofadr
+            return as_columns([int(adr[j]) for j in find_joints(self.scene, name, f"State.{array}")], self.device)
+
+        return self._once(find, array, name)
+
+    def _jacobian_columns(self, site: int, name: Joints) -> tuple[Tensor, Tensor | None]:
+        """Return the joints of a Jacobian, and flags of those that carry the site: of hinges, then of slides.
+
+        The flags are 0 or 1, shape (2, number of joints, 1), and None if all joints are hinges that carry the site.
+        """
+        mjm, joints = self.mjm, find_joints(self.scene, name, "State.jacobian")
+        body = int(mjm.site_bodyid[site])
+        carries = np.array([body in subtree(mjm, int(mjm.jnt_bodyid[j])) for j in joints])
+        slide = mjm.jnt_type[joints] == SLIDE
+        kinds = np.stack([carries & ~slide, carries & slide])[:, :, None]
+        flags = None if kinds[0].all() else torch.tensor(kinds, dtype=torch.float32, device=self.device)
+        return self._index(joints), flags
+
+
+def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:
+    """Return columns as a slice where they follow each other, so that indexing gives a view."""
+    first = numbers[0]
+    if numbers == list(range(first, first + len(numbers))):
+        return slice(first, first + len(numbers))
+    return torch.tensor(numbers, device=device)

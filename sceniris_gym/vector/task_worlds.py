@@ -1,0 +1,147 @@
+"""`TaskWorlds`: the worlds of a task, with their physics, layouts and episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.vector.outcome import Outcome
+from sceniris_gym.vector.snapshot import live_tensors, put
+from sceniris_gym.vector.state import State
+from sceniris_gym.vector.statistics import EpisodeStatistics
+from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.task_checks import check_outcome
+
+
+class TaskWorlds:
+    """The worlds of a task: methods launch on the device and do not wait for it.
+
+    Args:
+        task: The task.
+        compiled: The scene.
+        num_envs: Number of worlds.
+        room: Arguments of Batch: `nconmax`, `njmax` and `nvmax`.
+        layout_source: Function that makes a LayoutSource; None makes a generator.
+        split: Split of the layouts.
+        graph: Capture steps and resets into graphs and replay them.
+        words: Arguments of ResetRandomizer: `levels`, `knobs` and `prefetch`.
+
+    Attributes:
+        batch: The physics.
+        randomizer: Resets worlds to layouts.
+        state: The worlds as the task reads them.
+        statistics: Sums over finished episodes.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        compiled: CompiledScene,
+        num_envs: int,
+        room: Mapping[str, int | None],
+        *,
+        layout_source: Callable[[CompiledScene, int], LayoutSource] | None,
+        split: str,
+        graph: bool,
+        **words: Any,
+    ) -> None:
+        physics: dict[str, Any] = {name: getattr(task, name) for name in ("needs", "substeps", "options")}
+        self.batch = Batch(compiled.scene, num_envs, compiled.device, **room, **physics, graph=graph)
+        self.randomizer = ResetRandomizer(
+            compiled,
+            self.batch.model,
+            self.batch.data,
+            layout_source=layout_source(compiled, num_envs) if layout_source else None,
+            split=split,
+            needs=task.needs,
+            fields=self.batch.fields,
+            graph=graph,
+            **words,
+        )
+        self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
+        self.statistics = EpisodeStatistics(num_envs, self.state.device)
+        self._task, self._compiled, self._is_checked = task, compiled, False
+
+    def bind(self) -> None:
+        """Give the task its state, and the model the fields that it asks for."""
+        for name in self._task.model_fields:
+            self.batch.fields.ask(name, where="Task.model_fields")
+        self._task.bind(self.state)
+        self.batch.fields.close()
+        self.batch.update()
+
+    def reset(self, mask: Tensor) -> None:
+        """Reset the worlds of a mask on the device, to which the task may write."""
+        self.randomizer.launch_reset(wp.from_torch(mask, dtype=wp.bool))
+        self.state.elapsed.masked_fill_(mask, 0)
+        self.statistics.start(mask)
+        self._task.on_reset(self.state, mask)
+        if self.batch.fields.asked:
+            self.randomizer.refresh()
+
+    def judge(self, action: Tensor, most: int | None) -> Outcome:
+        """Return the results of a step that was taken by `action`, in episodes of at most so many steps."""
+        s, task = self.state, self._task
+        terms, success, terminated = task.reward(s, action), task.success(s), task.terminated(s)
+        if not self._is_checked:
+            check_outcome(task, terms, success, terminated, s.num_envs)
+            self._is_checked = True
+        broken = ~s.finite
+        gained = torch.where(broken, 0.0, torch.stack(list(terms.values()))).float()
+        truncated = torch.zeros_like(broken) if most is None else s.elapsed >= most
+        # the task may write to its success in a reset
+        return Outcome(tuple(terms), gained, success.clone(), broken, terminated | broken, truncated)
+
+    def count(self, outcome: Outcome) -> None:
+        """Add a step to the statistics, and to levels the successes of episodes on layouts of their own."""
+        terms, gained, success, broken, *_ = outcome
+        self.statistics.add(terms, gained, success, broken, outcome.done, self.state.elapsed)
+        sampler = self.randomizer.levels
+        if sampler is not None and sampler.counts:
+            sampler.launch_finish(wp.from_torch(success), wp.from_torch(self.statistics.finished))
+
+    def live(self, **memory: Any) -> dict[str, Tensor]:
+        """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
+        sampler, count = self.randomizer.levels, wp.to_torch(self.randomizer.replacer.number)
+        level = () if sampler is None else (wp.to_torch(sampler.level), wp.to_torch(sampler.probe))
+        memory = {"task": self._task, "redraws": count, "level": level, **memory}
+        return live_tensors(self.state, self.randomizer.layouts, memory)
+
+    def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
+        """Write a snapshot into its own worlds, or into those of a mask, and return the mask of them; see `put`."""
+        due = put(snapshot, self._compiled.hash, live, mask)
+        if self._compiled.config.variants:  # which brings the model of the variants as it was made
+            self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
+            put(snapshot, self._compiled.hash, live, mask)
+        self.batch.update()
+        self.statistics.start(due)
+        return due
+
+    def layout_info(self) -> dict[str, Any]:
+        """Return what `info` has of the present layouts."""
+        s, sampler = self.state, self.randomizer.levels
+        info: dict[str, Any] = {
+            "layout_seed": s.seed.clone(),
+            "layout_episode": s.episode.clone(),
+            "layout_fallback": s.layout_status == Status.FALLBACK,
+        }
+        if self._compiled.config.start:
+            info["layout_start"] = s.start.clone()
+        if self.randomizer.layouts.knobs.knobs:
+            info["layout_knobs"] = self.randomizer.layouts.knobs.named(s.layout_knob.clone())
+        if s.variants.names:
+            info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
+        replacer = self.randomizer.replacer
+        if replacer.prepared:
+            info["layout_redraw"] = wp.to_torch(replacer.number).clone()
+            info["layout_kept"] = wp.to_torch(replacer.status) == Status.KEPT
+        return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}

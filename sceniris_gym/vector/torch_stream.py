@@ -1,0 +1,19 @@
+"""Launches of Warp on the stream of torch."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+
+import torch
+import warp as wp
+
+
+def on_torch_stream(device: wp.Device) -> AbstractContextManager:
+    """Run Warp's launches on a device on torch's current stream, in order with torch's own."""
+    if not device.is_cuda:
+        return nullcontext()
+    stream = torch.cuda.current_stream(wp.device_to_torch(device))
+    # Warp knows a capture by its Stream object, so a caller's capture on this stream needs the same object
+    if device.stream.cuda_stream == stream.cuda_stream:
+        return nullcontext()
+    return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)

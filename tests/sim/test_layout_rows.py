@@ -1,0 +1,60 @@
+"""Stored layouts put back, and those that do not fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym.errors import (
+    MaskError,
+    MaskTypeError,
+    SceneMismatchError,
+)
+from tests.sim.stepping import DERIVED, STATE, snapshot, step
+
+
+def test_stored_layouts_are_put_back(make_randomizer, rows):
+    """World i gets row rows[i], -1 leaves it untouched; numpy arrays and kept layouts do."""
+    randomizer = make_randomizer(4)
+    randomizer.reset()
+    step(randomizer)
+    before = snapshot(randomizer.data)
+    randomizer.write(rows, [5, -1, 5, 0])
+    after = snapshot(randomizer.data)
+    np.testing.assert_array_equal(after["qpos"][[0, 2, 3]], rows.qpos[[5, 5, 0]])
+    np.testing.assert_array_equal(after["mocap_quat"][[0, 2, 3]], rows.mocap_quat[[5, 5, 0]])
+    assert (after["time"][[0, 2, 3]] == 0).all()
+    for name in STATE + DERIVED:
+        np.testing.assert_array_equal(after[name][1], before[name][1], err_msg=name)
+
+    randomizer.write(randomizer.layouts, torch.tensor([-1, 3, -1, -1]))
+    np.testing.assert_array_equal(randomizer.data.qpos.numpy()[1], rows.qpos[3])
+
+
+@pytest.mark.parametrize(
+    ("which", "error", "match"),
+    [
+        ([0, 7], MaskError, r"rows\[1\] should be from 0 to 6.* got 7"),
+        ([0, -2], MaskError, r"rows\[1\] should be .* got -2"),
+        ([0], MaskError, r"shape \(2,\)"),
+        ([0.5, 1.0], MaskTypeError, "float64"),
+    ],
+)
+def test_wrong_rows_say_what_is_wrong(make_randomizer, rows, which, error, match):
+    """Rows that do not exist are refused, not written as something else."""
+    with pytest.raises(error, match=match):
+        make_randomizer(2).write(rows, which)
+
+
+def test_stored_layouts_of_another_scene_or_shape_are_refused(make_randomizer, rows):
+    """The error has the shape that there is, and the one that should be."""
+    randomizer = make_randomizer(2)
+    short = replace(rows, qpos=rows.qpos[:, :5])
+    with pytest.raises(SceneMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
+        randomizer.write(short, [0, 1])
+    with pytest.raises(SceneMismatchError, match="is of scene 0123456789abcdef, and this one is"):
+        randomizer.write(replace(rows, scene="0123456789abcdef"), [0, 1])  # in which places may mean something else
+    flat = replace(rows, mocap_quat=rows.mocap_quat[:, :, :3])
+    with pytest.raises(SceneMismatchError, match=r"layouts\.mocap_quat has shape \(7, \d, 3\) and .* \(7, \d, 4\)"):
+        randomizer.write(flat, [0, 1])
