@@ -10,15 +10,7 @@ from typing import NoReturn
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.randomize import (
-    CAMERA_WORDS,
-    LIGHT_WORDS,
-    MATERIAL_WORDS,
-    OBJECT_WORDS,
-    SCENE_WORDS,
-    DrawConfig,
-    Word,
-)
+from sceniris_gym.config.randomize import WORDS, DrawConfig, Word
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside, rows_named
@@ -103,22 +95,23 @@ def _written(
     """Yield the draws as written: name, place for messages, word, distribution, and rows of the field."""
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
-            word, where = OBJECT_WORDS[key], f"{config.where}: {config.key(name)}.randomize.{key}"
+            word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
             yield f"{name}.{key}", where, word, draw, rows_inside(mjm, word.field, bodies[name])
     if config.randomize is None:
         return
     where = f"{config.where}: randomize"
-    for key, word in SCENE_WORDS.items():
+    for key, word in WORDS["scene"].items():
         if (draw := getattr(config.randomize, key)) is not None:
             yield key, f"{where}.{key}", word, draw, [0]
-    for kind, words in (("light", LIGHT_WORDS), ("camera", CAMERA_WORDS), ("material", MATERIAL_WORDS)):
+    for kind in ("light", "camera", "material"):
         for pattern, draws in getattr(config.randomize, f"{kind}s").items():
             rows = rows_named(mjm, kind, pattern)
             if not rows:
                 names = [name for name, _ in elements(mjm, kind)]
                 raise UnknownNameError(kind, pattern, f"{where}.{kind}s", filter(None, names))
             for key, draw in draws.items():
-                yield f"{kind}s.{pattern}.{key}", f"{where}.{kind}s.{pattern}.{key}", words[key], draw, rows
+                name = f"{kind}s.{pattern}.{key}"
+                yield name, f"{where}.{name}", WORDS[kind][key], draw, rows
 
 
 def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: DrawConfig, rows: list[int]) -> FieldDraw:

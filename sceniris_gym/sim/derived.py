@@ -9,7 +9,6 @@ one kinematic tree alone.
 from __future__ import annotations
 
 from collections.abc import Container
-from typing import NamedTuple
 
 import mujoco
 import mujoco_warp as mjw
@@ -29,24 +28,18 @@ _LANES = 128
 """Lanes that share a world."""
 
 
-class Follows(NamedTuple):
-    """Fields that follow from others, all of which have a row for each world if one of the sources has."""
-
-    sources: tuple[str, ...]
-    outputs: tuple[str, ...]
-
-
-FOLLOWS = (
-    Follows(("body_mass",), ("body_subtreemass",)),
-    Follows(
-        ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature", "tendon_armature")
-        + ("actuator_armature", "actuator_gear"),
-        ("body_invweight0", "dof_invweight0", "tendon_invweight0", "actuator_acc0"),
-    ),
-    Follows(("cam_pos", "cam_quat", "body_mass", "body_ipos"), ("cam_pos0", "cam_poscom0", "cam_mat0")),
-    Follows(("light_pos", "light_dir", "body_mass", "body_ipos"), ("light_pos0", "light_poscom0", "light_dir0")),
+_INERTIA = (
+    *("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature", "tendon_armature"),
+    *("actuator_armature", "actuator_gear"),
 )
-OUTPUTS = {name for each in FOLLOWS for name in each.outputs}
+_CENTERS = ("body_mass", "body_ipos")
+FOLLOWS = {
+    "body_subtreemass": ("body_mass",),
+    **dict.fromkeys(("body_invweight0", "dof_invweight0", "tendon_invweight0", "actuator_acc0"), _INERTIA),
+    **dict.fromkeys(("cam_pos0", "cam_poscom0", "cam_mat0"), ("cam_pos", "cam_quat", *_CENTERS)),
+    **dict.fromkeys(("light_pos0", "light_poscom0", "light_dir0"), ("light_pos", "light_dir", *_CENTERS)),
+}
+"""The fields that each field follows from; those with equal ones have a row for each world together."""
 
 
 @wp.func
@@ -299,6 +292,6 @@ class DerivedFields:
         """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool."""
         for name in Derived.vars:
             if (array := getattr(self._model, name, None)) is not None:
-                setattr(self._derived, name, None if name in OUTPUTS and name not in wide else array)
+                setattr(self._derived, name, None if name in FOLLOWS and name not in wide else array)
         inputs, words = [mask, self._derived], {"block_dim": _LANES, "device": mask.device}
         wp.launch_tiled(_derive, dim=[self._nworld], inputs=inputs, **words)

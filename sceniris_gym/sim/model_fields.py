@@ -8,7 +8,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.randomize import OBJECT_WORDS
+from sceniris_gym.config.randomize import WORDS
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
@@ -25,7 +25,7 @@ wp.set_module_options({"enable_backward": False})
 
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
-_WORDS = {word.field: word for word in OBJECT_WORDS.values()}
+_WORDS = {word.field: word for word in WORDS["object"].values()}
 
 
 @wp.kernel
@@ -256,7 +256,7 @@ def _followers(name: str) -> tuple[tuple[str, int, int], ...]:
 
 def _outputs(name: str) -> list[str]:
     """Return the fields that follow from one, however it is changed."""
-    return [output for each in FOLLOWS if name in each.sources for output in each.outputs]
+    return [output for output, sources in FOLLOWS.items() if name in sources]
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:

@@ -96,16 +96,14 @@ def check(mjm: mujoco.MjModel, models: list[mujoco.MjModel]) -> None:
     """Give worlds the fields of these models, and compare what follows in the masked ones; the others keep theirs."""
     with wp.ScopedDevice("cpu"):
         m = mjw.put_model(mjm)
-        for each in FOLLOWS:
-            for name in each.sources + each.outputs:
-                array = getattr(m, name, None)
-                if array is not None and array.size:
-                    rows = np.stack(
-                        [getattr(one, name) for one in (models if name in each.sources else [mjm] * NWORLD)]
-                    )
-                    wide = rows.reshape(NWORLD, *array.numpy().shape[1:])
-                    setattr(m, name, wp.array(wide, dtype=array.dtype))
-        outputs = [name for each in FOLLOWS for name in each.outputs if getattr(m, name).size]
+        sources = {name for names in FOLLOWS.values() for name in names}
+        outputs = [name for name in FOLLOWS if getattr(m, name).size]
+        for name in (*sources, *outputs):
+            array = getattr(m, name, None)
+            if array is not None and array.size:
+                given = models if name in sources else [mjm] * NWORLD
+                wide = np.stack([getattr(one, name) for one in given]).reshape(NWORLD, *array.numpy().shape[1:])
+                setattr(m, name, wp.array(wide, dtype=array.dtype))
         before = {name: getattr(m, name).numpy().copy() for name in outputs}
         DerivedFields(mjm, m, NWORLD).launch(wp.array(MASK, dtype=wp.bool), outputs)
     for world, expected in enumerate(models):
