@@ -75,11 +75,11 @@ def _armature(w: Derived, worldid: int, transmission: int) -> float:
 @wp.func
 def _mass_matrix(w: Derived, worldid: int, pairid: int):
     """Write an element of the lower half of M."""
-    pair = w.pair[pairid]
-    i = pair[0]
-    j = pair[1]
+    i = w.pair[pairid][0]
+    j = w.pair[pairid][1]
+    lower = w.dof_bodyid[i]
     total = float(0.0)
-    for bodyid in range(pair[2], pair[3]):
+    for bodyid in range(lower, w.body_end[lower]):  # of those that i moves; j, if it moves none of them, has zeros here
         q = w.body_iquat[worldid % w.body_iquat.shape[0], bodyid]
         inertia = w.body_inertia[worldid % w.body_inertia.shape[0], bodyid]
         arm = _arm(w, worldid, bodyid)
@@ -91,7 +91,8 @@ def _mass_matrix(w: Derived, worldid: int, pairid: int):
         total += wp.dot(wp.cw_mul(inertia, turn * jacr_i), turn * jacr_j)
     if i == j:
         total += w.dof_armature[worldid % w.dof_armature.shape[0], i]
-    if pair[3] > 0:  # MuJoCo has a place for it in M
+    has_place = lower < w.body_end[w.dof_bodyid[j]] and (i == j or w.body_simple[lower] == 0)
+    if has_place:  # in MuJoCo's sparse M
         for k in range(w.geared.shape[0]):
             square = wp.dot(w.moment[w.geared[k], i], w.moment[w.geared[k], j])
             if square != 0.0:
@@ -190,27 +191,25 @@ def _transmission_weight(w: Derived, worldid: int, transmission: int):
 
 
 @wp.func
-def _from_center(w: Derived, worldid: int, bodyid: int, targetbodyid: int, offset: wp.vec3) -> wp.vec3:
-    """Return a point of a body relative to the centre of mass of a target, else of this body, and all below it."""
-    of = wp.where(targetbodyid >= 0, targetbodyid, bodyid)
+def _subtree(w: Derived, worldid: int, bodyid: int) -> wp.vec4:
+    """Return the centre of mass of a body and all below it, at qpos0, and their mass."""
     moment = wp.vec3(0.0)
     total = float(0.0)
-    for i in range(of, w.body_end[of]):
+    for i in range(bodyid, w.body_end[bodyid]):
         mass = _mass(w, worldid, i)
         moment += mass * (w.xpos[i] + _arm(w, worldid, i))
         total += mass
-    center = w.xpos[of] + _arm(w, worldid, of)
+    center = w.xpos[bodyid] + _arm(w, worldid, bodyid)
     if total >= _LEAST:
         center = moment / total
-    return w.xpos[bodyid] + offset - center
+    return wp.vec4(center[0], center[1], center[2], total)
 
 
 @wp.func
-def _subtree_mass(w: Derived, worldid: int, bodyid: int):
-    total = float(0.0)
-    for i in range(bodyid, w.body_end[bodyid]):
-        total += _mass(w, worldid, i)
-    w.body_subtreemass[worldid, bodyid] = total
+def _from_center(w: Derived, worldid: int, bodyid: int, targetbodyid: int, offset: wp.vec3) -> wp.vec3:
+    """Return a point of a body relative to the centre of mass of a target, else of this body, and all below it."""
+    subtree = _subtree(w, worldid, wp.where(targetbodyid >= 0, targetbodyid, bodyid))
+    return w.xpos[bodyid] + offset - wp.vec3(subtree[0], subtree[1], subtree[2])
 
 
 @wp.func
@@ -248,7 +247,7 @@ def _derive(
     if not mask[worldid]:
         return
     for i in range(lane, w.body_subtreemass.shape[1], wp.block_dim()):
-        _subtree_mass(w, worldid, i)
+        w.body_subtreemass[worldid, i] = _subtree(w, worldid, i)[3]
     for i in range(lane, w.cam_pos0.shape[1], wp.block_dim()):
         _camera(w, worldid, i)
     for i in range(lane, w.light_pos0.shape[1], wp.block_dim()):

@@ -27,8 +27,7 @@ class Derived:
         xpos, xmat: Poses of bodies, shape (nbody,).
         jacp: Linear velocity of a body's origin by a degree of freedom, shape (nbody, nv).
         jacr: Angular velocity of a body, likewise.
-        pair: Row and column of an element in the lower half of M, and the first and the last but one body that both
-            move, shape (npair,).
+        pair: Row and column of an element in the lower half of M, shape (npair,).
         moment: Moment of a transmission by each element of its gear, shape (ntransmission, nv).
         geared: Transmissions whose armature adds to M.
         factor: M, and then its Cholesky factor, of a square for each kinematic tree, shape (nworld, size).
@@ -42,7 +41,7 @@ class Derived:
     xmat: wp.array[wp.mat33]
     jacp: wp.array2d[wp.vec3]
     jacr: wp.array2d[wp.vec3]
-    pair: wp.array[wp.vec4i]
+    pair: wp.array[wp.vec2i]
     moment: wp.array2d[wp.spatial_vector]
     geared: wp.array[int]
     factor: wp.array2d[float]
@@ -99,20 +98,11 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     t.dof_row = wp.array(squares - widths - mjm.tree_dofadr[mjm.dof_treeid], dtype=int)
     t.xpos, t.xmat = wp.array(data.xpos, dtype=wp.vec3), wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
     t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1), dtype=wp.vec3) for j in jac)
-    t.pair = wp.array(_pairs(mjm, end), dtype=wp.vec4i, ndim=1)
+    t.pair = wp.array(np.argwhere(np.tril(mjm.dof_treeid[:, None] == mjm.dof_treeid)), dtype=wp.vec2i, ndim=1)
     t.moment = wp.array(_moments(mjm, data), dtype=wp.spatial_vector, ndim=2)
     t.geared = wp.array(np.flatnonzero(np.append(np.ones(mjm.ntendon, bool), driven)), dtype=int)
     t.factor, t.inverse = (wp.zeros((nworld, int(widths.sum())), dtype=float) for _ in range(2))
     return t
-
-
-def _pairs(mjm: mujoco.MjModel, end: np.ndarray) -> np.ndarray:
-    """Return elements of M as in `Derived.pair`; (0, 0) for two degrees of freedom that move no common body."""
-    i, j = np.nonzero(np.tril(mjm.dof_treeid[:, None] == mjm.dof_treeid))
-    lower, upper = mjm.dof_bodyid[i], mjm.dof_bodyid[j]
-    both = (upper <= lower) & (lower < end[upper])
-    both &= (i == j) | (mjm.body_simple[lower] == 0)  # MuJoCo keeps the diagonal alone
-    return np.stack([i, j, both * lower, both * end[lower]], axis=1).astype(np.int32)
 
 
 def _shared(mjm: mujoco.MjModel) -> np.ndarray:
