@@ -137,7 +137,9 @@ def _value(
     item: Item, fields: wp.array[Field], choices: wp.array[float], worldid: int, numbers: wp.array[float]
 ) -> float:
     """Return what an item writes."""
-    nominal = _nominal(fields[item.drawn], worldid, item.drawn_offset)
+    nominal = float(0.0)
+    if fields[item.drawn].kind == _FLOAT:
+        nominal = _nominal(fields[item.drawn], worldid, item.drawn_offset)
     value = numbers[item.number]
     if item.form == _SCALE:
         value = nominal * numbers[item.number]

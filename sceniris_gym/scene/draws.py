@@ -57,10 +57,10 @@ def drawn_fields(draws: tuple[FieldDraw, ...]) -> list[str]:
 
 def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
     """Return the simple bodies whose centre of mass is drawn, so that MuJoCo has to keep a full mass matrix."""
-    bodies = [config.objects[name].body or name for name in config.objects if "ipos" in config.objects[name].randomize]
-    bodies += [robot.name for robot in config.all_robots.values() if "ipos" in robot.randomize]
-    inside = [b for name in bodies for b in subtree(mjm, mjm.body(name).id)]
-    return [mjm.body(b).name for b in inside if mjm.body_simple[b]]
+    parts = {part.body or name: part for name, part in config.objects.items()}
+    parts |= {robot.name: robot for robot in config.all_robots.values()}
+    drawn = [mjm.body(name).id for name, part in parts.items() if "ipos" in part.randomize]
+    return [mjm.body(b).name for body in drawn for b in subtree(mjm, body) if mjm.body_simple[b]]
 
 
 def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
@@ -134,17 +134,20 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     count = given if given > 1 else (word.shared or word.width)
     needed = config.scale is not None or word.field in {"body_mass", "dof_frictionloss"}
     part = slice(word.first, word.first + word.width)
-    found = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
-    if not len(found):
+    kept = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
+    if not len(kept):
         zero = "it is 0 in the model. Change it there, or give it by 'abs'."
         _refuse(where, zero if rows else "nothing in the model has it, or it has no effect. Leave it out.")
     one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
-    numbers = np.broadcast_to(one, (len(found), count))
+    numbers = np.broadcast_to(one, (len(kept), count))
     if config.each:
-        numbers = numbers + len(one) * np.arange(len(found))[:, None]
-    draw = FieldDraw(name, word, config, found, word.first + np.arange(count), numbers, choice)
-    _check_range(draw, values, where)
-    simple = [mjm.body(int(row)).name for row in found if word.field == "body_ipos" and mjm.body_simple[row]]
+        numbers = numbers + len(one) * np.arange(len(kept))[:, None]
+    draw = FieldDraw(name, word, config, kept, word.first + np.arange(count), numbers, choice)
+    ends = _ends(draw, values)
+    if ends.min() < word.least or ends.max() > word.most:
+        found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
+        _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
+    simple = [mjm.body(int(row)).name for row in kept if word.field == "body_ipos" and mjm.body_simple[row]]
     if simple:
         _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, so that M has room.")
     return draw
@@ -177,14 +180,6 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
     if len({len(row) for row in rows}) > 1:
         _refuse(f"{where}.choice", "all values should have as many numbers.")
     return np.array(rows, float).reshape(len(rows), len(rows[0]) if rows else 0)
-
-
-def _check_range(draw: FieldDraw, values: np.ndarray, where: str) -> None:
-    """Refuse values beyond the bounds of the word; a single number is for all components."""
-    word, config, ends = draw.word, draw.config, _ends(draw, values)
-    if ends.min() < word.least or ends.max() > word.most:
-        found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
-        _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
 
 
 def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:

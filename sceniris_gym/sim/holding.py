@@ -24,9 +24,10 @@ def components(array: wp.array) -> wp.array:
 
 
 @wp.func
-def _is(value: float, wanted: float) -> bool:
-    """Tell whether two controls are the same but for rounding."""
-    return wp.abs(value - wanted) <= 1.0e-6 * wp.max(1.0, wp.abs(wanted))
+def _follow(values: wp.array[float], at: int, before: float, now: float):
+    """Replace a control that held the pose, but for rounding."""
+    if wp.abs(values[at] - before) <= 1.0e-6 * wp.max(1.0, wp.abs(before)):
+        values[at] = now
 
 
 @wp.kernel
@@ -67,13 +68,12 @@ def _hold_anew(
     # controls that hold the present pose follow; those that somebody else has set stay
     nu = ctrl_out.shape[1]
     if element < nu:
-        if _is(ctrl_out[worldid, element], before):
-            ctrl_out[worldid, element] = now
-    elif _is(act_out[worldid, element - nu], before):
-        act_out[worldid, element - nu] = now
+        _follow(ctrl_out[worldid], element, before, now)
+    else:
+        _follow(act_out[worldid], element - nu, before, now)
     for k in range(sample_address.shape[0]):
-        if sample_element[k] == element and _is(history_out[worldid, sample_address[k]], before):
-            history_out[worldid, sample_address[k]] = now
+        if sample_element[k] == element:
+            _follow(history_out[worldid], sample_address[k], before, now)
 
 
 class HoldingControls:

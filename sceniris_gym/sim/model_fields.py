@@ -8,7 +8,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.randomize import WORDS
+from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
@@ -18,6 +18,7 @@ from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_r
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
 from sceniris_gym.sim.holding import GAINS, HoldingControls, components
+from sceniris_gym.sim.layout_rows import LayoutRows
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -25,7 +26,6 @@ wp.set_module_options({"enable_backward": False})
 
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
-_WORDS = {word.field: word for word in WORDS["object"].values()}
 
 
 @wp.kernel
@@ -101,7 +101,7 @@ class ModelFields:
                 "in Task.bind, or before the first reset."
             )
         array = self.wide(name, where)
-        for other, _, _ in _followers(name):
+        for other, _, _ in _word(name).follow:
             self.wide(other, where, name)
         self.asked.add(name)
         return array if rows is None else array[:, rows]
@@ -152,9 +152,8 @@ class ModelFields:
         factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
         rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
-        word = _WORDS.get(name)
-        own = (name, 0, None) if word is None else (name, word.first, word.shared or word.width)
-        for field, first, count in (own, *_followers(name)):
+        word = _word(name)
+        for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
             nominal, array = (components(each)[:, rows] for each in (self._nominal[field], self.wide(field)))
             dim = (self._nworld, array.shape[1], count or array.shape[2])
             wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
@@ -175,18 +174,10 @@ class ModelFields:
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
 
-    def launch_draw(
-        self,
-        mask: wp.array,
-        seed: wp.array,
-        episode: wp.array,
-        split: str,
-        rows: wp.array | None = None,
-        knob: wp.array | None = None,
-    ) -> None:
+    def launch_draw(self, mask: wp.array, layouts: LayoutRows, split: str, rows: wp.array | None = None) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
         if self._drawer is not None:
-            self._drawer.launch(mask, seed, episode, split, rows, knob)
+            self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, layouts.knob)
             self.launch_follow(mask)
 
     @property
@@ -235,7 +226,7 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
-    named = [*fields, *(other for name in fields for other, _, _ in _followers(name))]
+    named = [*fields, *(other for name in fields for other, _, _ in _word(name).follow)]
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.sim_mjm)
         for name in fields_of_variants() if compiled.config.variants else ():
@@ -249,9 +240,9 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
     return m
 
 
-def _followers(name: str) -> tuple[tuple[str, int, int], ...]:
-    """Return the fields that keep their ratio to one that is scaled; see `Word.follow`."""
-    return _WORDS[name].follow if name in _WORDS else ()
+def _word(name: str) -> Word:
+    """Return how a field of objects is scaled: as by the word of a scene file if there is one, else all of it."""
+    return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
 
 
 def _outputs(name: str) -> list[str]:

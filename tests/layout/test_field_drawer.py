@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -82,8 +83,9 @@ def drawn(scene: SceneModel, seeds: Any, *, mask: Any = None, episode: Any = 0, 
         fields = ModelFields(scene, mjw.put_model(scene.mjm), mjw.make_data(scene.mjm, nworld), grow=True)
         given = np.ones(nworld, bool) if mask is None else mask
         episodes = np.broadcast_to(episode, nworld).astype(np.int32)
-        arrays = wp.array(given, dtype=wp.bool), wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
-        fields.launch_draw(*arrays, split)
+        layouts: Any = SimpleNamespace(seed=wp.array(seeds, dtype=wp.uint64), episode=wp.array(episodes, dtype=int))
+        layouts.knob = None
+        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts, split)
     return fields
 
 
