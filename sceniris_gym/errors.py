@@ -9,20 +9,14 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 
-def nearest(name: str, valid: Iterable[str]) -> str | None:
-    """Return the valid name closest to `name`, or None when none is close."""
+def did_you_mean(name: str, valid: Iterable[str]) -> str:
+    """Return " Did you mean 'x'?" for the valid name closest to `name`, or an empty string when none is close."""
     valid = list(valid)
     found = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     if not found:  # names with prefixes: 'upper_drawer' is close to 'cabinet/upper_drawer'
         tails = {v.rsplit("/", 1)[-1]: v for v in reversed(valid)}
         found = [tails[t] for t in difflib.get_close_matches(name.rsplit("/", 1)[-1], tails, n=1, cutoff=0.6)]
-    return found[0] if found else None
-
-
-def did_you_mean(name: str, valid: Iterable[str]) -> str:
-    """Return " Did you mean 'x'?" for the valid name closest to `name`, or an empty string."""
-    found = nearest(name, valid)
-    return f" Did you mean '{found}'?" if found is not None else ""
+    return f" Did you mean '{found[0]}'?" if found else ""
 
 
 class _Pickled(Exception):

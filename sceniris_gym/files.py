@@ -43,6 +43,12 @@ def replacing(path: Path) -> Iterator[Path]:
             os.replace(file, path)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all; see `replacing`."""
+    with replacing(path) as file:
+        file.write_text(text)
+
+
 def check_writable(path: Path) -> None:
     """Make sure that `path` can be written, before the work whose result it will hold. Leaves nothing behind.
 

@@ -26,7 +26,6 @@ from sceniris_gym.errors import (
     TaskError,
     UnknownNameError,
     did_you_mean,
-    nearest,
 )
 
 COUNTS = {
@@ -106,7 +105,6 @@ def test_an_error_of_an_argument_is_one_of_python_s_too(error: str, kind: type[E
 )
 def test_the_nearest_name_is_advised_if_one_is_near(name: str, valid: list[str], near: str | None):
     """A misspelt one, or the part of an object without its owner; of equals the first; else nothing is said."""
-    assert nearest(name, iter(valid)) == near
     assert did_you_mean(name, iter(valid)) == ("" if near is None else f" Did you mean '{near}'?")
 
 

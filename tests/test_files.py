@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sceniris_gym.errors import NotSupportedError, OutputError
-from sceniris_gym.files import as_json, check_picture, check_writable, replacing
+from sceniris_gym.files import as_json, check_picture, check_writable, replacing, write_text
 
 
 def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path):
@@ -23,6 +23,8 @@ def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path):
             temporary.write_text(words)
             assert (path.read_text() if path.exists() else None) == before
         assert path.read_text() == words
+    write_text(path, "third")
+    assert path.read_text() == "third"
     assert list(path.parent.iterdir()) == [path]
     assert path.stat().st_mode & 0o777 == 0o644
 

@@ -31,7 +31,6 @@ MODULES = of_package()
 TITLES = {
     StructName("sceniris_gym.layout.wave.search", "Search"): "Search",
     StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
-    StructName("sceniris_gym.layout.reaching.start_search", "StartSearch"): "StartSearch",
     StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
     StructName("sceniris_gym.sim.derived_tables", "Derived"): "Derived",
     StructName("sceniris_gym.levels.buffer", "Buffer"): "Buffer",

@@ -164,8 +164,8 @@ class Auditor:
             self.progress("layouts judged", start + len(some), len(table))
         report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), count(excess))
         first = table[slice(0, settled)]
-        in_the_air = np.any([np.zeros(len(first), bool), *self.starts.grasped(first, in_the_air=True).values()], axis=0)
-        return self._settle(report, first[~in_the_air])
+        in_the_air = [i for i, kind in enumerate(self.scene.config.start) if kind.is_held]
+        return self._settle(report, first[~np.isin(first.start, in_the_air)])
 
     def _settle(self, report: Report, table: LayoutTable) -> Report:
         """Return the report with the motion of free objects in some layouts."""

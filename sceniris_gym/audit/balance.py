@@ -65,7 +65,7 @@ class BalanceAudit:
             if not len(rows):
                 continue
             center = load[name][rows, 1:] / load[name][rows, :1]
-            falls = rows[~self._carried(name, _only(poses, rows), center)]
+            falls = rows[~self._carried(name, Poses(*(array[rows] for array in vars(poses).values())), center)]
             found += [Misplaced(int(row), name, "falls") for row in falls]
         return found
 
@@ -124,8 +124,3 @@ def _feet(points: np.ndarray, lowest: np.ndarray) -> np.ndarray:
         clouds = shapely.multipoints(points[row, number, :2], indices=np.unique(row, return_inverse=True)[1])
         feet[np.unique(row)] = shapely.convex_hull(clouds)
     return feet
-
-
-def _only(poses: Poses, rows: np.ndarray) -> Poses:
-    """Return the poses in some rows."""
-    return Poses(poses.geom_xpos[rows], poses.geom_xmat[rows], poses.xpos[rows], poses.xmat[rows])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -26,28 +26,22 @@ class StartAudit:
     """
 
     def __init__(self, scene: JudgedScene, outlines: Outlines) -> None:
-        self.scene, self._outlines = scene, outlines
+        self.scene, self._outlines, groups = scene, outlines, scene.config.groups
+        kinds = [(i, kind, kind.targets(groups)) for i, kind in enumerate(scene.config.start)]
+        self._grasped = [(i, name) for i, kind, names in kinds if kind.robot == "grasp" for name in names]
+        self._moved = [(i, n) for i, kind, names in kinds for n in (*(names if kind.is_held else ()), *kind.place)]
         placed = {name for kind in scene.config.start for name in kind.place}
         supports = {name: scene.config.parts[name].support for name in placed}
         carriers = {name: scene.carrier(support.parent).body for name, support in supports.items() if support}
         self._carriers = {name: scene.tree.owner[body] for name, body in carriers.items()}
 
-    def grasped(self, table: LayoutTable, *, in_the_air: bool = False) -> dict[str, np.ndarray]:
-        """Return object -> rows in which an arm holds it, or with `in_the_air` those where it stands on nothing."""
-        config, found = self.scene.config, {}
-        for i, kind in enumerate(config.start):
-            if kind.robot == "grasp" and (kind.is_held or not in_the_air):
-                for name in kind.targets(config.groups):
-                    found[name] = found.get(name, False) | (table.start == i)
-        return found
+    def grasped(self, table: LayoutTable) -> dict[str, np.ndarray]:
+        """Return object -> rows in which an arm holds it."""
+        return _rows(table, self._grasped)
 
     def moved(self, table: LayoutTable) -> dict[str, np.ndarray]:
         """Return object -> rows in which its support, region, relations and orientation do not say where it is."""
-        found = self.grasped(table, in_the_air=True)
-        for i, kind in enumerate(self.scene.config.start):
-            for name in kind.place:
-                found[name] = found.get(name, False) | (table.start == i)
-        return found
+        return _rows(table, self._moved)
 
     def excuse(
         self, excess: Mapping[tuple[str, str, str], np.ndarray], moved: Mapping[str, np.ndarray]
@@ -68,10 +62,11 @@ class StartAudit:
         An arm that has left its start pose, and what it holds in the air, keep no clearance; they only touch nothing. A
         thing at its marker keeps none from its support, as everywhere.
         """
-        number, owners = int(table.start[conflict.row]), set(conflict.owners)
-        if number < 0 or self._holds(conflict.owners, conflict.row, grasped):
-            return number >= 0
-        config = self.scene.config
+        number, owners, config = int(table.start[conflict.row]), set(conflict.owners), self.scene.config
+        if number < 0:
+            return False
+        if self._holds(conflict.owners, conflict.row, grasped):
+            return True
         kind = config.start[number]
         targets = kind.targets(config.groups)
         free = {*map(config.robot_for, targets), *(targets if kind.is_held else ())}
@@ -125,3 +120,8 @@ class StartAudit:
                 away = np.linalg.norm(own - other, axis=1) > _AT_MARKER
                 found += [Misplaced(int(row), name, "start") for row in np.flatnonzero((table.start == i) & away)]
         return found
+
+
+def _rows(table: LayoutTable, named: Sequence[tuple[int, str]]) -> dict[str, np.ndarray]:
+    """Return object -> rows with one of the kinds of starts that are listed with it."""
+    return {name: np.isin(table.start, [i for i, other in named if other == name]) for _, name in named}

@@ -11,7 +11,6 @@ import numpy as np
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.chain import Chain
-from sceniris_gym.audit.contacts import Allowed
 from sceniris_gym.audit.equalities import equalities
 from sceniris_gym.audit.physics import without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
@@ -273,7 +272,9 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
         "worst_equality": ties.name,
         "deepest_penetration_m": report.depth,
         "deepest_pair": " ".join(report.penetration.owners) if report.penetration else "",
-        "allowed_contacts": {" ".join(a.names): f"{a.why}; {_depth(a)}" for a in report.allowed},
+        "allowed_contacts": {
+            " ".join(a.names): f"{a.why}; {a.home:.2g} m deep there, {a.depth:.2g} m in layouts" for a in report.allowed
+        },
         "misplaced": len({m.row for m in report.misplaced}),
         "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),
         "relation_violations": report.relation_violations,
@@ -292,8 +293,3 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
         "fast": report.fast,
         "top_speed_m_s": report.top_speed,
     }
-
-
-def _depth(allowed: Allowed) -> str:
-    """Return the depths of an allowed contact as text."""
-    return f"{allowed.home:.2g} m deep there, {allowed.depth:.2g} m in layouts"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.errors import SceneMismatchError
-from sceniris_gym.files import as_json, replacing
+from sceniris_gym.files import as_json, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.records import MODEL, read_config, scene_of_run, share, without_layouts
@@ -39,8 +39,7 @@ def evaluate(folder: Path, layouts: int, device: str | None, out: Path | None = 
         runner.load(str(folder / MODEL), map_location=str(env.device))
         found[name] = judge(runner.get_inference_policy(str(env.device)), env, task, layouts)
     if out is not None:
-        with replacing(out) as temporary:
-            temporary.write_text(as_json(found))
+        write_text(out, as_json(found))
     return without_layouts(found)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
-from sceniris_gym.files import replacing
+from sceniris_gym.files import write_text
 from sceniris_gym.importers.libero.reader import LiberoTask
 from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow, reach_note
 from sceniris_gym.layout.compile import compile_scene
@@ -55,8 +55,7 @@ def text(scene: FirstScene, out: Path | None) -> str:
 
 def write(scene: FirstScene, out: Path) -> None:
     """Write the scene file, whole or not at all."""
-    with replacing(out) as temporary:
-        temporary.write_text(text(scene, out))
+    write_text(out, text(scene, out))
 
 
 def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:
@@ -100,8 +99,7 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
         "objects:",
         *(f"  {name}: {flow(part)}" for name, part in words["objects"].items()),
     ]
-    with replacing(out) as temporary:
-        temporary.write_text("\n".join(lines) + "\n")
+    write_text(out, "\n".join(lines) + "\n")
     return {"scene": str(out), "model": str(folder), "placed": list(words["objects"]), "goal": goal}
 
 

@@ -25,6 +25,7 @@ from sceniris_gym.errors import (
     UnknownNameError,
 )
 from sceniris_gym.files import check_picture, replacing
+from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.pictures.reach_picture import draw
 from sceniris_gym.pictures.render import save
@@ -280,10 +281,7 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
     """Return a mask of the poses with joints within limits in which the arm does not hit itself, shape (N,), bool."""
     reached = np.zeros(len(poses), bool)
     left = np.arange(len(poses))
-    flat = np.zeros((len(poses), 7))
-    flat[:, :3] = poses[:, :3, 3]
-    for pose, turn in zip(flat, poses, strict=True):
-        mujoco.mju_mat2Quat(pose[3:], turn[:3, :3].ravel())
+    flat = np.reshape([[*pose[:3, 3], *quaternion(pose[:3, :3])] for pose in poses], (-1, 7))
     for seed in range(_ROUNDS):
         joints, ok = solve(arm, flat[left], device, seed=seed)
         left, joints = left[ok], joints[ok]  # poses that no start solved stay unreached

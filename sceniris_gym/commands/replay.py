@@ -12,6 +12,7 @@ from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import SceneMismatchError, UnknownNameError
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.knobs import knobs_in
@@ -112,9 +113,8 @@ def report(found: Mapping) -> str:
     lines = [f"{found['id']} of scene '{found['scene']}': {found['status']}, {found['attempts']} candidates"]
     lines += [f"  {'start':<12} {found['start']}"] if "start" in found else []
     for name, part in found["objects"].items():
-        (x, y, z), rotation = part["pos"], np.zeros(9)
-        mujoco.mju_quat2Mat(rotation, np.array(part["quat"]))
-        yaw = np.degrees(np.arctan2(rotation[3], rotation[0]))
+        (x, y, z), rotation = part["pos"], matrix(part["quat"])
+        yaw = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
         grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
         lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{joints}{grasp}")

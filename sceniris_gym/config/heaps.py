@@ -33,15 +33,26 @@ def with_places(scene: Any) -> Any:
 
     Anything that is not a scene, and unknown names, are left to the checks that follow.
     """
-    heaps, objects = (scene.get(key) if isinstance(scene, Mapping) else None for key in ("heaps", "objects"))
-    if not isinstance(heaps, Mapping) or not isinstance(objects, Mapping):
-        return scene
-    placed = dict(objects)
-    for heap in heaps.values():
-        words = heap.model_dump() if isinstance(heap, HeapConfig) else heap
-        things = words.get("of") if isinstance(words, Mapping) else None
-        for name in things if isinstance(things, list | tuple) else ():
-            part = placed.get(name) if isinstance(name, str) else None
+    placed, heaps = named_things(scene, "heaps")
+    for words, things in heaps:
+        for name in things:
+            part = placed.get(name)
             if isinstance(part, Mapping) and not any(word in part for word in ("in", "in_", "orientation", *PLACING)):
                 placed[name] = {**part, "in": words.get("fill"), "orientation": "any"}
-    return {**scene, "objects": placed}
+    return {**scene, "objects": placed} if heaps else scene
+
+
+def named_things(scene: Any, key: str) -> tuple[dict[str, Any], list[tuple[Mapping, list[str]]]]:
+    """Return the objects of a scene, and the words of each of its heaps or stacks with the names of its things.
+
+    Nothing is returned of what is no scene, and nothing that is no name.
+    """
+    parts, objects = (scene.get(word) if isinstance(scene, Mapping) else None for word in (key, "objects"))
+    if not isinstance(parts, Mapping) or not isinstance(objects, Mapping):
+        return {}, []
+    written = [part.model_dump() if isinstance(part, Section) else part for part in parts.values()]
+    of = [(words, words.get("of")) for words in written if isinstance(words, Mapping)]
+    found = [
+        (words, [n for n in names if isinstance(n, str)]) for words, names in of if isinstance(names, list | tuple)
+    ]
+    return dict(objects), found

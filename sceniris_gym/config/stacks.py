@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from sceniris_gym.config.fields import Length, Names, listed, must
+from sceniris_gym.config.heaps import named_things
 from sceniris_gym.config.loader import SUPPORT_WORDS
 from sceniris_gym.config.section import Section
 
@@ -42,42 +43,32 @@ def with_chains(scene: Any) -> Any:
 
     Things that have a support already, unknown names, and anything that is no scene are left to the checks that follow.
     """
-    placed = _objects(scene)
-    for name, below, near in _steps(scene):
+    placed, stacks = named_things(scene, "stacks")
+    for name, below, near in _steps(stacks):
         part = placed.get(name)
         part = part.model_dump(by_alias=True, exclude_unset=True) if isinstance(part, Section) else part
         if isinstance(part, Mapping) and not any(word in part for word in (*SUPPORT_WORDS, "in_")):
             own = part.get("relations") or ()
             placed[name] = {**part, "on": below, **({"relations": [*own, *near]} if near else {})}
-    return {**scene, "objects": placed} if placed else scene
+    return {**scene, "objects": placed} if stacks else scene
 
 
 def without_chains(scene: dict[str, Any]) -> dict[str, Any]:
     """Return the words of a valid scene as they were before `with_chains`."""
-    placed = _objects(scene)
-    for name, _, near in _steps(scene):
+    placed, stacks = named_things(scene, "stacks")
+    for name, _, near in _steps(stacks):
         part = {word: value for word, value in placed[name].items() if word != "on"}
         relations = [relation for relation in part.pop("relations", ()) if relation not in near]
         placed[name] = {**part, **({"relations": relations} if relations else {})}
-    return {**scene, "objects": placed} if placed else scene
+    return {**scene, "objects": placed} if stacks else scene
 
 
-def _objects(scene: Any) -> dict[str, Any]:
-    """Return the objects of a scene, none if it has no stacks, or is no scene."""
-    stacks, objects = (scene.get(key) if isinstance(scene, Mapping) else None for key in ("stacks", "objects"))
-    return dict(objects) if isinstance(stacks, Mapping) and isinstance(objects, Mapping) and stacks else {}
-
-
-def _steps(scene: Any) -> Iterator[tuple[str, Any, list[dict[str, Any]]]]:
+def _steps(stacks: list[tuple[Mapping, list[str]]]) -> Iterator[tuple[str, Any, list[dict[str, Any]]]]:
     """Yield each thing of the stacks with what is below it, and with its relation to that, if it has one."""
-    for stack in scene["stacks"].values() if _objects(scene) else ():
-        words = stack.model_dump() if isinstance(stack, StackConfig) else stack
-        things = words.get("of") if isinstance(words, Mapping) else None
-        below, near = None, None
-        for name in things if isinstance(things, list | tuple) else ():
-            offset = listed(words.get("offset"))
-            if below is not None and _is_offset(offset):
-                near = {"near": below, "distance": {"min": offset[0], "max": offset[1]}}
-            if isinstance(name, str):
-                yield name, words.get("on") if below is None else below, [near] if near else []
-                below = name
+    for words, things in stacks:
+        offset, below, near = listed(words.get("offset")), words.get("on"), []
+        for name in things:
+            yield name, below, near
+            below = name
+            if _is_offset(offset):
+                near = [{"near": name, "distance": {"min": offset[0], "max": offset[1]}}]

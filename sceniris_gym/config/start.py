@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -83,63 +83,51 @@ def check_starts(
         UnknownNameError: An object or a marker that the scene does not have.
         SceneKeyError: An object that a start cannot do this with.
     """
-    owners = owners_of(variants_of(groups))
-    absent = {name for name, group in ((n, g) for g in groups.values() for n in g.of) if not group.always_whole}
+    variants = variants_of(groups)
+    absent = {name for group in groups.values() if not group.always_whole for name in group.of}
     for i, start in enumerate(starts):
         at = f"{where}: start.{i}"
-        if start.of is not None:
-            _check_target(start, start.of, objects, groups, absent, at)
+        if start.of is not None and start.of not in variants:
+            _check_object(start.of, [*objects, *variants], absent, f"{at}.of")
+        for name in start.targets(groups):
+            _check_target(start, name, objects, at)
         for name, marker in start.place.items():
             _check_place(name, marker, objects, absent, f"{at}.place")
         for key in start.joints:
             name, _, joint = key.rpartition("/")
             if not name or not joint:
                 raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
-            _check_object(name, objects, f"{at}.joints")
-            if name in owners:
-                raise SceneKeyError(f"{at}.joints: '{name}' is one of several variants and may be absent.")
+            _check_object(name, objects, owners_of(variants), f"{at}.joints")
 
 
-def _check_object(name: str, objects: Iterable[str], where: str) -> None:
+def _check_object(name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
+    """Check that there is an object, in all worlds."""
     if name not in objects:
         raise UnknownNameError("object", name, where, objects)
+    if name in absent:
+        raise SceneKeyError(f"{where}: '{name}' may be absent, as it is in a group. Name another object.")
 
 
-def _check_target(
-    start: StartConfig,
-    of: str,
-    objects: Mapping[str, ObjectConfig],
-    groups: Mapping[str, GroupConfig],
-    absent: set[str],
-    where: str,
+def _check_target(start: StartConfig, name: str, objects: Mapping[str, ObjectConfig], where: str) -> None:
+    """Check an object that an arm is at."""
+    if not objects[name].reachable:
+        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', as an arm is to be there at the start.")
+    if start.is_held and objects[name].kind != "free":
+        raise SceneKeyError(f"{where}: '{name}' is no free object, so it cannot be held in the air.")
+    for other, words in objects.items():
+        if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
+            raise SceneKeyError(f"{where}: '{other}' stands on '{name}', which should stay where it is.")
+
+
+def _check_place(
+    name: str, marker: str, objects: Mapping[str, ObjectConfig], absent: Container[str], where: str
 ) -> None:
-    """Check the object that an arm holds at the start, or all of its variants."""
-    variants = variants_of(groups)
-    members = start.targets(groups)
-    if of not in variants:
-        _check_object(of, [*objects, *variants], f"{where}.of")
-        if of in absent:
-            raise SceneKeyError(f"{where}.of: '{of}' may be absent, as it is in a group. Name another object.")
-    for name in members:
-        part = objects[name]
-        if not part.reachable:
-            raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', as an arm is to be there at the start.")
-        if start.is_held and part.kind != "free":
-            raise SceneKeyError(f"{where}: '{name}' is no free object, so it cannot be held in the air.")
-        for other, words in objects.items():
-            if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
-                raise SceneKeyError(f"{where}: '{other}' stands on '{name}', which should stay where it is.")
-
-
-def _check_place(name: str, marker: str, objects: Mapping[str, ObjectConfig], absent: set[str], where: str) -> None:
     """Check an object that is placed at a marker."""
-    for one in (name, marker):
-        _check_object(one, objects, where)
-        if one in absent:
-            raise SceneKeyError(f"{where}: '{one}' may be absent, as it is in a group. Name another object.")
-    if objects[marker].kind != "marker":
-        valid = [other for other, part in objects.items() if part.kind == "marker"]
-        raise UnknownNameError("marker", marker, where, valid)
+    _check_object(name, objects, absent, where)
+    markers = [other for other, part in objects.items() if part.kind == "marker"]
+    if marker not in markers:
+        raise UnknownNameError("marker", marker, where, markers)
+    _check_object(marker, objects, absent, where)
     if not objects[name].is_placed or objects[name].support is None or objects[name].support != objects[marker].support:
         raise SceneKeyError(
             f"{where}: '{name}' should be placed on what its marker '{marker}' is on: give both the same support."

@@ -179,8 +179,3 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
         for record in told["parts"]:
             checked(path, record, _RECORD)
     return told
-
-
-def as_json(words: dict[str, Any]) -> str:
-    """Return the text of a manifest."""
-    return json.dumps(words, indent=1) + "\n"

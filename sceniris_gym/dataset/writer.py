@@ -25,7 +25,6 @@ from sceniris_gym.dataset.manifest import (
     SCENE,
     SCENE_USD,
     DatasetPlan,
-    as_json,
     checksum,
     part_name,
     read_manifest,
@@ -33,7 +32,7 @@ from sceniris_gym.dataset.manifest import (
 )
 from sceniris_gym.dataset.share import Share
 from sceniris_gym.errors import DatasetError, SceneKeyError
-from sceniris_gym.files import replacing
+from sceniris_gym.files import replacing, write_text
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import make_tables
@@ -73,8 +72,7 @@ class DatasetWriter:
         if (folder / MANIFEST).exists():
             self._manifest = read_manifest(folder)
         else:  # for processes that come later
-            with replacing(begun) as file:
-                file.write_text(as_json(plan.words))
+            write_text(begun, json.dumps(plan.words, indent=1) + "\n")
 
     def _compare(self, path: Path, resume: bool) -> None:
         """Compare the plan with that of a data set that is there."""
@@ -173,8 +171,7 @@ class DatasetWriter:
             "first_pass_valid": int(rows["first_pass_valid"].sum()),
         }
         if self._manifest is None:
-            with replacing(self._progress / f"{part:05}.json") as path:
-                path.write_text(json.dumps(record))
+            write_text(self._progress / f"{part:05}.json", json.dumps(record))
         elif record != self._manifest["parts"][part]:
             raise DatasetError(
                 f"{self.folder / part_name(part)}: was missing, and the bytes made in its place are not those of "
@@ -190,8 +187,7 @@ class DatasetWriter:
                 return
             sums = {name: checksum(self.folder / name) for name in self.plan.files}
             told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
-            with replacing(path) as file:
-                file.write_text(as_json(self.plan.words | told))
+            write_text(path, json.dumps(self.plan.words | told, indent=1) + "\n")
         self._manifest = read_manifest(self.folder)
         shutil.rmtree(self._progress, ignore_errors=True)
         for left in self.folder.glob(".*.tmp"):  # of processes that were killed, on this machine or another

@@ -22,7 +22,6 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
-from sceniris_gym.layout.reaching.start import StartStage
 from sceniris_gym.layout.redraw import Redraw
 from sceniris_gym.layout.scene_knobs import STARTS
 from sceniris_gym.layout.source import LayoutSource
@@ -45,7 +44,7 @@ from sceniris_gym.layout.wave.rounds import (
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
-from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers, launch_redraw_joints
+from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
 from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -111,7 +110,11 @@ class LayoutGenerator(Fixed, LayoutSource):
         self.compiled, self.split, self.size = compiled, split, size
         words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
         self.layouts = Layouts.create(compiled, nworld, **words)
-        program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld)
+        kinds = () if compiled.starts is None else compiled.config.start
+        self._has_markers, draws_joints = any(kind.place for kind in kinds), any(kind.joints for kind in kinds)
+        by_world = ("draw_range",) if draws_joints else ()
+        program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld, by_world)
+        self._usual_range = wp.clone(program.draw_range) if draws_joints else None
         self._boxes = self.layouts.knobs.boxes(compiled)
         self._masses = DrawnMasses(compiled, nworld, split, self.layouts.knobs)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
@@ -119,6 +122,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._work = Workspace(
             program,
             self._masses.statics,
+            compiled.starts,
             compiled.related,
             reaches,
             SPLITS[split],
@@ -129,15 +133,13 @@ class LayoutGenerator(Fixed, LayoutSource):
         )
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
         self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and staged else None
-        starts = compiled.starts
-        self._start_stage = StartStage(compiled, starts, self._work) if starts is not None else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._redraws: dict[tuple[str, ...], Redraw] = {}
         self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
-        load_kernels(self._work, staged=self._stage is not None, starts=starts is not None)
+        load_kernels(self._work, staged=self._stage is not None)
         if self._stage is not None:
             self._stage.launch_pose_hands()
         self.reseed(seed)
@@ -177,6 +179,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_finish(self._work, mask)
 
     def _start(self, mask: wp.array | None) -> None:
+        if self._usual_range is not None:  # kinds of starts draw joints from other intervals
+            wp.copy(self._work.program.draw_range, self._usual_range)
         if self._knobbed is not None:
             view = self.layouts.view
             launch_write(self._knobbed, self.nworld, mask, view.next_knob, view.default_knob)
@@ -184,9 +188,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
-        if self._start_stage is not None:
-            self._start_stage.launch_start()
-            launch_draw_kinds(self._work, self.compiled.starts, mask, self.layouts.knobs.first.get(STARTS, -1))
+        if self._work.starts is not None:
+            launch_draw_kinds(self._work, mask, self.layouts.knobs.first.get(STARTS, -1))
 
     def _try_restarts(self, stage: ReachStage | None) -> None:
         """Try restart after restart until one of every pending world passes everything, or the world falls back."""
@@ -196,25 +199,18 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restart of every pending world, or several: place all objects, then look for joints."""
         launch_open_rows(self._work, stage is not None)
-        if self._start_stage is not None:
-            self._start_stage.launch_go_home()
+        if self._stage is not None:
+            self._stage.launch_go_home()
         repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
         if stage is not None:
             stage.launch()
-        if self._start_stage is not None and stage is self._stage:
-            self._start_stage.launch()
         launch_settle(self._work)
-        if self._start_stage is not None:
-            self._start_stage.launch_take_kinds()
 
     def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
         launch_open_candidates(work)
         launch_draw(work)
-        starts = self.compiled.starts
-        if starts is not None:
-            launch_redraw_joints(work, starts)
         if self._boxes is not None:
             launch_draw_in_boxes(work, self._boxes)
         if work.related:
@@ -222,8 +218,8 @@ class LayoutGenerator(Fixed, LayoutSource):
             launch_find_pieces(work)
             launch_measure_pieces(work)
             launch_draw_points(work)
-        if starts is not None:
-            launch_put_at_markers(work, starts)
+        if self._has_markers:
+            launch_put_at_markers(work)
         launch_prefilter(work)
         launch_test_collisions(work)
         if work.program.visual:

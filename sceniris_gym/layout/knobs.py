@@ -144,11 +144,14 @@ class KnobTable:
         wide = [np.broadcast_to(rows, (most, rows.shape[1])) for rows in found]
         return np.array(columns, np.int32), np.concatenate([np.zeros((most, 0), np.float32), *wide], axis=1)
 
-    def fill(self, program: Program, nworld: int) -> tuple[Program, wp.array | None]:
-        """Return the program with a row for each world where knobs are, and the numbers that knobs have in it."""
+    def fill(self, program: Program, nworld: int, by_world: Sequence[str] = ()) -> tuple[Program, wp.array | None]:
+        """Return the program with a row for each world where knobs are, and the numbers that knobs have in it.
+
+        The fields `by_world` also have a row for each world.
+        """
         names = {name for knob in self.knobs for name, _, _ in knob.places}
         made, device = copied(Program, program), program.home_qpos.device
-        for name in names:
+        for name in names.union(by_world):
             array = getattr(program, name)
             with wp.ScopedDevice(device):
                 rows = np.repeat(array.numpy(), nworld, axis=0)

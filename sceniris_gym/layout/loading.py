@@ -8,7 +8,7 @@ from pathlib import Path
 import warp as wp
 
 from sceniris_gym.device.kernel_log import tell_of_compiling
-from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, start_poses, start_search, waves
+from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, start_poses, waves
 from sceniris_gym.layout.wave import (
     accept,
     collision,
@@ -25,21 +25,20 @@ from sceniris_gym.layout.wave import (
 from sceniris_gym.layout.wave.search import Workspace
 
 
-def kernel_modules(work: Workspace, *, staged: bool, starts: bool = False) -> tuple[list[wp.Module], list[wp.Module]]:
+def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], list[wp.Module]]:
     """Return Warp's modules of the kernels that a generator launches by lanes, and of those that it launches by blocks.
 
     Args:
         work: Its arrays and capacities.
         staged: Whether there is a stage after placing.
-        starts: Whether there are kinds of starts.
     """
     visual, block_dim = work.program.visual, work.size.block_dim
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
     by_lane += [standing] if work.statics is not None else []
     by_lane += [waves, poses, ik] if staged else []
-    by_lane += [start_kinds, start_poses, start_search] if starts else []
+    by_lane += [start_kinds, start_poses, start] if work.starts is not None else []
     by_lane += [free_grasps] if work.search.free.shape[1] > 0 else []
-    by_block = [accept, *([points] if work.related else []), *([hits] if staged else []), *([start] if starts else [])]
+    by_block = [accept, *([points] if work.related else []), *([hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
     lanes += [k.module for k in collision.lane_kernels(work) + (containment.LANE_KERNELS if visual else ())]
     blocks = [wp.get_module(m.__name__) for m in by_block]
@@ -54,7 +53,7 @@ def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
     return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
 
 
-def load_kernels(work: Workspace, *, staged: bool, starts: bool = False) -> None:
+def load_kernels(work: Workspace, *, staged: bool) -> None:
     """Compile and load the kernels of a generator on a GPU, unless they are loaded; announce it if it takes a while.
 
     On a CPU, where Warp compiles one module at a time, the launches load their kernels.
@@ -62,9 +61,8 @@ def load_kernels(work: Workspace, *, staged: bool, starts: bool = False) -> None
     Args:
         work: As in `kernel_modules`, as the next one.
         staged: Whether there is a stage after placing.
-        starts: Whether there are kinds of starts.
     """
-    lanes, blocks = kernel_modules(work, staged=staged, starts=starts)
+    lanes, blocks = kernel_modules(work, staged=staged)
     device, block_dim = work.device, work.size.block_dim
     on_gpu = wp.get_device(device).is_cuda
     missing = sum(not _is_kept(module, None if on_gpu else 1) for module in lanes)

@@ -144,20 +144,13 @@ class Cameras:
             self._pixels = [wp.array(order, dtype=int) for order in orders]
             self.mask = wp.full(self.nworld, value=True, dtype=wp.bool)
             self._owner = wp.array(owner, dtype=int)
-            self._flat = {
+            self.images = {
                 name: {
-                    kind: wp.zeros((self.nworld, shot.size[0] * shot.size[1], CHANNELS[kind][0]), CHANNELS[kind][1])
+                    kind: wp.zeros((self.nworld, shot.size[1], shot.size[0], CHANNELS[kind][0]), CHANNELS[kind][1])
                     for kind in shot.data
                 }
                 for name, shot in shots.items()
             }
-        self.images = {
-            name: {
-                kind: flat.reshape((self.nworld, shot.size[1], shot.size[0], flat.shape[2]))
-                for kind, flat in self._flat[name].items()
-            }
-            for name, shot in shots.items()
-        }
         starts = (self.context.rgb_adr, self.context.depth_adr, self.context.seg_adr)
         self._starts = dict(zip(CHANNELS, (array.numpy().tolist() for array in starts), strict=True))
         with wp.ScopedDevice(device):
@@ -173,8 +166,9 @@ class Cameras:
         mjw.refit_bvh(m, d, context)
         mjw.render(m, d, context)
         geom = int(mujoco.mjtObj.mjOBJ_GEOM)
-        for i, of_camera in enumerate(self._flat.values()):
-            for kind, out in of_camera.items():
+        for i, of_camera in enumerate(self.images.values()):
+            for kind, image in of_camera.items():
+                out = image.reshape((self.nworld, image.shape[1] * image.shape[2], image.shape[3]))
                 kernel, source, more = {
                     "rgb": (_write_rgb, context.rgb_data, []),
                     "depth": (_write_depth, context.depth_data, []),

@@ -28,19 +28,13 @@ def draw_joints(
     for i in range(program.obj_drawnum[obj]):
         if i % 4 == 0:
             u = uniforms(seed, episode, stream, trial, _FIRST_DRAW + i // 4)
-        num = program.draw_choicenum[adr + i]
         interval = program.draw_range[worldid, adr + i]
         value = interval[0] + u[i % 4] * (interval[1] - interval[0])
-        if num > 0:
+        num = program.draw_choicenum[adr + i]
+        if num > 0 and interval[0] > interval[1]:
             value = program.choice[program.draw_choiceadr[adr + i] + wp.min(int(u[i % 4] * float(num)), num - 1)]
         qpos[program.draw_qposadr[adr + i]] = value
     follow_joints(program, obj, qpos)
-
-
-@wp.func
-def joint_uniform(seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, i: int) -> float:
-    """Return the uniform number in [0, 1) that joint `i` of an object is drawn by."""
-    return uniforms(seed, episode, stream, trial, _FIRST_DRAW + i // 4)[i % 4]
 
 
 @wp.func

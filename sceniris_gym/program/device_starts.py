@@ -22,7 +22,7 @@ class StartPose(IntEnum):
 class Starts:
     """The kinds of starts of a scene; never written after `compile_scene`."""
 
-    cdf: wp.array[float]  # share of the kinds up to and including this one
+    weight: wp.array[float]
     pose: wp.array[int]  # a StartPose
     arm: wp.array[int]  # number of the arm, -1 for none
     target: wp.array2d[bool]  # reach targets that it may hold, of which one is present
@@ -34,9 +34,6 @@ class Starts:
     # Grasps of `Reach` with the fingers closed on the object.
     grip_share: wp.array[float]  # opening of the gripper
     grip_pos: wp.array[wp.vec3]
-    # The start pose of all bodies, to which an arm returns.
-    home_pos: wp.array[wp.vec3]
-    home_quat: wp.array[wp.vec4]
     # The bank of valid layouts, with rows as in `Program`.
     bank_start: wp.array[int]
 

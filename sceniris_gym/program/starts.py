@@ -1,9 +1,10 @@
-"""The kinds of starts of a scene on the host: their grasps, grips, joints and markers by the numbers of the plan."""
+"""The kinds of starts of a scene by the numbers of its plan: their grasps, grips, joints and markers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,10 @@ from sceniris_gym.program.device_starts import StartPose
 from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.plan import Plan, joint_range
 from sceniris_gym.program.reach import ReachTarget
+from sceniris_gym.reach.arm import MAX_JOINTS
 
+_UNDRAWN = (1.0, -1.0)
+"""The interval of a joint that a kind does not draw."""
 _CARRIED = np.zeros((1, 3))
 _ALL_WAYS = np.concatenate([np.eye(3), -np.eye(3)])
 _FITS = {
@@ -27,31 +31,6 @@ _FITS = {
     StartPose.HELD: ("holds", "whichever way is down"),
 }
 """The attribute of a Grip that a pose of the arm asks for, in words."""
-
-
-@dataclass(frozen=True)
-class StartKind:
-    """One kind of start.
-
-    Attributes:
-        config: Its words.
-        pose: The pose of the arm.
-        arm: Index in `Reaching.arms` of the arm, -1 for none.
-        columns: The reach targets that it may hold, of which one is present.
-        grasps: Which grasps of all targets, one target after the other, count; shape (ngrasp,), bool.
-        arm_joints: Draws of the arm's joints, by their index in the arm.
-        draws: Draws of objects' joints, by their addresses in qpos.
-        markers: The marker that each object is placed at, both by their numbers in placement order.
-    """
-
-    config: StartConfig
-    pose: StartPose
-    arm: int
-    columns: tuple[int, ...]
-    grasps: np.ndarray
-    arm_joints: Mapping[int, JointRange]
-    draws: Mapping[int, JointRange]
-    markers: Mapping[int, int]
 
 
 def plan_grips(plan: Plan) -> tuple[Grip, ...]:
@@ -93,48 +72,55 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
     return np.array([-matrix(v.quat)[2] for v, (first, num) in spans if first <= grasp < first + num])
 
 
-def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> tuple[StartKind, ...]:
-    """Resolve the kinds of starts of a scene.
+def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> list[dict[str, Any]]:
+    """Return the fields of `Starts` for each kind of start of a scene.
 
     Raises:
         UnknownNameError: A grasp or a joint that does not exist.
         SceneKeyError: A joint whose object does not draw it, or an object that no grasp holds.
     """
-    return tuple(_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start))
+    return [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
 
 
-def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> StartKind:
-    """Resolve one kind."""
+def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, Any]:
+    """Return the fields of one kind."""
     where = f"{plan.scene.config.where}: start.{number}"
-    names = config.targets(plan.scene.config.groups)
-    targets = () if plan.reaching is None else plan.reaching.targets
-    columns = tuple(i for i, target in enumerate(targets) if target.name in names)
-    counts = [_counting(config, target, f"{where}.grasp") & (target.name in names) for target in targets]
-    grasps = np.concatenate([np.zeros(0, bool), *counts])
-    if config.robot == "grasp":
-        fit, how = _FITS[_pose(config)]
-        grasps &= np.array([getattr(grip, fit) for grip in grips], bool)
-        ends = np.cumsum([0, *(len(count) for count in counts)])
-        for i in columns:
-            if not grasps[ends[i] : ends[i + 1]].any():
+    names, pose = config.targets(plan.scene.config.groups), _pose(config)
+    targets, arms = ((), ()) if plan.reaching is None else (plan.reaching.targets, plan.reaching.arms)
+    is_target = [target.name in names for target in targets]
+    arm = next((target.arm for target in targets if target.name in names), -1)
+    if arm >= 0 and arms[arm].robot in plan.scene.apart:
+        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
+    grasps = [is_its & _counting(config, t, f"{where}.grasp") for t, is_its in zip(targets, is_target, strict=True)]
+    counts = np.concatenate([np.zeros(0, bool), *grasps])
+    if pose in _FITS:
+        fit, how = _FITS[pose]
+        counts &= np.array([getattr(grip, fit) for grip in grips], bool)
+        of_target = np.repeat(np.arange(len(grasps)), [len(of_its) for of_its in grasps])
+        for i in np.flatnonzero(is_target):
+            if not counts[of_target == i].any():
                 raise SceneKeyError(
                     f"{where}: the gripper should be able to hold '{targets[i].name}' {how}, and none of its grasps "
                     "that count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
                 )
-    arm = targets[columns[0]].arm if columns else -1
-    if plan.reaching is not None and columns and plan.reaching.arms[arm].robot in plan.scene.apart:
-        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
+    arm_range = np.tile(_UNDRAWN, (MAX_JOINTS, 1))
+    if arm >= 0:
+        index = {int(adr): i for i, adr in enumerate(arms[arm].arm.qposadr)}
+        for drawn in _drawn(plan, arms[arm].robot, config.robot_joints, f"{where}.robot_joints"):
+            if drawn.qposadr in index:  # patterns also name the gripper's
+                arm_range[index[drawn.qposadr]] = drawn.low, drawn.high
     order = {o.name: i for i, o in enumerate(plan.objects)}
-    return StartKind(
-        config,
-        _pose(config),
-        arm,
-        columns,
-        grasps,
-        _arm_joints(plan, arm, config.robot_joints, f"{where}.robot_joints"),
-        _draws(plan, config.joints, f"{where}.joints"),
-        {order[name]: order[marker] for name, marker in config.place.items()},
-    )
+    return {
+        "weight": config.weight,
+        "pose": int(pose),
+        "arm": arm,
+        "target": np.array(is_target, bool),
+        "grasp": counts,
+        "lift": config.lift or (0.0, 0.0),
+        "arm_range": arm_range,
+        "draw_range": _draw_ranges(plan, config.joints, f"{where}.joints"),
+        "marker": [order[config.place[name]] if name in config.place else -1 for name in order],
+    }
 
 
 def _pose(config: StartConfig) -> StartPose:
@@ -154,26 +140,20 @@ def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarra
     return np.array(found, bool)
 
 
-def _arm_joints(plan: Plan, arm: int, words: Mapping[str, JointConfig], where: str) -> dict[int, JointRange]:
-    """Return the draws of an arm's joints by their index in the arm; patterns skip joints outside of it."""
-    if not words or plan.reaching is None:
-        return {}
-    one = plan.reaching.arms[arm]
-    drawn = plan.scene.resolve_joints(one.robot, words, where)
-    ranges = [joint_range(plan.scene, joint, config) for joint, config in drawn.items()]
-    index = {int(adr): i for i, adr in enumerate(one.arm.qposadr)}
-    return {index[r.qposadr]: r for r in ranges if r.qposadr in index}
+def _drawn(plan: Plan, owner: str, words: Mapping[str, JointConfig], where: str) -> Iterator[JointRange]:
+    """Yield the draws of joints of an object or a robot."""
+    for joint, config in plan.scene.resolve_joints(owner, words, where).items():
+        yield joint_range(plan.scene, joint, config)
 
 
-def _draws(plan: Plan, words: Mapping[str, JointConfig], where: str) -> dict[int, JointRange]:
-    """Return the draws of objects' joints by their addresses in qpos."""
-    found = {}
-    usual = {r.qposadr for o in plan.objects for r in o.joint_ranges}
+def _draw_ranges(plan: Plan, words: Mapping[str, JointConfig], where: str) -> np.ndarray:
+    """Return the intervals of objects' joints, in the order in which the plan draws them, shape (ndraw, 2)."""
+    usual = [r.qposadr for o in plan.objects for r in o.joint_ranges]
+    found = np.tile(_UNDRAWN, (len(usual), 1))
     for key, config in words.items():
         name, _, joint = key.rpartition("/")
-        for number in plan.scene.resolve_joints(name, {joint: config}, where):
-            drawn = joint_range(plan.scene, number, config)
+        for drawn in _drawn(plan, name, {joint: config}, where):
             if drawn.qposadr not in usual:
                 raise SceneKeyError(f"{where}: '{key}' should be among the joints that objects.{name}.joints draws.")
-            found[drawn.qposadr] = drawn
+            found[usual.index(drawn.qposadr)] = drawn.low, drawn.high
     return found

@@ -14,7 +14,7 @@ import warp as wp
 from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.lookup import JointTurn, turned
-from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, refine, vec8
+from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, random_joints, refine, vec8
 
 wp.set_module_options({"enable_backward": False})
 
@@ -130,13 +130,10 @@ class Labeller:
         self.device, (self.base, self.wrist) = device, end_turns(arm)
         ends = [0, len(arm.joints) - 1]
         lower, upper = arm.lower.copy(), arm.upper.copy()
-        draws = np.random.default_rng(seed)
-        low = np.where(np.isfinite(lower), lower, -np.pi)
-        high = np.where(np.isfinite(upper), upper, np.pi)
-        low[ends], high[ends] = -np.pi, np.pi
-        self._starts = wp.array(as_vec8(draws.uniform(low, high, (starts, len(low)))), dtype=vec8, device=device)
         lower[ends], upper[ends] = -np.inf, np.inf
-        self._arm = arm_view(replace(arm, lower=lower, upper=upper), device)
+        free = replace(arm, lower=lower, upper=upper)
+        self._starts = wp.array(as_vec8(random_joints(free, starts, seed)), dtype=vec8, device=device)
+        self._arm = arm_view(free, device)
         self._axis_xy = wp.vec2(*map(float, arm.axis_xy))
 
     def label(

@@ -8,7 +8,7 @@ with the values of the variant that is present.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
@@ -209,15 +209,10 @@ def _hulls(mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]]) -> set[
     """Return the meshes that colliding geoms of variants name."""
     return {
         mjm.mesh(int(mjm.geom_dataid[geom])).name
-        for members in variants.values()
-        for geom in _geoms_of(mjm, members)
+        for member in owners_of(variants)
+        for geom in _geoms(mjm, mjm.body(member).id)
         if mjm.geom_type[geom] == MESH and mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]
     }
-
-
-def _geoms_of(mjm: mujoco.MjModel, members: tuple[str, ...]) -> Iterator[int]:
-    for member in members:
-        yield from _geoms(mjm, mjm.body(member).id)
 
 
 def _name_meshes(spec: mujoco.MjSpec, meshes: list[str], bit: int) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sceniris_gym.geometry.rotations import matrix, product
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector.rotations import conjugate, multiply, rotate, transform
 
@@ -32,20 +33,15 @@ class BaseFrame:
         mujoco.mj_kinematics(mjm, data)
         position, quat = data.xpos[body].copy(), data.xquat[body].copy()
         self._to_base = quat * [1.0, -1.0, -1.0, -1.0]
-        matrix = np.zeros(9)
-        mujoco.mju_quat2Mat(matrix, self._to_base)
-        self._turn = matrix.reshape(3, 3)
+        self._turn = matrix(self._to_base)
         self._offset = self._tensor(np.concatenate([-self._turn @ position, np.zeros(4)]))
         self._pair = torch.block_diag(self._tensor(self._turn), self._tensor(self._turn))
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
         """Return the matrix for `pose` of a frame turned by `quat` (wxyz) relative to its body, shape (7, 7)."""
-        columns = np.zeros((4, 4))
-        for column, unit in zip(columns, np.eye(4), strict=True):
-            mujoco.mju_mulQuat(column, self._to_base, unit)
-            mujoco.mju_mulQuat(column, column.copy(), quat)
-        return torch.block_diag(self._tensor(self._turn), self._tensor(columns.T))
+        columns = [product(product(self._to_base, unit), quat) for unit in np.eye(4)]
+        return torch.block_diag(self._tensor(self._turn), self._tensor(np.stack(columns, axis=1)))
 
     def pose(self, position: Tensor, quat: Tensor, seen: Tensor | None = None) -> Tensor:
         """Return poses in the base frame, shape (..., 7).

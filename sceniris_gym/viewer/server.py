@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import importlib.util
-import os
+import io
 import socket
 import threading
 from collections.abc import Iterator
@@ -57,7 +57,7 @@ def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
     _check_host(host)
     with uncollected():
         import viser
-    with _quiet():
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints banners
         server = viser.ViserServer(host=host, port=port, label="sceniris_gym", verbose=False)
     server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
@@ -97,7 +97,7 @@ def light(server: viser.ViserServer) -> None:
 
 def close_server(server: viser.ViserServer) -> None:
     """Close the page."""
-    with _quiet():
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints banners
         server.stop()
 
 
@@ -112,10 +112,3 @@ def import_ahead() -> threading.Thread:
     thread = threading.Thread(target=importlib.import_module, args=("mjviser",), daemon=True)
     thread.start()
     return thread
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the banners of viser."""
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        yield

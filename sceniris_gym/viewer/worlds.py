@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.geometry.framing import camera_axes, frame
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.model import SceneModel
@@ -128,9 +129,7 @@ def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
     camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
     if camera < 0:
         return camera_axes(np.array([0.5, -1.0, 1.0]))[:, 2]
-    mat = np.zeros(9)
-    mujoco.mju_quat2Mat(mat, mjm.cam_quat[camera])
-    return mat.reshape(3, 3)[:, 2]
+    return matrix(mjm.cam_quat[camera])[:, 2]
 
 
 def grid_origins(num: int, size: np.ndarray) -> np.ndarray:

@@ -27,20 +27,23 @@ def test_kinds_have_the_numbers_of_the_plan():
     """Poses, grasps of the right object, joints by index and address, markers by placement order."""
     plan = plan_of()
     kinds = plan_starts(plan, plan_grips(plan))
-    assert [kind.pose for kind in kinds] == [
+    assert [kind["pose"] for kind in kinds] == [
         *(StartPose.HOME, StartPose.PREGRASP, StartPose.STANDING, StartPose.LIFTED, StartPose.HELD),
         *(StartPose.HOME, StartPose.STANDING),
     ]
     assert plan.reaching is not None
     names = [grasp.name for target in plan.reaching.targets for grasp in target.grasp_set.grasps]
-    assert {names[i].split(" ")[0] for i in np.flatnonzero(kinds[HANDLE].grasps)} == {"grasp_upper_handle"}
-    assert sorted(kinds[HELD].arm_joints) == list(range(7))
-    (drawn,) = kinds[HANDLE].draws.items()
+    assert {names[i].split(" ")[0] for i in np.flatnonzero(kinds[HANDLE]["grasp"])} == {"grasp_upper_handle"}
+    low, high = kinds[HELD]["arm_range"].T
+    assert np.flatnonzero(low <= high).tolist() == list(range(7))
+    low, high = kinds[HANDLE]["draw_range"].T
+    (drawn,) = np.flatnonzero(low <= high)
     upper = plan.scene.mjm.joint("cabinet/upper")
-    assert drawn[0] == upper.qposadr[0]
-    assert (drawn[1].low, drawn[1].high) == pytest.approx((0.8 * upper.range[1], upper.range[1]))
+    assert [r.qposadr for o in plan.objects for r in o.joint_ranges][drawn] == upper.qposadr[0]
+    assert (low[drawn], high[drawn]) == pytest.approx((0.8 * upper.range[1], upper.range[1]))
     order = [o.name for o in plan.objects]
-    assert kinds[PLACED].markers == {order.index("apple"): order.index("goal")}
+    goals = [order.index("goal") if name == "apple" else -1 for name in order]
+    assert kinds[PLACED]["marker"] == goals
     assert order.index("goal") < order.index("apple")
 
 

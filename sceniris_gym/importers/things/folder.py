@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.errors import SceneFileError, ScenirisError
-from sceniris_gym.files import replacing
+from sceniris_gym.files import write_text
 from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
 
 MOST_SECONDS = 1800.0
@@ -89,8 +89,7 @@ def import_folder(
         outcomes = list(pool.map(work, zip(sources, targets, strict=True)))
     imported = {str(o.source): {"asset": o.asset.name, **(o.manifest or {})} for o in outcomes if o.asset is not None}
     refused = {str(o.source): {"error": type(o.error).__name__, "reason": str(o.error)} for o in outcomes if o.error}
-    with replacing(out / "manifest.json") as file:
-        file.write_text(json.dumps({"imported": imported, "refused": refused}, indent=1) + "\n")
+    write_text(out / "manifest.json", json.dumps({"imported": imported, "refused": refused}, indent=1) + "\n")
     return outcomes
 
 

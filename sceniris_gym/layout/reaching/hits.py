@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import ReachSearch, ReachStep, reach_candidate_num, takes_step
+from sceniris_gym.layout.reaching.search import HELD, ReachSearch, ReachStep, reach_candidate_num, takes_step, tier_of
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -14,8 +14,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def _pairs_of(reach: Reach, step: int, column: int) -> int:
-    """Return the list of pairs that a step tests for a reach target."""
+def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> int:
+    """Return the list of pairs that a step tests for the reach target of a row."""
+    column = reach_search.column[row]
     if step < ReachStep.HAND_AND_TARGET:
         return reach.arm_hand[column]
     if step == ReachStep.HAND_AND_TARGET:
@@ -26,6 +27,8 @@ def _pairs_of(reach: Reach, step: int, column: int) -> int:
         return reach.arm_self[column]
     if step == ReachStep.TARGET_AT_PREGRASP:
         return reach.arm_target[column]
+    if tier_of(reach, reach_search, row, column) == wp.static(HELD):
+        return reach.arm_held[column]
     return reach.arm_scene[column]
 
 
@@ -55,7 +58,7 @@ def _test(
         hit = bool(False)
         while step <= last and not hit:
             if takes_step(reach, reach_search, c, step):
-                pairs = _pairs_of(reach, step, reach_search.column[row])
+                pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
                 found = collides(program, adr, num, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
@@ -91,7 +94,7 @@ def _test_containment(
         inside = bool(False)
         while step <= last and not inside:
             if takes_step(reach, reach_search, c, step):
-                pairs = _pairs_of(reach, step, reach_search.column[row])
+                pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
             step += 1

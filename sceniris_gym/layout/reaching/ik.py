@@ -2,9 +2,10 @@
 
 import warp as wp
 
-from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
+from sceniris_gym.device.quaternions import z_axis
 from sceniris_gym.device.random import REACH_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.reaching.poses import in_base
 from sceniris_gym.layout.reaching.search import (
     PREGRASP_DISTANCE,
     STARTS,
@@ -34,10 +35,8 @@ _PI = wp.constant(wp.pi)
 @wp.func
 def _target(reach: Reach, layouts: LayoutsView, row: int, grasp: int):
     """Return position and orientation of the TCP in a grasp, in the frame of the arm's base."""
-    at, turn = tcp_of(reach, grasp, layouts.body_pos[row], layouts.body_quat[row])
-    back = neg_quat(layouts.body_quat[row, reach.base_body])
-    pos = rot_vec_quat(at - layouts.body_pos[row, reach.base_body], back)
-    return pos, wp.normalize(mul_quat(back, turn))
+    pos, quat = tcp_of(reach, grasp, layouts.body_pos[row], layouts.body_quat[row])
+    return in_base(reach, layouts, row, pos, quat)
 
 
 @wp.func

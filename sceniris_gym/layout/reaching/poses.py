@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat, z_axis
+from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
     PREGRASP_DISTANCE,
@@ -75,6 +75,13 @@ def pose_hand(
     body_quat[root] = wp.normalize(mul_quat(quat, reach.hand_quat))
     for i in range(1, reach.hand_body.shape[0]):
         pose_body(program, reach.hand_body[i], qpos, body_pos, body_quat)
+
+
+@wp.func
+def in_base(reach: Reach, layouts: LayoutsView, row: int, pos: wp.vec3, quat: wp.vec4):
+    """Return a pose of the TCP in the world, in the frame of the arm's base."""
+    back = neg_quat(layouts.body_quat[row, reach.base_body])
+    return rot_vec_quat(pos - layouts.body_pos[row, reach.base_body], back), wp.normalize(mul_quat(back, quat))
 
 
 @wp.kernel(grid_stride=False)

@@ -24,6 +24,8 @@ STARTS = 8
 """Starts of the inverse kinematics for each grasp: the arm's present pose, witnesses of its map, then random joints."""
 MOST_AT_ONCE = 8 * STARTS
 """Most candidates of a row in a wave; a single lane goes through them at the end."""
+HELD = Tier.CLEAR + 1
+"""The tier of a target that is tested in the hand of a robot at its start, away from where it was placed."""
 
 
 class ReachStep(IntEnum):
@@ -60,6 +62,7 @@ class ReachSearch:
     arm: wp.array[int]  # the arm that it is at
     column: wp.array[int]  # the reach target that it is at
     number: wp.array[int]  # number of the next start, counted over all grasps from the first that the map accepts
+    total: wp.array[int]  # candidates that this target has in all
     tried: wp.array[int]  # starts of this target that have failed so far
     tier: wp.array2d[int]  # of each target, in scenes whose starts ask for more than the targets do; else empty
     furthest: wp.array[int]  # the last step that any candidate of this target reached
@@ -102,6 +105,17 @@ def queue_row(reach_search: ReachSearch, row: int):
 
 
 @wp.func
+def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
+    """Queue a row for a reach target, with its number of candidates."""
+    reach_search.column[row] = column
+    reach_search.number[row] = 0
+    reach_search.total[row] = total
+    reach_search.tried[row] = 0
+    reach_search.furthest[row] = ReachStep.MAP
+    queue_row(reach_search, row)
+
+
+@wp.func
 def first_start(reach_search: ReachSearch, c: int) -> int:
     """Return the candidate of a grasp's first start, whose result holds for all; -1 if it was in an earlier wave."""
     found = c - reach_search.start[c]
@@ -124,7 +138,7 @@ def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bo
     if step == ReachStep.SELF_AT_GRASP:
         return True
     row = reach_search.row[c]
-    return tier_of(reach, reach_search, row, reach_search.column[row]) == Tier.CLEAR
+    return tier_of(reach, reach_search, row, reach_search.column[row]) >= Tier.CLEAR
 
 
 @wp.func
@@ -142,7 +156,7 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     s = ReachSearch()
     zeros = partial(allocate, ReachSearch, s)
     with wp.ScopedDevice(compiled.device):
-        zeros(nrow, "arm column number tried furthest first trials")
+        zeros(nrow, "arm column number total tried furthest first trials")
         zeros((2, nrow), "queue")
         zeros((0 if compiled.starts is None else nrow, len(reaching.targets)), "tier")
         zeros(1, "rows_left source rows at_once candidates")

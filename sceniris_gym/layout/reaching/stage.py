@@ -15,8 +15,14 @@ from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
-from sceniris_gym.layout.reaching.start_poses import launch_ask_tiers, launch_leave_grasps
-from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_open_rows, launch_open_wave
+from sceniris_gym.layout.reaching.start import (
+    launch_accept_starts,
+    launch_ask_tiers,
+    launch_leave_grasps,
+    launch_queue_starts,
+)
+from sceniris_gym.layout.reaching.start_poses import launch_go_home, launch_pose_start
+from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import Reach
@@ -33,8 +39,8 @@ class ReachStage:
     """
 
     def __init__(self, compiled: CompiledScene, reaching: Reaching, work: Workspace) -> None:
-        self._work, self._starts = work, compiled.starts
-        asked = [t.arm for t in reaching.targets if t.tier == Tier.CLEAR or compiled.starts is not None]
+        self._work = work
+        asked = [t.arm for t in reaching.targets if t.tier == Tier.CLEAR or work.starts is not None]
         self._arms = [(one.view, number in asked) for number, one in enumerate(reaching.arms)]
         self.search = create_reach_search(compiled, work.nrow, work.size, work.search.free.shape[1])
         self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
@@ -56,20 +62,32 @@ class ReachStage:
         for reach in self._early:
             launch_test_hands(self._work, reach, self.search)
 
+    def launch_go_home(self) -> None:
+        """Return the arms of all rows to their start pose, if starts take them elsewhere."""
+        for reach, _ in self._arms if self._work.starts is not None else ():
+            launch_go_home(self._work, reach)
+
     def launch(self) -> None:
-        """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world."""
-        if self._starts is not None:
-            launch_ask_tiers(self._work, self._starts, self.search)
+        """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world.
+
+        In scenes with starts its arm goes there; a restart without a start that is clear of everything has failed.
+        """
+        if self._work.starts is not None:
+            launch_ask_tiers(self._work, self.search)
         for reach, clear in self._arms:
             launch_open_rows(self._work, reach, self.search)
             repeat_launches(self.search.rows_left, partial(self._wave, reach, clear), self._most_waves)
+        for reach, _ in self._arms if self._work.starts is not None else ():
+            launch_queue_starts(self._work, reach, self.search)
+            repeat_launches(self.search.rows_left, partial(self._start_wave, reach), self._most_waves)
 
     def _wave(self, reach: Reach, clear: bool) -> None:
         """Open candidates, run their steps, and keep the first candidate of each row that passes."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
-        if self._starts is not None:
-            launch_leave_grasps(work, reach, self._starts, search)
+        launch_look_up(work, reach, search)
+        if work.starts is not None:
+            launch_leave_grasps(work, search)
         if clear:
             launch_pose_hand(work, reach, ReachStep.HAND_AT_GRASP, search)
             launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP, search)
@@ -83,3 +101,11 @@ class ReachStage:
             launch_pose_arm(work, reach, ReachStep.SELF_AT_PREGRASP, search)
             launch_test_arm(work, reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP, search)
         launch_accept_grasps(work, reach, search)
+
+    def _start_wave(self, reach: Reach) -> None:
+        """Pose candidates of starts, test them, and keep the first of each row that passes."""
+        work, search = self._work, self.search
+        launch_open_wave(work, reach, search)
+        launch_pose_start(work, reach, search)
+        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search)
+        launch_accept_starts(work, reach, search)

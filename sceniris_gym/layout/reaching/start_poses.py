@@ -1,15 +1,13 @@
-"""Poses of the start stage: the arm of a candidate as it starts, with what it holds. One lane per candidate."""
+"""Poses of starts: the arm of a candidate as it starts, with what it holds. One lane per candidate."""
 
 import warp as wp
 
-from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat
+from sceniris_gym.device.random import START_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import open_gripper, pose_arm, set_gripper, take_joints
+from sceniris_gym.layout.reaching.poses import in_base, open_gripper, pose_arm, set_gripper, take_joints
 from sceniris_gym.layout.reaching.search import ReachSearch, ReachStep, reach_candidate_num
-from sceniris_gym.layout.reaching.start_search import TRIALS, StartSearch, start_column, start_row, start_uniform
-from sceniris_gym.layout.wave.rounds import row_of_restart
-from sceniris_gym.layout.wave.search import Search, Workspace
+from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import StartPose, Starts, is_drawn
@@ -18,6 +16,8 @@ from sceniris_gym.reach.solve import ITERATIONS, accepted, refine, vec8
 
 wp.set_module_options({"enable_backward": False})
 
+TRIALS = 64
+"""Trials of a restart whose kind of start draws heights or joints."""
 # Numbers of the uniform numbers of a trial, behind those of the joints.
 _HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 
@@ -26,100 +26,19 @@ _HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 def _go_home(
     program: Program,
     reach: Reach,
-    starts: Starts,
-    # Layouts out: qpos, body_pos, body_quat
+    # Layouts out: qpos
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, restarts_at_once
+    # Search in: pending, row_world
     search: Search,
 ):
-    worldid = wp.tid()
-    if not search.pending[worldid]:
-        return
-    for i in range(search.restarts_at_once[0]):
-        if search.restart[worldid] + i <= program.restarts:
-            row = row_of_restart(search, worldid, i)
-            take_joints(program, reach.arm_body, program.home_qpos, layouts.qpos[row])
-            for k in range(reach.arm_body.shape[0]):
-                body = reach.arm_body[k]
-                layouts.body_pos[row, body] = starts.home_pos[body]
-                layouts.body_quat[row, body] = starts.home_quat[body]
+    row = wp.tid()
+    if search.pending[search.row_world[row]]:
+        take_joints(program, reach.arm_body, program.home_qpos, layouts.qpos[row])
 
 
-def launch_go_home(work: Workspace, reach: Reach, starts: Starts) -> None:
-    """Return an arm to its start pose in all rows of this round."""
-    work.launch(_go_home, work.nworld, [work.program, reach, starts], work.layouts, work.search)
-
-
-@wp.func
-def _reaches(starts: Starts, kind: int, column: int) -> bool:
-    """Return True if the arm starts at a target where that was placed, or straight above."""
-    pose = starts.pose[kind]
-    return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD
-
-
-@wp.kernel
-def _ask_tiers(
-    starts: Starts,
-    reach: Reach,
-    # Layouts in: start
-    # Layouts out: grasp_qpos, pregrasp_qpos
-    layouts: LayoutsView,
-    # Search in: waiting, row_world
-    search: Search,
-    # ReachSearch out: tier
-    reach_search: ReachSearch,
-):
-    row, column = wp.tid()
-    if not search.waiting[row]:
-        return
-    kind = layouts.start[search.row_world[row]]
-    tier = reach.reach_tier[column]
-    if _reaches(starts, kind, column):
-        tier = int(Tier.CLEAR)
-    reach_search.tier[row, column] = tier
-    for i in range(MAX_JOINTS):
-        layouts.grasp_qpos[row, column, i] = wp.nan
-        layouts.pregrasp_qpos[row, column, i] = wp.nan
-
-
-def launch_ask_tiers(work: Workspace, starts: Starts, reach_search: ReachSearch) -> None:
-    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier."""
-    dim = (work.nrow, starts.target.shape[1])
-    work.launch(_ask_tiers, dim, [starts, work.reach], work.layouts, work.search, reach_search)
-
-
-@wp.kernel(grid_stride=False)
-def _leave_grasps(
-    reach: Reach,
-    starts: Starts,
-    lanes: int,
-    # Layouts in: start
-    layouts: LayoutsView,
-    # Search in: row_world
-    search: Search,
-    # ReachSearch in: column, candidates, row, grasp, start
-    # ReachSearch out: failed
-    reach_search: ReachSearch,
-):
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        row = reach_search.row[c]
-        kind = layouts.start[search.row_world[row]]
-        if _reaches(starts, kind, reach_search.column[row]):
-            if not starts.grasp[kind, reach_search.grasp[c]] and reach_search.start[c] == 0:
-                reach_search.failed[c] = ReachStep.MAP
-
-
-def launch_leave_grasps(work: Workspace, reach: Reach, starts: Starts, reach_search: ReachSearch) -> None:
-    """Reject the candidates of the reach stage whose grasp does not count for the start of their world."""
-    lanes = work.size.lanes
-    work.launch(_leave_grasps, lanes, [reach, starts, lanes, work.layouts, work.search], reach_search)
-
-
-@wp.func
-def _target(reach: Reach, pos: wp.vec3, quat: wp.vec4, base_pos: wp.vec3, base_quat: wp.vec4):
-    """Return a pose of the TCP in the frame of the arm's base."""
-    back = neg_quat(base_quat)
-    return rot_vec_quat(pos - base_pos, back), wp.normalize(mul_quat(back, quat))
+def launch_go_home(work: Workspace, reach: Reach) -> None:
+    """Return an arm to its start pose, from which the starts of the last layouts took it, in the rows of this round."""
+    work.launch(_go_home, work.nrow, [work.program, reach], work.layouts, work.search)
 
 
 @wp.func
@@ -149,12 +68,21 @@ def _drawn_grasp(reach: Reach, starts: Starts, kind: int, variant: int, u: float
 
 
 @wp.func
+def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, trial: int, number: int) -> float:
+    """Return a uniform number of a trial of a row."""
+    worldid = search.row_world[row]
+    seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
+    named = 1 + search.row_restart[row] * wp.static(TRIALS) + trial
+    return uniforms(seed, episode, numbered_stream(split, START_STREAM), named, number // 4)[number % 4]
+
+
+@wp.func
 def _move_object(
     program: Program,
     layouts: LayoutsView,
     row: int,
     obj: int,
-    start_search: StartSearch,
+    reach_search: ReachSearch,
     c: int,
     old_pos: wp.vec3,
     old_quat: wp.vec4,
@@ -165,8 +93,8 @@ def _move_object(
     turn = wp.normalize(mul_quat(new_quat, neg_quat(old_quat)))
     for i in range(program.obj_bodynum[obj]):
         body = program.body_list[program.obj_bodyadr[obj] + i]
-        start_search.body_pos[c, body] = new_pos + rot_vec_quat(layouts.body_pos[row, body] - old_pos, turn)
-        start_search.body_quat[c, body] = wp.normalize(mul_quat(turn, layouts.body_quat[row, body]))
+        reach_search.body_pos[c, body] = new_pos + rot_vec_quat(layouts.body_pos[row, body] - old_pos, turn)
+        reach_search.body_quat[c, body] = wp.normalize(mul_quat(turn, layouts.body_quat[row, body]))
 
 
 @wp.kernel(grid_stride=False)
@@ -179,26 +107,20 @@ def _pose(
     # Layouts in: qpos, start, grasp, grasp_qpos, pregrasp_qpos, pending_seed, pending_episode, variant, body_pos,
     #   body_quat
     layouts: LayoutsView,
-    # Search in: restart, ticket, best, restarts_at_once
+    # Search in: row_world, row_restart
     search: Search,
-    # StartSearch in: queue, trial, source, num, at_once, passed, qpos, body_pos, body_quat
-    # StartSearch out: passed, grasp, joints, qpos, body_pos, body_quat
-    start_search: StartSearch,
+    # ReachSearch in: column, number, first, candidates, row, qpos, body_pos, body_quat
+    # ReachSearch out: grasp, failed, grasp_qpos, qpos, body_pos, body_quat
+    reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), start_search.num[0] * start_search.at_once[0], lanes):
-        worldid = start_search.queue[start_search.source[0], c // start_search.at_once[0]]
-        kind = layouts.start[worldid]
-        if starts.arm[kind] != reach.number:
-            continue
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        row = reach_search.row[c]
+        column = reach_search.column[row]
+        kind = layouts.start[search.row_world[row]]
         pose = starts.pose[kind]
-        trial = start_search.trial[worldid] + c % start_search.at_once[0]
-        start_search.passed[c] = trial == 0 or (pose >= StartPose.LIFTED and trial < wp.static(TRIALS))
-        if not start_search.passed[c]:
-            continue
-        row = start_row(search, worldid)
-        column = start_column(starts, layouts, row, kind)
+        trial = reach_search.number[row] + c - reach_search.first[row]
         grasp = reach.reach_graspadr[column] + layouts.grasp[row, column]
-        qpos = start_search.qpos[c]
+        qpos = reach_search.qpos[c]
         take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
         joints = vec8()
         for i in range(MAX_JOINTS):
@@ -209,41 +131,42 @@ def _pose(
         if pose == StartPose.PREGRASP:
             open_gripper(reach, grasp, qpos)
         elif pose == StartPose.HELD:
-            u = start_uniform(layouts, search, split, worldid, trial, wp.static(_GRASP))
+            u = _uniform(layouts, search, split, row, trial, wp.static(_GRASP))
             grasp = _drawn_grasp(reach, starts, kind, layouts.variant[row, column], u)
             for i in range(MAX_JOINTS):
                 if i < reach.arm.njoint:
                     interval = starts.arm_range[kind, i]
                     joints[i] = qpos[reach.arm_qposadr[i]]
                     if is_drawn(interval):
-                        u = start_uniform(layouts, search, split, worldid, trial, i)
+                        u = _uniform(layouts, search, split, row, trial, i)
                         joints[i] = interval[0] + u * (interval[1] - interval[0])
         else:
             pos, quat = _grip_pose(reach, starts, layouts, row, grasp)
             lift = starts.lift[kind]
-            u = start_uniform(layouts, search, split, worldid, trial, wp.static(_HEIGHT))
+            u = _uniform(layouts, search, split, row, trial, wp.static(_HEIGHT))
             pos = pos + wp.vec3(0.0, 0.0, lift[0] + u * (lift[1] - lift[0]))
-            base = reach.base_body
-            at, turn = _target(reach, pos, quat, layouts.body_pos[row, base], layouts.body_quat[row, base])
+            at, turn = in_base(reach, layouts, row, pos, quat)
             solved = refine(reach.arm, at, turn, joints, wp.static(ITERATIONS))
-            start_search.passed[c] = accepted(solved)
+            if not accepted(solved):
+                reach_search.failed[c] = ReachStep.IK_AT_GRASP
+                continue
             joints = solved.q
-        start_search.grasp[c] = grasp
-        start_search.joints[c] = joints
+        reach_search.grasp[c] = grasp
+        reach_search.grasp_qpos[c] = joints
         if pose >= StartPose.STANDING:
             set_gripper(reach, starts.grip_share[grasp], qpos)
-        pose_arm(program, reach, layouts, row, joints, qpos, start_search.body_pos[c], start_search.body_quat[c])
+        pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
         if pose >= StartPose.LIFTED:
             hand = reach.hand_body[0]
-            new_quat = mul_quat(start_search.body_quat[c, hand], neg_quat(reach.hand_quat))
-            new_pos = start_search.body_pos[c, hand] - rot_vec_quat(reach.hand_pos, new_quat)
+            new_quat = mul_quat(reach_search.body_quat[c, hand], neg_quat(reach.hand_quat))
+            new_pos = reach_search.body_pos[c, hand] - rot_vec_quat(reach.hand_pos, new_quat)
             pos, quat = _grip_pose(reach, starts, layouts, row, grasp)
             obj = reach.reach_obj[column]
-            _move_object(program, layouts, row, obj, start_search, c, pos, quat, new_pos, new_quat)
+            _move_object(program, layouts, row, obj, reach_search, c, pos, quat, new_pos, new_quat)
 
 
-def launch_pose_start(work: Workspace, reach: Reach, starts: Starts, start_search: StartSearch) -> None:
-    """Pose the robot of each candidate of an arm, and what it holds. Candidates fail where no joints lead there."""
+def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Pose the robot of each candidate, and what it holds. Candidates fail where no joints lead there."""
     lanes = work.size.lanes
-    inputs = [work.program, reach, starts, work.split, lanes, work.layouts, work.search]
-    work.launch(_pose, lanes, inputs, start_search)
+    inputs = [work.program, reach, work.starts, work.split, lanes, work.layouts, work.search]
+    work.launch(_pose, lanes, inputs, reach_search)

@@ -15,6 +15,7 @@ from sceniris_gym.layout.reaching.search import (
     ReachSearch,
     ReachStep,
     queue_row,
+    queue_target,
     reach_candidate_num,
     takes_step,
     tier_of,
@@ -50,6 +51,12 @@ def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, 
 
 
 @wp.func
+def _first_grasp(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
+    """Return the first grasp of a target to try: while placing, the map rejected all before it."""
+    return reach.reach_graspadr[column] + layouts.grasp[row, column]
+
+
+@wp.func
 def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int, column: int):
     """Move a row to the arm's first target from `column` on that is present and of tier `ik` or `clear`.
 
@@ -78,11 +85,9 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
         return
     if reach.reach_early[found]:
         _skip_blocked(reach, layouts, search, row, found)
-    reach_search.column[row] = found
-    reach_search.number[row] = 0
-    reach_search.tried[row] = 0
-    reach_search.furthest[row] = ReachStep.MAP
-    queue_row(reach_search, row)
+    variant = layouts.variant[row, found]
+    last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
+    queue_target(reach_search, row, found, (last - _first_grasp(reach, layouts, row, found)) * wp.static(STARTS))
 
 
 @wp.func
@@ -121,7 +126,7 @@ def _open_rows(
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: arm, tier, rows_left, source
-    # ReachSearch out: arm, column, number, tried, furthest, queue, rows_left
+    # ReachSearch out: arm, column, number, total, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     row = wp.tid()
@@ -137,20 +142,6 @@ def _open_rows(
 def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Queue the waiting rows that are at this arm."""
     work.launch(_open_rows, work.nrow, [work.program, reach], work.layouts, work.search, reach_search)
-
-
-@wp.func
-def _first_grasp(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
-    """Return the first grasp of a target to try: while placing, the map rejected all before it."""
-    return reach.reach_graspadr[column] + layouts.grasp[row, column]
-
-
-@wp.func
-def _start_num(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
-    """Return the number of starts of all grasps from `_first_grasp` on."""
-    variant = layouts.variant[row, column]
-    last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
-    return (last - _first_grasp(reach, layouts, row, column)) * wp.static(STARTS)
 
 
 @wp.kernel
@@ -173,9 +164,9 @@ def _plan_wave(
 def _open_candidates(
     reach: Reach,
     lanes: int,
-    # Layouts in: grasp, variant
+    # Layouts in: grasp
     layouts: LayoutsView,
-    # ReachSearch in: column, number, tried, queue, source, rows, at_once, candidates
+    # ReachSearch in: column, number, total, tried, queue, source, rows, at_once, candidates
     # ReachSearch out: first, trials, candidates, row, grasp, start, failed
     reach_search: ReachSearch,
 ):
@@ -186,7 +177,7 @@ def _open_candidates(
         # half as many as have failed so far: at most half as many again in vain, in far fewer waves; on a CPU core a
         # wave costs 10 to 20 us, and a start 4 us
         trials = wp.clamp(reach_search.tried[row] // 2, reach_search.at_once[0], wp.static(MOST_AT_ONCE))
-        trials = wp.min(trials, _start_num(reach, layouts, row, column) - number)
+        trials = wp.min(trials, reach_search.total[row] - number)
         first = wp.atomic_add(reach_search.candidates, 0, trials)
         trials = wp.clamp(reach_search.failed.shape[0] - first, 0, trials)
         reach_search.first[row] = first
@@ -221,14 +212,18 @@ def _look_up(
 
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Open candidates, more per row if few rows are left, and look up their grasps in the arm's map."""
+    """Open candidates, more per row if few rows are left."""
     work.launch(_plan_wave, 1, [work.size.busy], reach_search)
-    for kernel in (_open_candidates, _look_up):
-        work.launch(kernel, work.size.lanes, [reach, work.size.lanes, work.layouts], reach_search)
+    work.launch(_open_candidates, work.size.lanes, [reach, work.size.lanes, work.layouts], reach_search)
+
+
+def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Look up the grasps of candidates in the arm's map."""
+    work.launch(_look_up, work.size.lanes, [reach, work.size.lanes, work.layouts], reach_search)
 
 
 @wp.func
-def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
+def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
     """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
     clear = tier_of(reach, reach_search, row, column) == Tier.CLEAR
@@ -239,22 +234,21 @@ def _keep(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: in
 
 
 @wp.func
-def _accept_first(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int) -> bool:
-    """Keep the first of a row's candidates that passed, and return True; else move on to the starts after them."""
+def first_passed(reach_search: ReachSearch, row: int) -> int:
+    """Return the first of a row's candidates that passed; else move on to the starts after them, and return -1."""
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
         reach_search.furthest[row] = wp.max(reach_search.furthest[row], failed)
         if failed == ReachStep.PASSED:
-            _keep(reach, layouts, reach_search, row, column, c)
-            return True
+            return c
         after = reach_search.number[row] + c + 1 - reach_search.first[row]
         if failed < ReachStep.IK_AT_GRASP:  # all starts of this grasp fail
             after += wp.static(STARTS) - 1 - reach_search.start[c]
         else:
             reach_search.tried[row] += 1
     reach_search.number[row] = after
-    return False
+    return -1
 
 
 @wp.func
@@ -282,19 +276,21 @@ def _accept(
     # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
-    # ReachSearch in: column, number, tried, tier, furthest, first, trials, queue, rows_left, source, rows, grasp,
-    #   start, failed, grasp_qpos, pregrasp_qpos
-    # ReachSearch out: arm, column, number, tried, furthest, queue, rows_left
+    # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
+    #   grasp, start, failed, grasp_qpos, pregrasp_qpos
+    # ReachSearch out: arm, column, number, total, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     for i in range(wp.tid(), reach_search.rows[0], lanes):
         row = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[row]
-        if _accept_first(reach, layouts, reach_search, row, column):
+        found = first_passed(reach_search, row)
+        if found >= 0:
+            keep_grasp(reach, layouts, reach_search, row, column, found)
             _move_to(reach, layouts, search, reach_search, row, column + 1)
         elif search.best[search.row_world[row]] < search.row_restart[row]:
             search.waiting[row] = False  # an earlier restart of its world is done
-        elif reach_search.number[row] < _start_num(reach, layouts, row, column):
+        elif reach_search.number[row] < reach_search.total[row]:
             queue_row(reach_search, row)
         else:
             layouts.row_rejections[row, reach.reach_obj[column], _reject_cause(reach, reach_search, row)] += 1

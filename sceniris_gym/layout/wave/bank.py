@@ -17,7 +17,7 @@ _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 
 
 @wp.func
-def bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
+def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
     """Return the world's entry of its split's bank; -1 while the bank of the scene is still being filled."""
     first = int(0)
     num = program.bank_ntrain
@@ -58,11 +58,20 @@ def _take_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
 
 
 @wp.func
-def fall_back(program: Program, reach: Reach, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
+def fall_back(
+    program: Program,
+    reach: Reach,
+    bank_start: wp.array[int],
+    layouts: LayoutsView,
+    worldid: int,
+    split: wp.uint32,
+) -> int:
     """Copy the world's entry of the bank, and return the status of its row."""
-    row = bank_row(program, layouts, worldid, split)
+    row = _bank_row(program, layouts, worldid, split)
     if row < 0:
         return 0
     _take(program, layouts, worldid, row)
     _take_grasps(reach, layouts, worldid, row)
+    if bank_start:
+        layouts.start[worldid] = bank_start[row]
     return Status.FALLBACK

@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func
-def draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
+def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
     """Pose a static object at its place in the model, with its joints drawn."""
     pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
     if program.obj_measured[obj] == Measure.WHOLE:
@@ -136,7 +136,7 @@ def _draw(
         search.surface[c] = -1
         draw_joints(program, worldid, obj, seed, episode, stream, trial, search.qpos[c])
         if program.obj_kind[obj] == ObjectKind.STATIC:
-            draw_static(program, layouts, search, c, row, obj)
+            _draw_static(program, layouts, search, c, row, obj)
             continue
         u = uniforms(seed, episode, stream, trial, 0)
         w = wp.vec4(0.0)

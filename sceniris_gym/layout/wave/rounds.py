@@ -117,6 +117,7 @@ def row_of_restart(search: Search, worldid: int, number: int) -> int:
 def _plan_round(
     program: Program,
     staged: bool,
+    has_kinds: bool,
     busy: int,
     # Search in: worlds_left, restarts_at_once
     # Search out: worlds_left, tickets, restarts_at_once
@@ -128,6 +129,8 @@ def _plan_round(
     left = wp.where(staged, _LEFT_BY_STAGE, _LEFT)
     wanted = _restarts_wanted(float(worlds), left, program.restart_rate)
     wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # twice as many as were too few
+    if has_kinds and search.restarts_at_once[0] > 0:
+        wanted = program.restarts + 1  # the worlds that are left have the kinds of starts that fail most
     failing = float(worlds) * program.restart_rate
     # another round follows anyway, or all rows take longer in the stage than it does
     if failing > left and (wanted > room or (staged and 2 * worlds >= busy)):
@@ -165,7 +168,7 @@ def _open_rows(
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
-    work.launch(_plan_round, 1, [work.program, staged, work.size.busy], work.search)
+    work.launch(_plan_round, 1, [work.program, staged, work.starts is not None, work.size.busy], work.search)
     work.launch(_open_rows, work.nworld, [work.program, work.reach, staged], work.layouts, work.search)
 
 
@@ -237,10 +240,11 @@ def _copy_row(layouts: LayoutsView, row: int, worldid: int):
 def _settle(
     program: Program,
     reach: Reach,
+    bank_start: wp.array[int],  # the kinds of starts of the bank, if there are some
     split: wp.uint32,
     # Layouts in: qpos, mocap_pos, mocap_quat, attempts, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
     #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, present, grasp, grasp_qpos,
+    # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
@@ -275,7 +279,7 @@ def _settle(
     elif last == program.restarts or not sound:
         if not sound:
             layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
-        layouts.status[worldid] = fall_back(program, reach, layouts, worldid, split)
+        layouts.status[worldid] = fall_back(program, reach, bank_start, layouts, worldid, split)
         layouts.first_pass_valid[worldid] = 0
         search.pending[worldid] = False
     else:
@@ -284,7 +288,9 @@ def _settle(
 
 def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
-    work.launch(_settle, work.nworld, [work.program, work.reach, work.split], work.layouts, work.search)
+    bank_start = None if work.starts is None else work.starts.bank_start
+    inputs = [work.program, work.reach, bank_start, work.split]
+    work.launch(_settle, work.nworld, inputs, work.layouts, work.search)
 
 
 @wp.func

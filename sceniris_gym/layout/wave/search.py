@@ -24,6 +24,7 @@ from sceniris_gym.placement.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
 
 NO_GRASP = 1 << 30
@@ -240,6 +241,7 @@ class Workspace:
     Attributes:
         program: The placement program.
         statics: How objects stand, None if none can fall.
+        starts: The kinds of starts, None if there are none.
         related: Whether there are regions that differ between worlds.
         reaches: The arms; a single empty one if there are no reach targets.
         split: Number of the split.
@@ -251,6 +253,7 @@ class Workspace:
 
     program: Program
     statics: Statics | None
+    starts: Starts | None
     related: bool
     reaches: Sequence[Reach]
     split: int

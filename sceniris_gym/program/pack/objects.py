@@ -76,7 +76,8 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
         **draws,
         **choices,
         "draw_qposadr": np.array([r.qposadr for r in drawn], int),
-        "draw_range": np.reshape([(r.low, r.high) for r in drawn], (-1, 2)),
+        # upside down where a choice is drawn
+        "draw_range": np.reshape([(1.0, -1.0) if r.choice else (r.low, r.high) for r in drawn], (-1, 2)),
         "choice": np.array(choice, float),
     }
 

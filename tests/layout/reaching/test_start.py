@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.reaching.search import HELD as IN_HAND
+from sceniris_gym.layout.reaching.start import launch_queue_starts
+from sceniris_gym.layout.reaching.start_poses import TRIALS
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.device import Program, copied
 from tests.layout.starting import (
@@ -19,6 +24,7 @@ from tests.layout.starting import (
     HOME,
     LIFT,
     LIFTED,
+    PLACED,
     PREGRASP,
     SCENE,
     STANDING,
@@ -79,6 +85,28 @@ def test_the_arm_is_where_its_kind_says():
         assert ((lift > LIFT[0] - 1e-3) & (lift < LIFT[1] + 1e-3)).all()
         names = [compiled.reaching.targets[cabinet].grasp_set.grasps[g].name for g in rows["grasp"][:, cabinet]]
         assert all("upper_handle" in name for name, k in zip(names, kind, strict=True) if k == HANDLE)
+
+
+def test_worlds_that_start_at_home_are_not_queued():
+    """All other worlds are, once each, at the target of their kind; those that try heights or joints are held."""
+    generator, compiled = LayoutGenerator(starting(), 40, seed=1), starting()
+    generator.generate()
+    work, stage = generator._work, generator._stage
+    assert stage is not None
+    assert compiled.reaching is not None
+    work.search.pending.fill_(True)
+    wp.copy(work.search.restart, work.search.best)  # as at the end of the round that made them
+    launch_queue_starts(work, work.reach, stage.search)
+    search, kinds = stage.search, generator.layouts.start.numpy()
+    num = int(search.rows_left.numpy()[0])
+    queued = search.queue.numpy()[1 - int(search.source.numpy()[0]), :num]
+    np.testing.assert_array_equal(np.sort(queued), np.flatnonzero(~np.isin(kinds, (HOME, PLACED))))
+    names = [compiled.reaching.names[column] for column in search.column.numpy()[queued]]
+    assert names == ["cabinet" if kind == HANDLE else "block" for kind in kinds[queued]]
+    air = np.isin(kinds[queued], (LIFTED, HELD))
+    np.testing.assert_array_equal(search.total.numpy()[queued], np.where(air, TRIALS, 1))
+    tiers = search.tier.numpy()[queued, search.column.numpy()[queued]]
+    np.testing.assert_array_equal(tiers, np.where(air, IN_HAND, Tier.CLEAR))
 
 
 @pytest.mark.parametrize("change", [{"rows": 40}, {"grasps": 7}, {"candidates": 5, "busy": 5}], ids=str)
