@@ -45,11 +45,11 @@ def grips_of(compiled: CompiledScene, rest: RestMap, device: wp.Device) -> Grips
     Raises:
         NotSupportedError: No position actuator closes a gripper that a start closes on something.
     """
-    grips, full, sim = Grips(), compiled.mjm, compiled.sim_mjm
-    arms = () if compiled.reaching is None or compiled.starts is None else compiled.reaching.arms
-    closed, arm = np.full((len(arms), sim.nq), np.nan), np.zeros(0, int)
-    if compiled.starts is not None:
-        arm = np.where(compiled.starts.pose.numpy() >= StartPose.STANDING, compiled.starts.arm.numpy(), -1)
+    grips, full, sim, starts = Grips(), compiled.mjm, compiled.sim_mjm, compiled.starts
+    if compiled.reaching is None or starts is None:
+        return grips
+    arm, arms = np.where(starts.pose.numpy() >= StartPose.STANDING, starts.arm.numpy(), -1), compiled.reaching.arms
+    closed = np.full((len(arms), sim.nq), np.nan)
     names = {int(adr): full.joint(i).name for i, adr in enumerate(full.jnt_qposadr)}
     for i, one in enumerate(arms):
         adr, qpos = one.gripper.poses(np.zeros(1))

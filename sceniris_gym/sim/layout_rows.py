@@ -1,45 +1,21 @@
-"""`LayoutRows`: the parts of layouts that a reset writes, whether just made or stored."""
+"""Stored layouts as a reset writes them, checked against the scene."""
 
 from __future__ import annotations
-
-from typing import Any, NamedTuple
 
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
-from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import fill_struct
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.write import Poses
+
+_PARTS = ("qpos", "mocap_pos", "mocap_quat", "present", "start", "seed", "episode")
+"""The parts of layouts that a reset writes."""
 
 
-class LayoutRows(NamedTuple):
-    """Layouts on the device, a row for each.
-
-    Attributes:
-        poses: Their poses.
-        present: Which objects are present, shape (nrow, nslot), int32.
-        start: Kinds of start, shape (nrow,), int32.
-        seed, episode: What they were made by, shape (nrow,), uint64 and int32.
-        knob: Numbers of the knobs, shape (nrow, nvalue); None for those of the scene file.
-    """
-
-    poses: Poses
-    present: wp.array
-    start: wp.array
-    seed: wp.array
-    episode: wp.array
-    knob: wp.array | None
-
-
-def rows_of(layouts: Layouts) -> LayoutRows:
-    """Return the layouts of worlds, in the memory that resets fill."""
-    poses, own = Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat), layouts
-    return LayoutRows(poses, own.present, own.start, own.seed, own.episode, own.knob)
-
-
-def stored_rows(layouts: Layouts | LayoutTable, compiled: CompiledScene, device: wp.Device) -> LayoutRows:
-    """Return layouts of a scene that are stored anywhere.
+def stored_rows(layouts: Layouts | LayoutTable, compiled: CompiledScene, device: str) -> LayoutsView:
+    """Return layouts of a scene that are stored anywhere, with the parts that a reset writes.
 
     Raises:
         SceneMismatchError: They are of another scene, or their sizes are not those of its model.
@@ -61,15 +37,11 @@ def stored_rows(layouts: Layouts | LayoutTable, compiled: CompiledScene, device:
                 f"layouts.{name} has shape {found} and should have shape {(nrow, *shape)}. Give layouts of this scene."
             )
 
-    def upload(name: str, dtype: Any, ndim: int) -> wp.array:
+    view = LayoutsView()
+    for name in _PARTS:
         array = getattr(layouts, name)
-        return array.to(device) if isinstance(array, wp.array) else wp.array(array, dtype, ndim=ndim, device=device)
-
-    return LayoutRows(
-        Poses(*(upload(name, dtype, 2) for name, _, dtype in columns)),
-        upload("present", int, 2),
-        upload("start", int, 1),
-        upload("seed", wp.uint64, 1),
-        upload("episode", int, 1),
-        layouts.knob if isinstance(layouts, Layouts) else None,
-    )
+        if isinstance(array, wp.array):
+            setattr(view, name, array.to(device))
+        else:
+            fill_struct(LayoutsView, view, {name: array}, device)
+    return view

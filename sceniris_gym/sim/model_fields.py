@@ -12,13 +12,13 @@ from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
 from sceniris_gym.sim.holding import GAINS, HoldingControls, components
-from sceniris_gym.sim.layout_rows import LayoutRows
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -174,10 +174,12 @@ class ModelFields:
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
 
-    def launch_draw(self, mask: wp.array, layouts: LayoutRows, split: str, rows: wp.array | None = None) -> None:
+    def launch_draw(
+        self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
+    ) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
         if self._drawer is not None:
-            self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, layouts.knob)
+            self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
             self.launch_follow(mask)
 
     @property

@@ -26,7 +26,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, updater
 from sceniris_gym.sim.fit import check_fit
-from sceniris_gym.sim.layout_rows import rows_of, stored_rows
+from sceniris_gym.sim.layout_rows import stored_rows
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
@@ -34,6 +34,7 @@ from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.reset_writer import ResetWriter
 from sceniris_gym.sim.sources import choose_source
 from sceniris_gym.sim.versions import fields_of_data
+from sceniris_gym.sim.write import poses_of
 
 PROMISED = fields_of_data(
     *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
@@ -335,20 +336,19 @@ class ResetRandomizer(Fixed, StaysHere):
             SceneMismatchError: The layouts are of another scene.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
-        stored, nrow = stored_rows(layouts, self.compiled, self.device), layouts.qpos.shape[0]
-        if isinstance(layouts, Layouts) and layouts.knobs.names != self.layouts.knobs.names:
-            stored = stored._replace(knob=None)
+        stored, nrow = stored_rows(layouts, self.compiled, str(self.device)), layouts.qpos.shape[0]
+        own = isinstance(layouts, Layouts) and layouts.knobs.names == self.layouts.knobs.names
+        knob = layouts.knob if isinstance(layouts, Layouts) and own else None
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            self._writer.launch(stored, on_device)
+            self._writer.launch(stored, knob, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
         if self._writer.variants is not None:
-            layouts = rows_of(self.layouts)
             fill_mask(mask, self._mask)
-            self._writer.variants.launch(layouts.poses, layouts.present)
+            self._writer.variants.launch(poses_of(self.layouts.view), self.layouts.present)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
@@ -368,7 +368,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def _launch_reset(self) -> None:
         self.layout_source.launch_generate(self._mask)
-        self._writer.launch(rows_of(self.layouts))
+        self._writer.launch(self.layouts.view, self.layouts.knob)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)

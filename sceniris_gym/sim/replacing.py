@@ -18,7 +18,7 @@ from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
 from sceniris_gym.sim.rest import RestMap
 from sceniris_gym.sim.versions import sleeps
-from sceniris_gym.sim.write import Poses, StateWriter
+from sceniris_gym.sim.write import StateWriter, poses_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -123,7 +123,7 @@ class Replacer:
 
         def launches() -> None:
             redraw.launch(state, self._mask, self.number, self._origins)
-            writer.launch(Poses(found.qpos, found.mocap_pos, found.mocap_quat))
+            writer.launch(poses_of(found.view))
             wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
             self._refresh()
 

@@ -7,14 +7,14 @@ from collections.abc import Callable
 import mujoco_warp as mjw
 import warp as wp
 
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.contacts import ContactList
 from sceniris_gym.sim.grips import grips_of
-from sceniris_gym.sim.layout_rows import LayoutRows
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import keyframe_plastic
-from sceniris_gym.sim.write import StateWriter
+from sceniris_gym.sim.write import StateWriter, poses_of
 
 
 class ResetWriter:
@@ -67,18 +67,19 @@ class ResetWriter:
         words = {"bodies": bodies, "origins": origins, "plastic": plastic, "count": count, "grips": grips}
         self._writer = StateWriter(mjm, d, mask, fields.rest, **words)
 
-    def launch(self, layouts: LayoutRows, rows: wp.array | None = None) -> None:
+    def launch(self, layouts: LayoutsView, knob: wp.array | None, rows: wp.array | None = None) -> None:
         """Write layouts into the masked worlds.
 
         Args:
             layouts: The layouts.
+            knob: Numbers of their knobs, shape (nrow, nvalue); None for those of the scene file.
             rows: Row of `layouts` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
-        m, d, poses, pose_rows = self._m, self._d, layouts.poses, rows
+        m, d, poses, pose_rows = self._m, self._d, poses_of(layouts), rows
         if self.variants is not None:
             poses, pose_rows = self.variants.launch(poses, layouts.present, rows), None
         self._contacts.launch_drop()
-        self._fields.launch_draw(self._mask, layouts, self._split, rows)
+        self._fields.launch_draw(self._mask, layouts, self._split, knob, rows)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)

@@ -8,6 +8,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.sim.grips import Grips, control_at_start
 from sceniris_gym.sim.rest import RestMap, history_samples
@@ -27,6 +28,11 @@ class Poses(NamedTuple):
     qpos: wp.array
     mocap_pos: wp.array
     mocap_quat: wp.array
+
+
+def poses_of(layouts: LayoutsView) -> Poses:
+    """Return the poses of layouts, in the same memory."""
+    return Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
 
 
 class Addresses(NamedTuple):

@@ -27,7 +27,7 @@ import warp as wp
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.files import as_json, replacing
+from sceniris_gym.files import as_json, replacing, write_text
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.scene.build import build_model
@@ -113,8 +113,7 @@ class Run:
             self.checkpoint.unlink(missing_ok=True)  # of an earlier run
             self.log.write_text("")
             self._teach()
-        with replacing(options.out / CONFIG) as file:
-            file.write_text(as_json(self._config(), indent=1))
+        write_text(options.out / CONFIG, as_json(self._config(), indent=1))
         while not self.finished:
             self._train(options.every)
             judged = self.finished or self.seconds - self.judged_at >= options.evaluate_every
@@ -192,8 +191,7 @@ class Run:
         self.judged_at = self.seconds
         policy, options = self.runner.get_inference_policy(str(self.env.device)), self.options
         found = {name: judge(policy, env, self._judged, options.layouts) for name, env in self.judges.items()}
-        with replacing(options.out / JUDGED) as temporary:
-            temporary.write_text(as_json({"env_steps": self.env_steps, "seconds": self.seconds, **found}))
+        write_text(options.out / JUDGED, as_json({"env_steps": self.env_steps, "seconds": self.seconds, **found}))
         self._tell("eval", without_layouts(found))
 
     def _save(self) -> None:

@@ -63,6 +63,7 @@ class Worlds:
         """Return them as a redraw reads them."""
         view = LayoutsView()
         view.seed, view.episode = wp.array(self.seed, device="cpu"), wp.full(len(self.seed), 3, dtype=int, device="cpu")
+        view.start = wp.full(len(self.seed), -1, dtype=int, device="cpu")
         view.present, view.qpos = wp.array(self.present, device="cpu"), wp.array(self.qpos, device="cpu")
         view.mocap_pos = wp.array(self.mocap_pos, dtype=wp.vec3, ndim=2, device="cpu")
         view.mocap_quat = wp.array(self.mocap_quat, dtype=wp.quat, ndim=2, device="cpu")

@@ -19,14 +19,10 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
     column = reach_search.column[row]
     if step < ReachStep.HAND_AND_TARGET:
         return reach.arm_hand[column]
-    if step == ReachStep.HAND_AND_TARGET:
+    if step == ReachStep.HAND_AND_TARGET or step == ReachStep.TARGET_AT_PREGRASP:
         return reach.arm_target[column]
-    if step == ReachStep.SELF_AT_GRASP:
+    if step == ReachStep.SELF_AT_GRASP or step == ReachStep.SELF_AT_PREGRASP:
         return reach.arm_self[column]
-    if step == ReachStep.SELF_AT_PREGRASP:
-        return reach.arm_self[column]
-    if step == ReachStep.TARGET_AT_PREGRASP:
-        return reach.arm_target[column]
     if tier_of(reach, reach_search, row, column) == wp.static(HELD):
         return reach.arm_held[column]
     return reach.arm_scene[column]

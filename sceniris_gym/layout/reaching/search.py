@@ -131,11 +131,7 @@ def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bo
         return False
     if step < ReachStep.IK_AT_GRASP and reach_search.start[c] != 0:
         return False
-    if step == ReachStep.MAP:
-        return True
-    if step == ReachStep.IK_AT_GRASP:
-        return True
-    if step == ReachStep.SELF_AT_GRASP:
+    if step == ReachStep.MAP or step == ReachStep.IK_AT_GRASP or step == ReachStep.SELF_AT_GRASP:
         return True
     row = reach_search.row[c]
     return tier_of(reach, reach_search, row, reach_search.column[row]) >= Tier.CLEAR

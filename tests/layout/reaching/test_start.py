@@ -156,6 +156,7 @@ def test_objects_are_redrawn_beside_an_arm_that_holds_something():
     kept[adr : adr + 7] = False
     np.testing.assert_array_equal(after[:, kept], before["qpos"][:, kept])
     assert (after[:, adr] != before["qpos"][:, adr]).mean() > 0.9
+    np.testing.assert_array_equal(extended.start.numpy(), before["start"])
 
 
 @pytest.mark.cuda
