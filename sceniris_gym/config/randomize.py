@@ -122,15 +122,6 @@ class DrawConfig(Section):
         """The parameters of the distribution: its ends, or mean and standard deviation."""
         return self.scale or self.add or self.abs or ((), ())
 
-    @property
-    def extremes(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The least and the greatest numbers that can be drawn."""
-        low, high = self.ends
-        if self.distribution != "normal":
-            return low, high
-        pairs = list(zip(low, high, strict=True))
-        return tuple(m - DEVIATIONS * s for m, s in pairs), tuple(m + DEVIATIONS * s for m, s in pairs)
-
     @model_validator(mode="after")
     def _can_be_drawn(self) -> DrawConfig:
         low, high = self.ends

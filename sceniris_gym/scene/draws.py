@@ -10,7 +10,7 @@ from typing import NoReturn
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.randomize import WORDS, DrawConfig, Word
+from sceniris_gym.config.randomize import DEVIATIONS, WORDS, DrawConfig, Word
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside, rows_named
@@ -185,7 +185,9 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
 def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
     """Return the extreme values of a draw, shape (number of them, nrow or 1, ncomponent or 1); of a turn its angles."""
     config = draw.config
-    ends = draw.choice if config.choice is not None else np.array(config.extremes)
+    ends = draw.choice if config.choice is not None else np.array(config.ends)
+    if config.distribution == "normal":
+        ends = ends[0] + DEVIATIONS * np.array([-ends[1], ends[1]])
     now = values[draw.rows][:, draw.components % values.shape[1]]
     if config.scale is not None:
         return now * ends[:, None]

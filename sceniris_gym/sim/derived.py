@@ -101,10 +101,9 @@ def _mass_matrix(w: Derived, worldid: int, pairid: int):
 
 
 @wp.func
-def _factor(w: Derived, worldid: int, treeid: int):
-    """Replace a tree's block of M by its Cholesky factor."""
-    first = w.tree_dofadr[treeid]
-    for i in range(first, first + w.tree_dofnum[treeid]):
+def _factor(w: Derived, worldid: int, first: int):
+    """Replace the block of M of the tree with this first degree of freedom by its Cholesky factor."""
+    for i in range(first, w.dof_block[first][1]):
         row = w.dof_row[i]
         for j in range(first, i + 1):
             total = w.factor[worldid, row + j]
@@ -119,9 +118,8 @@ def _factor(w: Derived, worldid: int, treeid: int):
 @wp.func
 def _invert(w: Derived, worldid: int, dofid: int):
     """Write a row of the symmetric inverse of M, by forward and backward substitution in place."""
-    treeid = w.dof_treeid[dofid]
-    first = w.tree_dofadr[treeid]
-    end = first + w.tree_dofnum[treeid]
+    first = w.dof_block[dofid][0]
+    end = w.dof_block[dofid][1]
     row = w.dof_row[dofid]
     for i in range(first, end):
         total = wp.where(i == dofid, 1.0, 0.0)
@@ -138,14 +136,11 @@ def _invert(w: Derived, worldid: int, dofid: int):
 
 @wp.func
 def _body_weight(w: Derived, worldid: int, bodyid: int):
-    treeid = w.body_treeid[bodyid]
-    if treeid < 0:
-        return
     if w.body_simple[bodyid] == _SLIDES:
         w.body_invweight0[worldid, bodyid] = wp.vec2(1.0 / _mass(w, worldid, bodyid), 0.0)
         return
-    first = w.tree_dofadr[treeid]
-    end = first + w.tree_dofnum[treeid]
+    first = w.body_block[bodyid][0]
+    end = w.body_block[bodyid][1]
     arm = _arm(w, worldid, bodyid)
     weight = wp.vec2(0.0)
     for i in range(first, end):
@@ -178,9 +173,8 @@ def _transmission_weight(w: Derived, worldid: int, transmission: int):
     weight = float(0.0)
     square = float(0.0)
     for k in range(w.moment.shape[1]):
-        treeid = w.dof_treeid[k]
         acceleration = float(0.0)
-        for j in range(w.tree_dofadr[treeid], w.tree_dofadr[treeid] + w.tree_dofnum[treeid]):
+        for j in range(w.dof_block[k][0], w.dof_block[k][1]):
             acceleration += w.inverse[worldid, w.dof_row[k] + j] * wp.dot(gear, w.moment[transmission, j])
         weight += acceleration * wp.dot(gear, w.moment[transmission, k])
         square += acceleration * acceleration
@@ -235,10 +229,10 @@ def _light(w: Derived, worldid: int, lightid: int):
 @wp.kernel
 def _derive(
     mask: wp.array[wp.bool],
-    # Derived in: body_end, dof_shared, dof_row, xpos, xmat, jacp, jacr, pair, moment, geared, factor, inverse,
-    #   body_treeid, body_simple, dof_bodyid, dof_treeid, tree_dofadr, tree_dofnum, cam_bodyid, cam_targetbodyid,
-    #   light_bodyid, light_targetbodyid, body_mass, body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature,
-    #   actuator_armature, actuator_gear, cam_pos, cam_quat, light_pos, light_dir
+    # Derived in: body_end, body_block, dof_block, dof_shared, dof_row, xpos, xmat, jacp, jacr, pair, moment, geared,
+    #   factor, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
+    #   body_mass, body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear,
+    #   cam_pos, cam_quat, light_pos, light_dir
     # Derived out: factor, inverse, body_subtreemass, body_invweight0, dof_invweight0, tendon_invweight0, actuator_acc0,
     #   cam_pos0, cam_poscom0, cam_mat0, light_pos0, light_poscom0, light_dir0
     w: Derived,
@@ -257,8 +251,9 @@ def _derive(
     for i in range(lane, w.pair.shape[0], wp.block_dim()):
         _mass_matrix(w, worldid, i)
     block_sync()
-    for i in range(lane, w.tree_dofnum.shape[0], wp.block_dim()):
-        _factor(w, worldid, i)
+    for i in range(lane, w.dof_block.shape[0], wp.block_dim()):
+        if w.dof_block[i][0] == i:
+            _factor(w, worldid, i)
     block_sync()
     for i in range(lane, w.dof_row.shape[0], wp.block_dim()):
         _invert(w, worldid, i)

@@ -22,6 +22,8 @@ class Derived:
 
     Attributes:
         body_end: The number behind the last body below a body, shape (nbody,).
+        body_block, dof_block: First and last but one degree of freedom of the tree that one belongs to, shapes (nbody,)
+            and (nv,); (0, 0) for a body that no joint moves.
         dof_shared: First and number of the degrees of freedom that one shares its weight with, shape (nv,).
         dof_row: Place of a row of M in `factor` and `inverse`, from column 0 on, shape (nv,).
         xpos, xmat: Poses of bodies, shape (nbody,).
@@ -35,6 +37,8 @@ class Derived:
     """
 
     body_end: wp.array[int]
+    body_block: wp.array[wp.vec2i]
+    dof_block: wp.array[wp.vec2i]
     dof_shared: wp.array[wp.vec2i]
     dof_row: wp.array[int]
     xpos: wp.array[wp.vec3]
@@ -46,12 +50,8 @@ class Derived:
     geared: wp.array[int]
     factor: wp.array2d[float]
     inverse: wp.array2d[float]
-    body_treeid: wp.array[int]
     body_simple: wp.array[int]
     dof_bodyid: wp.array[int]
-    dof_treeid: wp.array[int]
-    tree_dofadr: wp.array[int]
-    tree_dofnum: wp.array[int]
     cam_bodyid: wp.array[int]
     cam_targetbodyid: wp.array[int]
     light_bodyid: wp.array[int]
@@ -89,12 +89,14 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     for b in range(1, mjm.nbody):
         mujoco.mj_jac(mjm, data, jac[0, b], jac[1, b], data.xpos[b], b)
     end = np.array([subtree(mjm, b)[-1] + 1 for b in range(mjm.nbody)])
+    trees = np.append(np.stack([mjm.tree_dofadr, mjm.tree_dofadr + mjm.tree_dofnum], axis=1), [[0, 0]], axis=0)
     widths = mjm.tree_dofnum[mjm.dof_treeid]
     squares = np.cumsum(widths)
     driven = np.isin(mjm.actuator_trntype, (*JOINT_TRANSMISSIONS, int(mujoco.mjtTrn.mjTRN_TENDON)))
     driven &= np.any(mjm.actuator_armature)  # armatures that are 0 in the whole model stay so
     t = Derived()
     t.body_end, t.dof_shared = wp.array(end, dtype=int), wp.array(_shared(mjm), dtype=wp.vec2i, ndim=1)
+    t.body_block, t.dof_block = (wp.array(trees[ids], dtype=wp.vec2i) for ids in (mjm.body_treeid, mjm.dof_treeid))
     t.dof_row = wp.array(squares - widths - mjm.tree_dofadr[mjm.dof_treeid], dtype=int)
     t.xpos, t.xmat = wp.array(data.xpos, dtype=wp.vec3), wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
     t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1), dtype=wp.vec3) for j in jac)
