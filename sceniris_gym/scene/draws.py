@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -13,7 +14,7 @@ import numpy as np
 from sceniris_gym.config.randomize import DEVIATIONS, WORDS, DrawConfig, Word
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
-from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside, rows_named
+from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside
 from sceniris_gym.scene.support import subtree
 
 
@@ -105,9 +106,9 @@ def _written(
             yield key, f"{where}.{key}", word, draw, [0]
     for kind in ("light", "camera", "material"):
         for pattern, draws in getattr(config.randomize, f"{kind}s").items():
-            rows = rows_named(mjm, kind, pattern)
+            rows = [i for name, i in elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
             if not rows:
-                names = [name for name, _ in elements(mjm, kind)]
+                names = (name for name, _ in elements(mjm, kind))
                 raise UnknownNameError(kind, pattern, f"{where}.{kind}s", filter(None, names))
             for key, draw in draws.items():
                 name = f"{kind}s.{pattern}.{key}"

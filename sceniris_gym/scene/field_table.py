@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Iterator, Mapping
 
 import mujoco
@@ -124,11 +123,6 @@ def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
     else:
         bodies = getattr(mjm, f"{prefix}_bodyid", [])
     return np.flatnonzero(np.isin(bodies, inside)).tolist()
-
-
-def rows_named(mjm: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
-    """Return the numbers of the lights, cameras or materials whose names a pattern matches."""
-    return [i for name, i in elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
 
 
 def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
