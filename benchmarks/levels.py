@@ -27,8 +27,11 @@ import warp as wp
 from benchmarks.timing import spread, wait
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.levels import Levels
-from sceniris_gym.levels.buffer import create_buffer, launch_choose, launch_refresh, launch_update
+from sceniris_gym.levels.buffer import create_buffer, launch_choose, launch_update
+from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.program.device import allocate
 from sceniris_gym.training.task_scenes import make_env, scene_of
 
 _ROUNDS = 21
@@ -57,11 +60,14 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
     """
     levels, rng = Levels("learnability", capacity=capacity), np.random.default_rng(0)
     with wp.ScopedDevice(device):
-        made = create_buffer(levels, num_envs, wp.get_device(device), nknob=4)
+        layouts = LayoutsView()
+        allocate(LayoutsView, layouts, num_envs, "next_seed next_episode")
+        allocate(LayoutsView, layouts, (num_envs, 4), "next_knob")
+        made = create_buffer(levels, layouts)
         for name in ("seed", "episode"):
             getattr(made, name).assign(rng.integers(0, 1 << 31, capacity))
         made.value.assign(rng.random(capacity))
-        made.stamp.zero_()
+        made.age.zero_()
         launch_refresh(made, levels)
         seed, episode = wp.zeros(num_envs, dtype=wp.uint64), wp.zeros(num_envs, dtype=int)
         outcome, knob = wp.array(rng.random(num_envs), dtype=float), wp.zeros((num_envs, 4), dtype=float)
@@ -69,7 +75,7 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
 
         def both() -> None:
             launch_choose(made, mask, 7, levels.replay)
-            launch_update(made, made.level, seed, episode, outcome, mask, knob)
+            launch_update(made, made.level, seed, episode, outcome, knob)
 
         both()
         found = {"launched_us": _times(both, device, 20)}
@@ -112,7 +118,10 @@ def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
 def steps(
     task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096, rounds: int = 5, episode: int = 100
 ) -> None:
-    """Time steps with random actions: plain, with levels, and with levels and all knobs.
+    """Time steps with random actions: plain, a second time plain, with levels, and with levels and all knobs.
+
+    The second plain environment tells how far two of the same differ. `fresh_levels` replays none, so that its layouts
+    are as those without levels. Turns go forwards and backwards.
 
     Args:
         task: id of a task of this package
@@ -122,7 +131,9 @@ def steps(
         episode: control steps of an episode, and of a turn
     """
     compiled = compile_scene(scene_of(task, reachable=True), device)
-    words = {"plain": {}, "levels": {"levels": Levels()}, "levels_and_knobs": {"levels": Levels(), "knobs": "*"}}
+    both = {"levels": Levels(), "knobs": "*"}
+    words = {"plain": {}, "plain_again": {}, "fresh_levels": {"levels": Levels(replay=0.0)}}
+    words |= {"levels": {"levels": Levels()}, "levels_and_knobs": both}
     made = {name: make_env(task, num_envs, compiled, max_episode_steps=episode, **w) for name, w in words.items()}
     random = torch.Generator().manual_seed(0)
     begun = torch.randint(episode, (num_envs,), generator=random)
@@ -132,8 +143,8 @@ def steps(
     for envs in made.values():
         envs.reset(seed=0)
         envs.state.elapsed.copy_(begun)
-    for _ in range(rounds + 1):
-        for name, envs in made.items():
+    for turn in range(rounds + 1):
+        for name, envs in list(made.items())[:: 1 if turn % 2 else -1]:
             wait(envs)
             start = time.perf_counter()
             for action in actions:

@@ -5,7 +5,8 @@
 `tabletop_lift` with mixed starts of its block is compared with the scene as it is shipped, whose arm's map decides
 reach, with the same and the marker that one of the starts needs, and with one in which all targets are `clear` to
 reach; rounds alternate between the scenes. Prints a line of JSON for each figure: valid layouts a second, resets to
-stored layouts a second, and the share of things that move by less than 2 mm in the hand in half a second.
+stored layouts a second, the share of things that move by less than 2 mm in the hand in half a second, and the
+probability that kinds as frequent as their weights differ from these by as much as they do.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
+from scipy import stats
 
 from benchmarks.generator_rates import median
 from sceniris_gym.layout.compile import compile_scene
@@ -106,6 +108,17 @@ def held(compiled: CompiledScene, nworld: int) -> Iterator[dict[str, Any]]:
             }
 
 
+def shares(compiled: CompiledScene, nworld: int, layouts: int) -> dict[str, Any]:
+    """Return how often each kind of start is served, those of the bank included, and the p-value of chi-square."""
+    generator, weights = LayoutGenerator(compiled, nworld), np.array([kind.weight for kind in compiled.config.start])
+    found = np.zeros(len(weights), int)
+    for _ in range(-(-layouts // nworld)):
+        generator.generate()
+        found += np.bincount(generator.layouts.start.numpy(), minlength=len(weights))
+    p = stats.chisquare(found, found.sum() * weights / weights.sum()).pvalue
+    return {"layouts": int(found.sum()), "of_kinds": found.tolist(), "chi_square_p": float(p)}
+
+
 def _worlds(compiled: CompiledScene, nworld: int) -> tuple[mjw.Model, mjw.Data]:
     nconmax, njmax = default_budget(compiled.mjm)[:2]
     with wp.ScopedDevice(compiled.device):
@@ -126,6 +139,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--num-envs", type=int, default=4096)
     parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--layouts", type=int, default=1_000_000, help="layouts whose kinds are counted")
     words = parser.parse_args()
     wp.config.quiet = True
     scenes = {n: compile_scene({"base": "tabletop_lift", **s}, words.device) for n, s in SCENES.items()}
@@ -137,6 +151,7 @@ def main() -> None:
         print(json.dumps({"starts_over": other, **ratio}), flush=True)
     for line in held(scenes["starts"], words.num_envs):
         print(json.dumps(line), flush=True)
+    print(json.dumps(shares(scenes["starts"], words.num_envs, words.layouts)))
 
 
 if __name__ == "__main__":

@@ -5,16 +5,18 @@
 There is a scene of fixed things for each variant, which has it and the next two, so that all of them together have
 every thing as often as the worlds with variants do. Each of them is measured in a process of its own, in turns with the
 scene with variants; the first round is not counted. Its line of JSON has for both scenes physics steps/s of all worlds,
-the microseconds that a reset of 2% of them adds to a control step of four physics steps (layouts made ahead), the
-number of geoms and of their pairs, and the room for contacts and rows. `ratio` is that of steps with variants over
-steps without, and `reset_adds_us` by how much more their reset adds, each as median, least and greatest of the rounds.
-The last line has median, least and greatest of the pairs' medians.
+the microseconds that a reset of 2% of them takes on the device (layouts made ahead), the number of geoms and of their
+pairs, and the room for contacts and rows. A round resets every world once, 2% after a step of all, each scene in its
+turn, and its figure is the median of these resets. `ratio` is that of steps with variants over steps without, and
+`reset_adds_us` by how much longer their reset takes, each as median, least and greatest of the rounds. The last line
+has median, least and greatest of the pairs' medians.
 """
 
 from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,7 +45,7 @@ class Options:
         things: assets of the variants
         pair: measure this scene of fixed things alone, beside that with variants; by default all of them
         rounds: turns that are counted
-        steps: control steps of a turn, a multiple of 50
+        steps: control steps of a turn
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one
     """
 
@@ -71,7 +73,6 @@ class Worlds:
         self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, fields=fields, prefetch=True)
         numbers, device = np.arange(options.num_envs) % _EVERY, self.batch.device
         self._masks = [wp.array(numbers == turn, dtype=wp.bool, device=device) for turn in range(_EVERY)]
-        self._nobody = wp.zeros(options.num_envs, dtype=wp.bool, device=device)
         m, d = self.batch.model, self.batch.data
         self.about = {"geoms": m.ngeom, "pairs": len(m.nxn_geom_pair_filtered)}
         self.about |= {"nconmax": d.naconmax // d.nworld, "njmax": d.njmax}
@@ -80,22 +81,30 @@ class Worlds:
             self.batch.step()
         self.batch.check_budget()
 
-    def turn(self, steps: int) -> tuple[float, float]:
-        """Return physics steps/s of all worlds, and the microseconds that a reset of 2% of them adds to a step."""
-        alone = self._time(steps, None)
-        with_nobody, with_some = (self._time(steps, masks) for masks in ([self._nobody], self._masks))
-        return self.batch.nworld * _SUBSTEPS / alone, 1e6 * (with_some - with_nobody)
-
-    def _time(self, steps: int, masks: list[wp.array] | None) -> float:
-        """Return the mean time of a control step [s], with a reset of the masked worlds after it if there are masks."""
+    def rate(self, steps: int) -> float:
+        """Return physics steps/s of all worlds."""
         wp.synchronize_device(self.batch.device)
         start = time.perf_counter()
-        for step in range(steps):
+        for _ in range(steps):
             self.batch.step()
-            if masks is not None:
-                self.randomizer.reset(masks[step % len(masks)])
         wp.synchronize_device(self.batch.device)
-        return (time.perf_counter() - start) / steps
+        return self.batch.nworld * _SUBSTEPS * steps / (time.perf_counter() - start)
+
+    def reset(self, turn: int) -> Callable[[], float]:
+        """Step, and reset 2% of the worlds; return a function that waits, and returns how long the reset took [us]."""
+        self.batch.step()  # on a GPU the host is far ahead by then, and the reset follows without a gap
+        stream = self.batch.device.stream if self.batch.device.is_cuda else None
+        began = _mark(stream)
+        self.randomizer.launch_reset(self._masks[turn])
+        ended = _mark(stream)
+        if stream is None:
+            return lambda: 1e6 * (ended - began)
+        return lambda: 1e3 * wp.get_event_elapsed_time(began, ended)
+
+
+def _mark(stream: wp.Stream | None) -> Any:
+    """Return the time [s], or of a stream an event."""
+    return time.perf_counter() if stream is None else stream.record_event(wp.Event(stream.device, enable_timing=True))
 
 
 def measure(options: Options, pair: int) -> dict[str, Any]:
@@ -104,12 +113,16 @@ def measure(options: Options, pair: int) -> dict[str, Any]:
     things = options.things
     mixed = [things[(pair + i) % len(things)] for i in range(3)]
     worlds = {"variants": Worlds([list(things)] * 3, options), "fixed": Worlds(list(mixed), options)}
-    turns = [[one.turn(options.steps) for one in worlds.values()] for _ in range(options.rounds + 1)]
-    steps, resets = np.moveaxis(np.array(turns[1:]), 2, 0)
+    both, steps, resets = worlds.values(), [], []
+    for _ in range(options.rounds + 1):
+        steps.append([one.rate(options.steps) for one in both])
+        took = [[one.reset(turn) for one in both] for turn in range(_EVERY)]
+        resets.append(np.median([[each() for each in turn] for turn in took], axis=0))
+    steps, resets = np.array(steps[1:]), np.array(resets[1:])
     line: dict[str, Any] = {"pair": pair, "things": mixed, "ratio": spread(steps[:, 0] / steps[:, 1])}
     line["reset_adds_us"] = spread(resets[:, 0] - resets[:, 1], 1)
     for i, (name, one) in enumerate(worlds.items()):
-        told = {"steps_per_s": spread(steps[:, i], 0), "reset_adds_us": spread(resets[:, i], 1)}
+        told = {"steps_per_s": spread(steps[:, i], 0), "reset_us": spread(resets[:, i], 1)}
         line[name] = {**one.about, **told}
     return line
 

@@ -325,10 +325,10 @@ class _Body:
         if name == "wp.static":
             return
         arguments = [*node.args, *(word.value for word in node.keywords)]
-        if name.startswith("wp.atomic_"):
+        if name.startswith("wp.atomic_") or name == "wp.lower_bound":
             origin = self._follow(arguments[0])
             if origin is not None:
-                self._record(origin, "both")
+                self._record(origin, "both" if "atomic" in name else "read")
             arguments = arguments[1:]
         elif isinstance(node.func, ast.Name):
             found = self._package.resolve(self._module, name)

@@ -98,7 +98,7 @@ class LayoutFunction:
         if nworld not in self._callables:
             self._callables[nworld] = _callable(RequestedLayouts(self.compiled, nworld, self.split))
         call = self._callables[nworld]
-        flat = call(words.reshape(nworld, 2), episode.reshape(nworld), where.reshape(nworld), output_dims=dims)
+        flat = call(words.reshape(nworld, 2)[:, ::-1], episode.reshape(nworld), where.reshape(nworld), output_dims=dims)
         return [array.reshape(*lead, *array.shape[1:]) for array in flat]
 
 

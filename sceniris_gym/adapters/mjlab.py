@@ -19,6 +19,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.adopt import instead_of_variants
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
 from sceniris_gym.vector.arguments import as_chosen_layouts, fresh_seed
@@ -290,11 +291,14 @@ def _check_variants(config: SceneConfig, env: Any) -> None:
     Raises:
         NotSupportedError: An object has variants, or is an entity that has.
     """
-    own = [name for name, entity in env.scene.entities.items() if hasattr(entity.cfg, "variants")]
-    for name in (*config.variants, *(name for name in config.objects if name in own)):
+    entities = {name: entity.cfg for name, entity in env.scene.entities.items() if name in config.objects}
+    found = {name: list(cfg.variants) for name, cfg in entities.items() if hasattr(cfg, "variants")}
+    found |= {name: [m.partition("/")[2] for m in members] for name, members in config.variants.items()}
+    for name, variants in found.items():
         raise NotSupportedError(
             f"{config.where}: objects.{name}: has variants, and a layout would have to be made for the one that mjlab "
-            "has chosen. Take SceneVectorEnv for the scene, or an entity without variants (EntityCfg)."
+            "has chosen. Take SceneVectorEnv for the scene, or an entity without variants (EntityCfg). "
+            f"{instead_of_variants(name, variants)} In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, scene)."
         )
 
 

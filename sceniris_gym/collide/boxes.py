@@ -133,6 +133,7 @@ def collides(
     program: Program,
     startadr: int,
     startnum: int,
+    worldid: int,
     support: int,
     nodes: Any,
     leaves: Any,
@@ -145,7 +146,8 @@ def collides(
     """Test a list of broad-phase pairs: COLLISION, NONE, or UNPROVEN if a stack was too small.
 
     All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` are the poses of the bodies that
-    are tested, `body_pos` and `body_quat` those of all others; `support` is the body that they stand on, or -1.
+    are tested, `body_pos` and `body_quat` those of all others; `support` is the body that they stand on, or -1. Pairs
+    of arms have the same margins in all worlds.
     """
     base = int(startadr)
     last = base + startnum
@@ -159,7 +161,7 @@ def collides(
             entry, slot = wp.tile_stack_pop(leaves)
             if slot >= 0:
                 poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
-                if leaves_touch(program, entry, poses, margin_of(program, entry[0], support)):
+                if leaves_touch(program, entry, poses, margin_of(program, worldid, entry[0], support)):
                     hit = 1
             if block_any(hit) != 0:
                 hit = 1
@@ -171,7 +173,7 @@ def collides(
             step = Step()
             if slot >= 0:
                 poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
-                step = next_step(program, entry, poses, margin_of(program, entry[0], support))
+                step = next_step(program, entry, poses, margin_of(program, worldid, entry[0], support))
             at_left = wp.tile_stack_push(nodes, step.left, step.inner)
             at_right = wp.tile_stack_push(nodes, step.right, step.inner)
             at_leaf = wp.tile_stack_push(leaves, entry, step.leaf)
@@ -189,20 +191,19 @@ def collides_without_stack(
     program: Program,
     startadr: int,
     startnum: int,
-    support: int,
     lane: int,
     own_pos: wp.array[wp.vec3],
     own_quat: wp.array[wp.vec4],
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Test a list of broad-phase pairs as `collides` does. Each lane has its own stack, which is never too small."""
+    """Test pairs of an arm as `collides` does. Each lane has its own stack, which is never too small."""
     hit = int(0)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):
         entry = program.broad_pair[i]
         poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
-        if leaves_below_touch(program, entry, poses, margin_of(program, entry[0], support), stack):
+        if leaves_below_touch(program, entry, poses, margin_of(program, 0, entry[0], -1), stack):
             hit = 1
             break
     return block_any(hit) != 0

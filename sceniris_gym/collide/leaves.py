@@ -14,16 +14,13 @@ from sceniris_gym.device.quaternions import rot_vec_quat
 from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.program.device import ObjectKind, Program
+from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False})
 
 # Added to every margin [m]: more than the rounding of float32 poses and vertices within a few metres, less than the
 # 10 um by which a rejection may be wrong.
 SKIN = 5.0e-6
-
-_OWN_A = wp.constant(1)
-_OWN_B = wp.constant(2)
 
 
 @wp.struct
@@ -58,11 +55,11 @@ def pair_poses(
     b = bodies[1]
     own = bodies[2]
     p = PairPoses()
-    if (own & _OWN_A) != 0:
+    if (own & OWN_A) != 0:
         p.a = pose_of(own_pos[a], own_quat[a])
     else:
         p.a = pose_of(body_pos[a], body_quat[a])
-    if (own & _OWN_B) != 0:
+    if (own & OWN_B) != 0:
         p.b = pose_of(own_pos[b], own_quat[b])
     else:
         p.b = pose_of(body_pos[b], body_quat[b])
@@ -71,9 +68,9 @@ def pair_poses(
 
 
 @wp.func
-def margin_of(program: Program, pair: int, support_body: int) -> float:
+def margin_of(program: Program, worldid: int, pair: int, support_body: int) -> float:
     """Return the least distance [m] of a pair, negative for a depth; no clearance applies to the supporting body."""
-    margin = program.pair_margin[pair]
+    margin = program.pair_margin[worldid, pair]
     if program.pair_bodies[pair][1] == support_body:
         margin = program.pair_touch[pair]
     return margin + wp.static(SKIN)

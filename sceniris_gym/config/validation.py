@@ -5,6 +5,7 @@ from __future__ import annotations
 import graphlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.groups import GroupConfig
@@ -37,7 +38,7 @@ class SceneNames:
     has_floor: bool
     has_model: bool
 
-    @property
+    @cached_property
     def variants(self) -> dict[str, tuple[str, ...]]:
         """The objects with variants: names of their members."""
         return variants_of(self.groups)

@@ -22,7 +22,7 @@ from sceniris_gym.program.device import Program, copied
 
 wp.set_module_options({"enable_backward": False})
 
-_FLOAT, _INT, _SAME = (wp.constant(i) for i in range(3))
+_FLOAT, _INT, _SAME, _LEAST = (wp.constant(i) for i in range(4))
 _KNOB = r"[^=,:]+=(?:[0-9a-f]{8})+"
 PARTS = rf"{_KNOB}(?:,{_KNOB})*"
 """Regular expression of the fifth part of a layout id."""
@@ -30,23 +30,25 @@ PARTS = rf"{_KNOB}(?:,{_KNOB})*"
 
 @wp.struct
 class Target:
-    """A number of an array with a row for each world, and the knob that it has.
+    """A number of an array with a row for each world, and the columns of knobs that it follows from.
 
     Attributes:
         address: First element of the array.
         width: Elements of a row.
         offset: Number of the element in a row.
-        kind: A float, an integer, or a flag that tells whether `count` values are as in the scene file.
-        value: Column of the knob's value.
-        count: See `kind`.
+        kind: A float or an integer with the value of `first`; a flag that tells whether the values from `first` to
+            `last` are as in the scene file; or a least distance, the largest of `nominal`, `first` and `last`.
+        first, last: The columns.
+        nominal: The number in the scene file.
     """
 
     address: wp.uint64
     width: int
     offset: int
     kind: int
-    value: int
-    count: int
+    first: int
+    last: int
+    nominal: float
 
 
 class KnobTable:
@@ -58,7 +60,7 @@ class KnobTable:
         where: Begins errors.
 
     Attributes:
-        knobs: The knobs, sorted by name.
+        knobs: The knobs by name, sorted.
         first: The first column of each knob, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
         of_draws: The knob of each draw of physics or looks, by the draw's name.
@@ -69,26 +71,26 @@ class KnobTable:
     """
 
     def __init__(self, compiled: CompiledScene, names: str | Sequence[str], where: str = "knobs") -> None:
-        known, refused = scene_knobs(compiled) if names else ({}, {})
+        every = scene_knobs(compiled) if names else {}
+        known = {name: knob for name, knob in every.items() if isinstance(knob, Knob)}
         chosen: dict[str, Knob] = {}
         for name in (names,) if isinstance(names, str) else names:
             found = [name] if name in known else fnmatch.filter(known, name)
-            if not found and name in refused:
-                raise ArgumentError(f"{where}: '{name}' cannot be a knob: {refused[name]}")
+            if not found and name in every:
+                raise ArgumentError(f"{where}: '{name}' cannot be a knob: {every[name]}")
             if not found:
                 raise UnknownNameError("knob", str(name), where, known)
             chosen |= {one: known[one] for one in found}
-        self.knobs = tuple(chosen[name] for name in sorted(chosen))
-        columns = np.cumsum([0, *(len(knob.default) for knob in self.knobs)]).tolist()
-        self._by_name = {knob.name: knob for knob in self.knobs}
-        self.first = {knob.name: column for knob, column in zip(self.knobs, columns, strict=False)}
-        self.default = np.concatenate([knob.default for knob in self.knobs]) if chosen else np.zeros(0, np.float32)
+        self.knobs = {name: chosen[name] for name in sorted(chosen)}
+        numbers = [knob.default for knob in self.knobs.values()]
+        self.first = dict(zip(self.knobs, np.cumsum([0, *map(len, numbers)]).tolist(), strict=False))
+        self.default = np.concatenate([np.zeros(0, np.float32), *numbers])
         self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the knobs, sorted."""
-        return tuple(self.first)
+        return tuple(self.knobs)
 
     def knob(self, name: str, where: str = "set_knob") -> Knob:
         """Return a knob by its name.
@@ -96,30 +98,22 @@ class KnobTable:
         Raises:
             UnknownNameError: It is none of these.
         """
-        if name not in self.first:
+        if name not in self.knobs:
             raise UnknownNameError("knob", str(name), f"{where}, one of `knobs`", self.names)
-        return self._by_name[name]
+        return self.knobs[name]
 
     def named(self, rows: Any) -> dict[str, Any]:
         """Return columns of rows by the names of their knobs, each of shape (nrow, number of numbers)."""
-        return {k.name: rows[:, self.first[k.name] : self.first[k.name] + len(k.default)] for k in self.knobs}
+        return {name: rows[:, self.first[name] :][:, : len(knob.default)] for name, knob in self.knobs.items()}
 
     def text(self, row: np.ndarray) -> str:
         """Return the fifth part of a layout id: the knobs that differ from the scene file, sorted, float32 in hex."""
         parts = []
         for name, values in self.named(np.asarray(row, np.float32)[None]).items():
-            if (values[0] != self.knob(name).default).any():
+            if (values[0] != self.knobs[name].default).any():
                 bits = "".join(f"{number:08x}" for number in values[0].view(np.uint32))
                 parts.append(f"{quote(name, safe='.')}={bits}")
         return ",".join(parts)
-
-    def row(self, text: str) -> np.ndarray:
-        """Return the numbers that the fifth part of a layout id means, shape (nvalue,), float32.
-
-        Raises:
-            UnknownNameError, ArgumentError: A knob that is not in the table, or numbers that it cannot have.
-        """
-        return self.rows(knobs_in(text), 1)[0]
 
     def rows(self, values: Mapping[str, Any], nworld: int) -> np.ndarray:
         """Return the numbers of all worlds in which some knobs have other values, shape (nworld, nvalue), float32.
@@ -140,47 +134,51 @@ class KnobTable:
         """
         found = [self.knob(name).checked(value, nworld) for name, value in values.items()]
         columns = [self.first[name] + k for name in values for k in range(len(self.knob(name).default))]
-        most = max(map(len, found), default=1)
-        wide = [np.broadcast_to(rows, (most, rows.shape[1])) for rows in found]
-        return np.array(columns, np.int32), np.concatenate([np.zeros((most, 0), np.float32), *wide], axis=1)
+        blank = np.zeros((max(map(len, found), default=1), 1), np.float32)
+        return np.array(columns, np.int32), np.concatenate([blank[:, :0], *(blank + rows for rows in found)], axis=1)
 
     def fill(self, program: Program, nworld: int, by_world: Sequence[str] = ()) -> tuple[Program, wp.array | None]:
         """Return the program with a row for each world where knobs are, and the numbers that knobs have in it.
 
         The fields `by_world` also have a row for each world.
         """
-        names = {name for knob in self.knobs for name, _, _ in knob.places}
-        made, device = copied(Program, program), program.home_qpos.device
-        for name in names.union(by_world):
+        made, arrays = copied(Program, program), {}
+        places = {name: knob.places for name, knob in self.knobs.items()}
+        for name in {*by_world, *(name for each in places.values() for name, _, _ in each)}:
             array = getattr(program, name)
-            with wp.ScopedDevice(device):
-                rows = np.repeat(array.numpy(), nworld, axis=0)
-                setattr(made, name, wp.array(rows, dtype=array.dtype, ndim=2))
-        return made, self.targets({name: getattr(made, name) for name in names})
+            rows = np.repeat(array.numpy(), nworld, axis=0)
+            arrays[name] = wp.array(rows, dtype=array.dtype, ndim=2, device=array.device)
+            setattr(made, name, arrays[name])
+        return made, self.targets(arrays, places)
 
-    def targets(self, arrays: Mapping[str, wp.array], places: Mapping[str, Any] | None = None) -> wp.array | None:
+    def targets(self, arrays: Mapping[str, wp.array], places: Mapping[str, Any]) -> wp.array | None:
         """Return the numbers that knobs have in arrays with a row for each world; None if there are none.
 
         Args:
             arrays: The arrays by name.
-            places: Places of knobs by their names, as `Knob.places`; None is those of the knobs themselves.
+            places: Places of knobs by their names, as `Knob.places`.
         """
-        found = []
-        for knob in self.knobs:
-            for name, element, k in knob.places if places is None else places.get(knob.name, ()):
+        found: dict[tuple[str, int], Target] = {}
+        nominal = {name: array[:1].numpy().ravel() for name, array in arrays.items()}
+        for key, knob in self.knobs.items():
+            for name, element, k in places.get(key, ()):
+                column = self.first[key] + k
+                if (name, element) in found:  # a pair with two clearances
+                    found[name, element].last = column
+                    continue
                 array, target = arrays[name], Target()
                 size = 1 if array.dtype is wp.bool else 4
                 target.address, target.width, target.offset = wp.uint64(array.ptr), array.strides[0] // size, element
-                target.kind = _SAME if size == 1 else _INT if knob.form == "count" else _FLOAT
-                target.value, target.count = self.first[knob.name] + k, len(knob.default)
-                found.append(target)
-        if not found:
-            return None
-        return wp.array(found, dtype=Target, device=next(iter(arrays.values())).device)
+                target.kind = _SAME if size == 1 else {"count": _INT, "clearance": _LEAST}.get(knob.form, _FLOAT)
+                target.first, target.last = column, column + (len(knob.default) - 1 if size == 1 else 0)
+                target.nominal = float(nominal[name][element])
+                found[name, element] = target
+        device = next(iter(arrays.values())).device if found else None
+        return wp.array([*found.values()], dtype=Target, device=device) if found else None
 
     def boxes(self, compiled: CompiledScene) -> wp.array | None:
         """Return the first column of each object's region on a support, -1 for none, int32; None if none has one."""
-        flat = {knob.name: self.first[knob.name] for knob in self.knobs if knob.form == "box" and not knob.places}
+        flat = {name: self.first[name] for name, knob in self.knobs.items() if knob.form == "box" and not knob.places}
         first = [flat.get(f"{compiled.config.key(name)}.region", -1) for name in compiled.placed]
         return wp.array(first, dtype=int, device=compiled.device) if max(first, default=-1) >= 0 else None
 
@@ -211,8 +209,10 @@ def _write(
     row = row_of(worldid, rows) % knob.shape[0]
     target = targets[i]
     at = worldid * target.width + target.offset
-    value = knob[row, target.value]
-    if target.kind == _FLOAT:
+    value = knob[row, target.first]
+    if target.kind == _LEAST:
+        value = wp.max(target.nominal, wp.max(value, knob[row, target.last]))
+    if target.kind == _FLOAT or target.kind == _LEAST:
         floats = wp.array(ptr=target.address, shape=(at + 1,), dtype=float)
         floats[at] = value
     elif target.kind == _INT:
@@ -220,7 +220,7 @@ def _write(
         integers[at] = int(value)
     else:
         same = wp.uint8(1)
-        for k in range(target.value, target.value + target.count):
+        for k in range(target.first, target.last + 1):
             if knob[row, k] != default_knob[k]:
                 same = wp.uint8(0)
         flags = wp.array(ptr=target.address, shape=(at + 1,), dtype=wp.uint8)

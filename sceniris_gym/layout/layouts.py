@@ -52,10 +52,9 @@ class LayoutsView:
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     next_seed: wp.array[wp.uint64]  # with next_episode: the layout that a reseed asked for
     next_episode: wp.array[int]  # -1 for the next episode of the same seed
-    pending_seed: wp.array[wp.uint64]  # with pending_episode and pending_knob: the layout that is being made
+    pending_seed: wp.array[wp.uint64]  # with pending_episode and next_knob: the layout that is being made
     pending_episode: wp.array[int]
     next_knob: wp.array2d[float]
-    pending_knob: wp.array2d[float]
     default_knob: wp.array[float]  # those of the bank
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
     place: wp.array2d[wp.vec4]
@@ -74,9 +73,7 @@ class LayoutsView:
 
 @wp.func
 def open_episode(layouts: LayoutsView, worldid: int):
-    """Set what a world's next layout is made of: what a reseed asked for, or else the next episode, and its knobs."""
-    for k in range(layouts.next_knob.shape[1]):
-        layouts.pending_knob[worldid, k] = layouts.next_knob[worldid, k]
+    """Set what a world's next layout is made of: what a reseed asked for, or else the next episode."""
     if layouts.next_episode[worldid] >= 0:
         layouts.pending_seed[worldid] = layouts.next_seed[worldid]
         layouts.pending_episode[worldid] = layouts.next_episode[worldid]
@@ -89,7 +86,7 @@ def open_episode(layouts: LayoutsView, worldid: int):
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
     """Give a world the seed, the episode and the knobs of the layout that `made` has for it."""
     for k in range(layouts.knob.shape[1]):
-        layouts.knob[worldid, k] = made.pending_knob[worldid, k]
+        layouts.knob[worldid, k] = made.next_knob[worldid, k]
         if made.status[worldid] == Status.FALLBACK:
             layouts.knob[worldid, k] = made.default_knob[k]
     layouts.seed[worldid] = made.pending_seed[worldid]
@@ -270,7 +267,7 @@ class Layouts(StaysHere):
             view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
             zeros(nworld, "seed next_seed pending_seed status attempts first_pass_valid")
-            view.knob, view.next_knob, view.pending_knob = (wp.array(own, dtype=float, ndim=2) for _ in range(3))
+            view.knob, view.next_knob = (wp.array(own, dtype=float, ndim=2) for _ in range(2))
             view.default_knob = wp.array(table.default, dtype=float)
             for name in ("episode", "next_episode", "pending_episode", "start"):
                 setattr(view, name, wp.full(nworld, -1, dtype=int))

@@ -43,10 +43,10 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob, pending_knob
-    # Layouts out: pending_seed, pending_episode, pending_knob
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob
+    # Layouts out: pending_seed, pending_episode
     served: LayoutsView,
-    # Layouts in: seed, episode, pending_knob
+    # Layouts in: seed, episode, next_knob
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
@@ -70,8 +70,8 @@ def _find_missing(
         open_episode(served, worldid)
         if prepared.seed[worldid] == served.pending_seed[worldid]:
             missing[worldid] = prepared.episode[worldid] != served.pending_episode[worldid]
-            for k in range(served.pending_knob.shape[1]):
-                if prepared.pending_knob[worldid, k] != served.pending_knob[worldid, k]:
+            for k in range(served.next_knob.shape[1]):
+                if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
                     missing[worldid] = True
 
 
@@ -93,12 +93,12 @@ def _forget(
 @wp.kernel
 def _serve(
     # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
+    #   pregrasp_qpos, pending_seed, pending_episode, next_knob, default_knob, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
+    # Layouts in: status, rejections, pending_seed, pending_episode, next_knob, default_knob, row_rejections
     # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present,
     #   grasp, grasp_qpos, pregrasp_qpos, knob, rejections, next_episode
     served: LayoutsView,
@@ -146,8 +146,8 @@ def _decide(
 
 @wp.kernel
 def _begin(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob, pending_knob
-    # Layouts out: pending_seed, pending_episode, pending_knob
+    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob
+    # Layouts out: pending_seed, pending_episode
     served: LayoutsView,
     # In:
     begins: wp.array[int],
@@ -168,8 +168,8 @@ def _begin(
         open_episode(served, worldid)
         prepared.next_seed[worldid] = served.pending_seed[worldid]
         prepared.next_episode[worldid] = served.pending_episode[worldid]
-        for k in range(served.pending_knob.shape[1]):
-            prepared.next_knob[worldid, k] = served.pending_knob[worldid, k]
+        for k in range(served.next_knob.shape[1]):
+            prepared.next_knob[worldid, k] = served.next_knob[worldid, k]
 
 
 @wp.kernel

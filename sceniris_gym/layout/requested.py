@@ -14,19 +14,6 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _request(
-    seed_in: wp.array2d[wp.uint32],
-    episode_in: wp.array[int],
-    # Layouts out: next_seed, next_episode
-    layouts: LayoutsView,
-):
-    worldid = wp.tid()
-    high, low = wp.uint64(seed_in[worldid, 0]), wp.uint64(seed_in[worldid, 1])
-    layouts.next_seed[worldid] = (high << wp.uint64(32)) | low
-    layouts.next_episode[worldid] = episode_in[worldid]
-
-
-@wp.kernel
 def _hand_over(
     home_qpos: wp.array[float],
     home_pos: wp.array[wp.vec3],
@@ -78,7 +65,7 @@ class RequestedLayouts(StaysHere):
         """Write the layouts of the masked rows, and the start pose into the others, on the current stream.
 
         Args:
-            seed: The high and the low 32 bits of each seed, shape (nworld, 2), uint32.
+            seed: The low and the high 32 bits of each seed, shape (nworld, 2), uint32.
             episode: Episodes from 0 on, shape (nworld,), int32.
             mask: Rows that get a layout, shape (nworld,), bool.
             *outputs: Joint positions [m, rad], quaternions wxyz, shape (nworld, nq); positions of mocap bodies [m],
@@ -86,7 +73,8 @@ class RequestedLayouts(StaysHere):
                 the rows whose layout came from the bank, shape (nworld,), bool.
         """
         generator, view, device = self._generator, self._generator.layouts.view, mask.device
-        wp.launch(_request, generator.nworld, inputs=[seed, episode], outputs=[view], device=device)
+        seeds = wp.array(ptr=seed.ptr, dtype=wp.uint64, shape=generator.nworld, device=device)
+        generator.launch_reseed(seeds, None, episode)
         generator.generate(mask)
         dim = (generator.nworld, max(outputs[0].shape[1], outputs[1].shape[1], 1))
         wp.launch(_hand_over, dim, inputs=[*self._home, mask, view], outputs=list(outputs), device=device)

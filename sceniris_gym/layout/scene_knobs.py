@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.bounds import BOUNDS
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
 from sceniris_gym.scene.draws import FieldDraw
 
 STARTS = "start.weights"
@@ -26,8 +29,8 @@ class Knob:
     Attributes:
         name: The key in the scene file, such as "groups.clutter.count".
         default: Its numbers as the scene file has them, float32: least ones, then greatest ones; or weights.
-        form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), or
-            "weights".
+        form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
+            or "clearance" (a least distance).
         least: The number of weights that should be above 0.
         places: Where it is held: the name of an array, the element of a row, and which of its numbers.
     """
@@ -37,6 +40,20 @@ class Knob:
     form: str = "interval"
     least: int = 0
     places: tuple[tuple[str, int, int], ...] = ()
+
+    @cached_property
+    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and the greatest value of each number."""
+        if self.half:
+            return np.tile(self.default[: self.half], 2), np.tile(self.default[self.half :], 2)
+        bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
+        least = 0.0 * self.default if self.form == "weights" else self.default
+        return least, np.full_like(least, bound.high)
+
+    @property
+    def half(self) -> int:
+        """The number of its low ends, which as many high ends follow; 0 if it is no interval."""
+        return 0 if self.form in ("weights", "clearance") else len(self.default) // 2
 
     def checked(self, value: Any, nworld: int) -> np.ndarray:
         """Return a value for all worlds, or one for each, as float32 of shape (1 or nworld, number of numbers).
@@ -49,37 +66,29 @@ class Knob:
             given = np.asarray(value.numpy() if isinstance(value, wp.array) else value, np.float32)
         except (TypeError, ValueError):
             given = np.zeros(0, np.float32)
-        width = len(self.default)
+        width, half = len(self.default), self.half
         if given.size not in (width, nworld * width):
-            each = "[low, high]" if self.form in ("interval", "count") else f"{width} numbers"
-            raise ArgumentError(f"{self.name} should be {each}, or such for each of {nworld} worlds: {short(value)}.")
+            each = {"interval": "[low, high]", "count": "[low, high]", "clearance": "a number"}
+            wanted = each.get(self.form, f"{width} numbers")
+            raise ArgumentError(f"{self.name} should be {wanted}, or such for each of {nworld} worlds: {short(value)}.")
         rows = given.reshape(-1, width)
-        half = width // 2 if self.form != "weights" else 0
         low, high = rows[:, :half], rows[:, half:]
-        fits = np.isfinite(rows).all() and (high >= (low if half else 0.0)).all()
-        if half:
-            fits = fits and (low >= self.default[:half]).all() and (high <= self.default[half:]).all()
+        least, most = self._limits
+        fits = ((rows >= least) & (rows <= most)).all() and (low <= high[:, :half]).all()
         if not fits or (self.form == "box" and (low == high).any()):
-            first, last = self.default[:half].tolist(), self.default[half:].tolist()
-            limits = f"low and high within {first} and {last}, as the scene file has them"
-            raise ArgumentError(f"{self.name} should be {limits if half else 'numbers of 0 or more'}: {short(value)}.")
+            ends = "low and high " if half else ""
+            limits = f"{least[-half:].tolist()} and {most[-half:].tolist()}, as the scene file has them"
+            raise ArgumentError(f"{self.name} should be {ends}within {limits}: {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
             raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
-        if not half and ((rows > 0).sum(axis=1) < self.least).any():
+        if self.least and (np.count_nonzero(rows, axis=1) < self.least).any():
             raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0: {short(value)}.")
         return rows
 
 
-def scene_knobs(compiled: CompiledScene) -> tuple[dict[str, Knob], dict[str, str]]:
+def scene_knobs(compiled: CompiledScene) -> dict[str, Knob | str]:
     """Return all knobs of a scene by name, and the reason for each part of a like kind that cannot be one."""
-    known, refused = {}, {}
-    for find in _FINDERS:
-        for name, found in find(compiled):
-            if isinstance(found, Knob):
-                known[name] = found
-            else:
-                refused[name] = found
-    return known, refused
+    return {name: found for find in _FINDERS for name, found in find(compiled)}
 
 
 def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
@@ -184,9 +193,21 @@ def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
 
 
 def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
-    """Yield the clearances of objects and robots, which are none."""
-    for name in (*compiled.config.objects, *compiled.config.all_robots):
-        yield f"{compiled.config.key(name)}.clearance", "least distances of geoms are the same in all worlds."
+    """Yield the clearances of objects and robots, which pairs of what is placed keep, with whatever is there before."""
+    program, config, owners = compiled.program, compiled.config, compiled.scene.owners
+    bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
+    first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()
+    places: dict[str, list[tuple[str, int, int]]] = {owner: [] for owner in (*config.objects, *config.all_robots)}
+    for i, owner in enumerate(compiled.placed):
+        for pair in range(first[i], first[i] + number[i]):
+            a, b, own, _ = bodies[pair]
+            if kinds[i] != ObjectKind.STATIC and own in (OWN_A, OWN_B):  # not of its own parts alone
+                for other in {owner, owners.get(b if own == OWN_A else a, owner)}:
+                    places[other].append(("pair_margin", pair, 0))
+    for owner, part in (*config.objects.items(), *config.all_robots.items()):
+        name, least = f"{config.key(owner)}.clearance", np.array([part.clearance], np.float32)
+        known = Knob(name, least, "clearance", places=tuple(places[owner]))
+        yield name, known if known.places else "nothing is placed that it keeps off."
 
 
 _FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (

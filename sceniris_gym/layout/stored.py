@@ -35,10 +35,9 @@ def _serve(
     mask: wp.array[wp.bool],
     stride: int,
     width: int,
-    # Layouts in: seed, episode, status, next_seed, next_episode, pending_seed, pending_episode, next_knob,
-    #   pending_knob, default_knob
+    # Layouts in: seed, episode, status, next_seed, next_episode, pending_seed, pending_episode, next_knob, default_knob
     # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos,
-    #   knob, next_episode, pending_seed, pending_episode, pending_knob
+    #   knob, next_episode, pending_seed, pending_episode
     layouts: LayoutsView,
 ):
     worldid = wp.tid()

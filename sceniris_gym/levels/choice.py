@@ -58,7 +58,7 @@ class Levels:
         priority: "rank" weighs levels by rank^(-1 / temperature), the best first, "proportional" by score^(1 /
             temperature), "uniform" all alike. Scores within 4% of each other may count as equal.
         temperature: See `priority`.
-        staleness: Share of the weight that goes by the number of resets since a level was played last.
+        staleness: Share of the weight that goes by the time since a level was played last, in refreshes.
         rate: Weight of the newest episode in a rate of success, which begins at 0.5.
         every: Resets between two refreshes of the weights.
         ranges: Knobs of fresh levels whose intervals follow success; see `Ranges`.

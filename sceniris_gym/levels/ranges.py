@@ -19,7 +19,7 @@ def _move(
     episodes: int,
     low: float,
     high: float,
-    # Buffer in: present, start, limit, step, episodes, successes
+    # Buffer in: present, least, most, step, episodes, successes
     # Buffer out: present, episodes, successes
     buffer: Buffer,
 ):
@@ -34,8 +34,7 @@ def _move(
         moved += buffer.step[i]
     elif rate <= low:
         moved -= buffer.step[i]
-    least, most = wp.min(buffer.start[i], buffer.limit[i]), wp.max(buffer.start[i], buffer.limit[i])
-    buffer.present[i] = wp.clamp(moved, least, most)
+    buffer.present[i] = wp.clamp(moved, buffer.least[i], buffer.most[i])
 
 
 def launch_move(buffer: Buffer, words: Ranges) -> None:
@@ -50,21 +49,20 @@ def set_ranges(buffer: Buffer, words: Ranges, table: KnobTable) -> None:
     Raises:
         UnknownNameError, ArgumentError: A knob that is not in the table or no interval, or a start beyond it.
     """
-    columns: dict[str, list] = {name: [] for name in ("column", "other", "present", "limit", "step", "band")}
+    names, parts = ("column", "other", "present", "least", "most", "step", "band"), []
     for name, value in words.start.items():
         knob = table.knob(name, "Ranges")
-        if knob.form == "weights":
-            raise ArgumentError(f"Ranges: {name} should be an interval, and is weights.")
-        first, half = table.first[name], len(knob.default) // 2
-        for k, (start, limit) in enumerate(zip(knob.checked(value, 1)[0], knob.default, strict=True)):
-            other, outwards = (k + half, -1.0) if k < half else (k - half, 1.0)
-            step = words.step * abs(float(knob.default[other] - limit))
-            if knob.form == "count":
-                step = max(1.0, round(step))
-            row = (first + k, first + other, start, limit, outwards * step)
-            for key, number in zip(columns, (*row, 0.0 if knob.form == "count" else outwards * step), strict=True):
-                columns[key].append(number)
-    arrays = {name: np.array(values) for name, values in columns.items()} | {"start": np.array(columns["present"])}
-    arrays |= {name: np.zeros(len(columns["column"])) for name in ("episodes", "successes")}
+        if knob.half == 0:
+            raise ArgumentError(f"Ranges: {name} should be an interval, and is not.")
+        start, limit, is_count = knob.checked(value, 1)[0], knob.default, knob.form == "count"
+        own = np.arange(len(limit))
+        other, outwards = np.roll(own, knob.half), np.where(own < knob.half, -1.0, 1.0)
+        step = words.step * np.abs(limit[other] - limit)
+        step = outwards * (np.maximum(1.0, np.round(step)) if is_count else step)
+        first = table.first[name]
+        ends = np.minimum(start, limit), np.maximum(start, limit)
+        parts.append((first + own, first + other, start, *ends, step, 0.0 * step if is_count else step))
+    arrays = dict(zip(names, np.concatenate(parts, axis=1), strict=True))
+    arrays |= {name: np.zeros(len(arrays["column"])) for name in ("episodes", "successes")}
     fill_struct(Buffer, buffer, arrays, str(buffer.base.device))
     buffer.probes = words.probe

@@ -14,16 +14,16 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.buffer import (
-    KEPT,
+    arrays_of,
     create_buffer,
     launch_choose,
     launch_finish,
     launch_forget,
-    launch_refresh,
     launch_update,
 )
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.ranges import launch_move, set_ranges
+from sceniris_gym.levels.weights import launch_refresh
 
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
@@ -52,56 +52,36 @@ class LevelSampler(LayoutSource):
 
     def __init__(self, source: LayoutSource, levels: Levels, split: str = "train") -> None:
         self.source, self.levels, self.layouts = source, levels, source.layouts
-        nworld, device = source.layouts.nworld, source.layouts.qpos.device
-        self._device, self._stream = device, wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
-        self._since, table, words = 0, self.layouts.knobs, levels.ranges
-        self._buffer = buffer = create_buffer(levels, nworld, device, len(table.default))
+        self._device, self._since = source.layouts.qpos.device, 0
+        self._stream = wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
+        self._buffer = buffer = create_buffer(levels, self.layouts.view)
         self.level, self.probe = buffer.level, buffer.probe
-        wp.copy(buffer.base, self.layouts.view.next_seed)
-        for knob in (buffer.base_knob, buffer.next_knob) if table.knobs else ():
-            wp.copy(knob, self.layouts.view.next_knob)
-        if words is not None:
-            set_ranges(buffer, words, table)
-        self._launch_forget(None, None)
-
-    @property
-    def counts(self) -> bool:
-        """True if successes count: for scores, or for ranges."""
-        return self.levels.score != "given" or self.levels.ranges is not None
+        if levels.ranges is not None:
+            set_ranges(buffer, levels.ranges, self.layouts.knobs)
+        launch_forget(buffer, None, None)
 
     @property
     def size(self) -> int:
         """See the class."""
-        return int((self._buffer.stamp.numpy() >= 0).sum())
+        return int((self._buffer.age.numpy() >= 0).sum())
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Serve the masked worlds their levels, and choose those that follow."""
         self.source.launch_generate(mask)
+        if self.levels.ranges is not None:
+            launch_move(self._buffer, self.levels.ranges)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
-        self._launch_knobs(mask)
-        self.source.launch_reseed(self._buffer.next_seed, mask, self._buffer.next_episode)
 
     def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
-        for knob in (self._buffer.base_knob, self._buffer.next_knob):
-            launch_set(knob, columns, values, mask)
-        launch_forget(self._buffer, None, mask, restores=False)
+        launch_set(self._buffer.base_knob, columns, values, mask)
+        launch_forget(self._buffer, None, mask)
         self.source.launch_set_knobs(columns, values, mask)
-
-    def _launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
-        """Forget what was chosen for the masked worlds; their next levels have the knobs of fresh ones."""
-        launch_forget(self._buffer, seeds, mask)
-        self._launch_knobs(mask)
-
-    def _launch_knobs(self, mask: wp.array | None) -> None:
-        """Hand the knobs of the next levels on."""
-        if self.layouts.knobs.knobs:
-            self.source.launch_set_knobs(None, self._buffer.next_knob, mask)
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """See `LayoutSource`; the worlds draw their fresh levels by these seeds from then on."""
         self.source.launch_reseed(seeds, mask, episodes)
-        self._launch_forget(seeds, mask)
+        launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
         """Tell how episodes ended; those on layouts from the bank do not count.
@@ -111,31 +91,6 @@ class LevelSampler(LayoutSource):
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
         launch_finish(self._buffer, self.layouts.view, success, finished)
-        if self.levels.ranges is not None:
-            launch_move(self._buffer, self.levels.ranges)
-
-    def launch_update(
-        self,
-        level: wp.array,
-        seed: wp.array,
-        episode: wp.array,
-        outcome: wp.array,
-        mask: wp.array | None,
-        knob: wp.array | None = None,
-    ) -> None:
-        """Tell how episodes went: update the levels that are in the buffer, and insert the others.
-
-        A level is inserted in the place of one with a lower score, if there is one.
-
-        Args:
-            level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32.
-            seed: Its seed, shape (n,), uint64.
-            episode: Its episode, shape (n,), int32.
-            outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
-            mask: Which rows count, shape (n,), bool; all if None.
-            knob: Numbers of its knobs, shape (n, nvalue), float32; None has those of the present layouts.
-        """
-        launch_update(self._buffer, level, seed, episode, outcome, mask, self.layouts.knob if knob is None else knob)
 
     def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""
@@ -169,6 +124,8 @@ class LevelSampler(LayoutSource):
     def update(self, level: Any, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Give scores to levels that were played: those of the buffer are updated, others inserted.
 
+        A level is inserted in the place of one with a lower score, if there is one.
+
         Args:
             level: `layout_level` of an info, shape (n,): a torch tensor or NumPy array of integers, as all others.
                 None inserts as many levels as there is room for, as `insert` does.
@@ -183,26 +140,23 @@ class LevelSampler(LayoutSource):
             UnknownNameError: A knob that the worlds do not have.
         """
         level_in = np.full(np.shape(seed), -1) if level is None else level
-        columns = {"level": (level_in, wp.int32), "seed": (seed, wp.uint64), "episode": (episode, wp.int32)}
-        columns["score"] = score, wp.float32
-        arrays = [self._column(name, *column) for name, column in columns.items()]
-        if len({array.shape for array in arrays}) != 1:
-            shapes = ", ".join(str(array.shape) for array in arrays)
-            raise ArgumentError(f"LevelSampler.update: arrays should have one length, got {shapes}.")
-        rows = self.layouts.knobs.rows(knobs or {}, arrays[0].shape[0])
+        columns = (level_in, wp.int32), (seed, wp.uint64), (episode, wp.int32), (score, wp.float32)
+        shapes = [tuple(np.shape(values)) for values, _ in columns]
+        if len({*shapes}) != 1 or len(shapes[0]) != 1:
+            raise ArgumentError(f"LevelSampler.update: arrays should have one length, shape (n,), got {shapes}.")
+        arrays = [self._column(*column) for column in columns]
+        rows = self.layouts.knobs.rows(knobs or {}, shapes[0][0])
         most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # so each row of a launch has places of its own
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             knob = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
-            self.launch_update(*(array[part] for array in arrays), mask=None, knob=knob)
+            launch_update(self._buffer, *(array[part] for array in arrays), knob=knob)
             if level is None:
                 launch_refresh(self._buffer, self.levels)
 
-    def _column(self, name: str, values: Any, dtype: type) -> wp.array:
+    def _column(self, values: Any, dtype: type) -> wp.array:
         """Return a column on the device, seeds as the 64 bits that they are."""
         numbers = values.detach().contiguous() if hasattr(values, "detach") else np.asarray(values)
-        if numbers.ndim != 1:
-            raise ArgumentError(f"LevelSampler.update: {name} should have shape (n,), got {tuple(numbers.shape)}.")
         given = wp.array(numbers) if isinstance(numbers, np.ndarray) else wp.from_torch(numbers)
         given = given.to(self._device)
         if dtype is wp.uint64 and given.dtype in (wp.int64, wp.uint64):
@@ -225,7 +179,7 @@ class LevelSampler(LayoutSource):
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device."""
-        return {name: getattr(self._buffer, name).numpy().copy() for name in KEPT}
+        return {name: array.numpy().copy() for name, array in arrays_of(self._buffer).items()}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Go on from a `state` of a sampler of the same capacity and number of worlds.
@@ -233,12 +187,8 @@ class LevelSampler(LayoutSource):
         Raises:
             ArgumentError: It is of another one.
         """
-        for name in KEPT:
-            array = getattr(self._buffer, name)
+        for name, array in arrays_of(self._buffer).items():
             if name not in state or state[name].shape != array.shape:
                 raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
             if array.size:
                 array.assign(state[name])
-        self._launch_knobs(None)
-        self.source.launch_reseed(self._buffer.next_seed, None, self._buffer.next_episode)
-        launch_refresh(self._buffer, self.levels)

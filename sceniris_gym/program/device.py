@@ -23,6 +23,10 @@ class ObjectKind(IntEnum):
     MARKER = 3
 
 
+OWN_A, OWN_B = wp.constant(1), wp.constant(2)
+"""Bits of a pair: its a, its b is part of what is tested."""
+
+
 class Cover(IntEnum):
     """The requirement on obstacles above a drawn point: `on` asks for none, `inside` for a cover, `in` accepts both."""
 
@@ -243,10 +247,9 @@ class Program:
     obj_broadnum: wp.array[int]
     pair_a: wp.array[int]
     pair_b: wp.array[int]
-    # Body of a, body of b, bits (1: a is part of the object or robot that is tested; 2: b is), and the piece of b if b
-    # is a plane, else -1.
+    # Body of a, body of b, bits (OWN_A, OWN_B), and the piece of b if b is a plane, else -1.
     pair_bodies: wp.array[wp.vec4i]
-    pair_margin: wp.array[float]  # least distance; negative: the depth allowed to geoms that overlap at home
+    pair_margin: wp.array2d[float]  # by world: least distance; negative: the depth of geoms that overlap at home
     pair_touch: wp.array[float]  # least distance where the pair is an object and its support
     pair_directionadr: wp.array[int]
     pair_directionnum: wp.array[int]
@@ -274,7 +277,7 @@ class Program:
 
 WORLD_FIELDS = (
     *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight"),
-    *("obj_box_lower", "obj_box_upper"),
+    *("obj_box_lower", "obj_box_upper", "pair_margin"),
 )
 """Fields of `Program` that may differ between worlds: with one row for all, its stride is 0."""
 

@@ -42,3 +42,10 @@ class Starts:
 def is_drawn(interval: wp.vec2) -> bool:
     """Return True if a start draws a joint from an interval of its own."""
     return interval[0] <= interval[1]
+
+
+@wp.func
+def reaches(starts: Starts, kind: int, column: int) -> bool:
+    """Return True if the arm starts at a reach target where that was placed, or straight above."""
+    pose = starts.pose[kind]
+    return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD

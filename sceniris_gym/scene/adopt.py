@@ -6,7 +6,7 @@ and only `place_on` changes it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -26,6 +26,13 @@ HOME = "home"
 _MOCAP = ("fixture", "marker")
 _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoco.mjtJoint.__members__.values()}
 PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
+
+
+def instead_of_variants(name: str, variants: Sequence[str]) -> str:
+    """Return the advice to have all variants of an object in a model, which is the same in all worlds."""
+    first, more = [*variants[:4]], ["..."] if len(variants) > 4 else []
+    group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
+    return f"Or have a body for each variant, of which a group makes one present: {group}. {PLACE_ON}"
 
 
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
@@ -126,7 +133,8 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
     if key := next(iter(assets), None):
         raise SceneKeyError(
             f"{config.where}: {key}: place_on changes bodies of the model, and attaches nothing to it. Let "
-            "compile_scene attach assets to the MjSpec, and make Model and Data from its `mjm`."
+            "compile_scene attach assets to the MjSpec, and make Model and Data from it: "
+            "sceniris_gym.put_model(compiled, nworld), mjw.make_data(compiled.sim_mjm, nworld=...)."
         )
     assemble.stand_at_keyframe(spec, config.home or HOME, "place_on: spec")
     if config.floor is not None and spec.geom(FLOOR) is None:

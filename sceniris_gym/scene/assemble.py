@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,9 @@ _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
 MARK_GROUP = 4
 """Group of the geoms that show a marker: they appear in pictures, but are not part of the object that is placed."""
 
+_AT_ONCE = 24
+"""Number of variants that are put into a model of their own first, about the root of the most that there are."""
+
 
 @dataclass(frozen=True)
 class Home:
@@ -33,12 +37,10 @@ class Home:
     ctrl: dict[str, float]
 
 
-def attach_object(
-    spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, below: mujoco.MjsFrame | None = None
-) -> Home:
+def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
-    With `below`, attach it to that frame as it is, instead of to the world.
+    A variant of an `owner` gets names without that of its owner.
     """
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
@@ -54,15 +56,34 @@ def attach_object(
             mass=0.0,
         )
         return Home({}, {})
-    where = f"{where}: objects.{name}"
+    where, name = f"{where}: objects.{name}", name.removeprefix(f"{owner}/")
     child = _load_asset(config.asset, f"{where}.asset")
     if config.scale != 1.0:
         scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
-    root = attach(spec, child, name, below or spec.worldbody.add_frame(), f"{where}.asset")
-    if below is None:
-        make_kind(spec, root, name, config.kind, f"{where}.kind")
+    root = attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
+    make_kind(spec, root, name, config.kind, f"{where}.kind")
     return home
+
+
+def attach_variants(
+    spec: mujoco.MjSpec, owner: str, members: Mapping[str, ObjectConfig], where: str, *, bodies: bool
+) -> list[Home]:
+    """Attach the variants of an object, as in `attach_object`, and return their start poses.
+
+    Without `bodies`, attach what they refer to alone, such as meshes. MuJoCo goes through a whole model whenever it
+    attaches another or deletes a body, so some variants at a time are put into a model of their own first.
+    """
+    homes, names = [], list(members)
+    for first in range(0, len(names), _AT_ONCE):
+        some = mujoco.MjSpec()
+        some.default.name, some.option, some.visual = str(first), spec.option, spec.visual
+        homes += [attach_object(some, name, members[name], where, owner) for name in names[first : first + _AT_ONCE]]
+        for body in () if bodies else tuple(some.worldbody.bodies):
+            some.delete(body)
+        _keep_files_apart(spec, some, f"{owner}/{first}")
+        spec.attach(some, prefix=f"{owner}/", frame=spec.worldbody.add_frame())
+    return homes
 
 
 def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:

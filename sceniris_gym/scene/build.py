@@ -13,6 +13,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.messages import reading
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import (
     MeshError,
     SceneFileError,
@@ -187,7 +188,8 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
         spec = config.model.copy() if in_memory else load_model(config.model, where)
         assemble.stand_at_keyframe(spec, config.home or HOME, where)
     spec.modelname = "scene"
-    homes = []
+    homes, variants = [], config.variants
+    owners = owners_of(variants)
     if config.floor is not None and spec.geom(FLOOR) is None:
         backdrop.add_floor(spec, config.floor)
     if not spec.lights:
@@ -211,9 +213,13 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
                 adopt_body(spec, name, part, f"{config.where}: objects.{name}")
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
-        else:
-            below = None if shared is None else shared.frame_for(spec, name)
-            homes.append(assemble.attach_object(spec, name, part, config.where, below))
+        elif name not in owners:
+            homes.append(assemble.attach_object(spec, name, part, config.where))
+        elif name == (members := variants[owner := owners[name]])[-1]:
+            if shared is not None:
+                shared.add(spec, owner)
+            parts = {member: config.objects[member] for member in members}
+            homes += assemble.attach_variants(spec, owner, parts, config.where, bodies=shared is None)
     if shared is not None:
         shared.finish(spec)
     add_cameras(spec, config)

@@ -23,8 +23,6 @@ MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 CLASS = ("type", "contype", "conaffinity", "condim", "priority", "group")
 """Fields of a geom that are the same in all worlds."""
 
-# A body below which variants are attached, and which is deleted.
-_ATTIC = "attic_of_variants"
 # A body that names meshes, without touching anything: MuJoCo makes hulls only of meshes that a colliding geom names.
 _HULLS = "hulls_of_variants"
 _CONTACT_BITS = 31
@@ -89,26 +87,15 @@ class SharedBodies:
     """
 
     def __init__(self, full: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str) -> None:
-        self._full, self._variants, self._owners, self._where = full, variants, owners_of(variants), where
+        self._full, self._variants, self._where = full, variants, where
         self._named: set[str] = set()
 
-    def frame_for(self, spec: mujoco.MjSpec, name: str) -> mujoco.MjsFrame | None:
-        """Return the frame to which a variant is attached for its meshes alone; None for any other object.
-
-        The body that it shares is added before the first variant.
-        """
-        owner = self._owners.get(name)
-        if owner is None:
-            return None
-        if spec.body(owner) is None:
-            self._named |= _add_shared_body(spec, self._full, owner, self._variants[owner])
-        if spec.body(_ATTIC) is None:
-            spec.worldbody.add_body(name=_ATTIC)
-        return spec.body(_ATTIC).add_frame()
+    def add(self, spec: mujoco.MjSpec, name: str) -> None:
+        """Add the body that the variants of an object share."""
+        self._named |= _add_shared_body(spec, self._full, name, self._variants[name])
 
     def finish(self, spec: mujoco.MjSpec) -> None:
-        """Delete the variants, and see to it that all their meshes get their hulls."""
-        spec.delete(spec.body(_ATTIC))  # at once, since each deletion takes time in proportion to the whole scene
+        """See to it that all meshes of variants get their hulls."""
         self._name_meshes(spec)
         spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
 

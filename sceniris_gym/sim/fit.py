@@ -10,6 +10,7 @@ import warp as wp
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.adopt import instead_of_variants
 
 _SIZES = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nmocap", "nmeshvert", "npair", "nexclude")
 _NUMBERS = {
@@ -76,11 +77,11 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
     Raises:
         SceneMismatchError: As `check_fit`, or objects have variants, whose worlds have a model each.
     """
-    if compiled.config.variants:
-        name = next(iter(compiled.config.variants))
+    for name, members in compiled.config.variants.items():
+        cure = instead_of_variants(name, [member.partition("/")[2] for member in members])
         raise SceneMismatchError(
             f"{where}: objects.{name} has variants, and all worlds should have one model here. Take SceneVectorEnv or "
-            "ResetRandomizer for the scene, or leave the variants out."
+            f"ResetRandomizer for the scene. {cure}"
         )
     try:
         _check_model(compiled, mjm, mjm)

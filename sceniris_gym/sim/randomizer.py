@@ -33,6 +33,7 @@ from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.reset_writer import ResetWriter
 from sceniris_gym.sim.sources import choose_source
+from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.sim.write import poses_of
 
@@ -155,7 +156,10 @@ class ResetRandomizer(Fixed, StaysHere):
         if origins is not None:
             origins = as_origins(origins, data.nworld, self.device)
             warn_of_origins(compiled.scene, origins.numpy(), "ResetRandomizer: origins")
-        more: Any = {"origins": origins, "refresh": self._update}
+        variants = None
+        if compiled.config.variants:
+            variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
+        more: Any = {"origins": origins, "variants": variants, "refresh": self._update}
         found, rest = (compiled, model, data), self.fields.rest
         self.replacer = Replacer(*found, self.layouts, self._split, rest=rest, **more, graph=graph)
         more |= {"whole": write == "all", "count": self.replacer.number}
@@ -237,7 +241,6 @@ class ResetRandomizer(Fixed, StaysHere):
         Raises:
             UnknownNameError: Not an object that the scene places.
             ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
-            NotSupportedError: A scene in which objects have variants.
             MaskTypeError, MaskError: As in `reset`.
         """
         self.replacer.launch(objects, None if mask is None else as_mask(mask, self.data.nworld, self.device))

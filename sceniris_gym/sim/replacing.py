@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import ArgumentError, NotSupportedError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.generate import make_redraw
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.layout.masks import fill_mask
@@ -17,6 +17,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
 from sceniris_gym.sim.rest import RestMap
+from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.sim.write import StateWriter, poses_of
 
@@ -56,6 +57,7 @@ class Replacer:
         split: The split of the layouts.
         rest: Controls and activations at rest.
         origins: Origins of the worlds [m], shape (nworld,), vec3; None adds nothing.
+        variants: The writer of the variants that worlds have, in a scene in which objects have some.
         refresh: Launches that follow, and bring up to date what is computed from the state.
         graph: Capture the launches into a graph and replay it.
 
@@ -76,11 +78,13 @@ class Replacer:
         *,
         rest: RestMap,
         origins: wp.array | None,
+        variants: VariantWriter | None = None,
         refresh: Callable[[], None],
         graph: bool,
     ) -> None:
         self._compiled, self._m, self._d, self._layouts, self._split = compiled, m, d, layouts, split
         self._rest, self._origins, self._refresh, self._graph = rest, origins, refresh, graph
+        self._variants = variants
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         with wp.ScopedDevice(d.qpos.device):
             self._mask = wp.zeros(d.nworld, dtype=wp.bool)
@@ -96,14 +100,11 @@ class Replacer:
 
         Raises:
             ArgumentError, UnknownNameError: See `chosen_objects`; or a first call inside of a capture.
-            NotSupportedError: A scene in which objects have variants.
         """
         key = (objects,) if isinstance(objects, str) else tuple(objects)
         if key not in self.prepared:
             where = f"{self._compiled.config.where}: replace"
             names = chosen_objects(self._compiled, key, where)
-            if self._compiled.config.variants:
-                raise NotSupportedError(f"{where}: scenes with variants have no redraws yet. Make a group of them.")
             if self._d.qpos.device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
             self.prepared[key] = self._prepare(names)
@@ -112,18 +113,26 @@ class Replacer:
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
         """Return the launches that redraw objects, write them and count."""
-        d, mjm, device = self._d, self._compiled.sim_mjm, self._d.qpos.device
+        d, mjm, device, variants = self._d, self._compiled.sim_mjm, self._d.qpos.device, self._variants
         redraw = make_redraw(self._compiled, names, d.nworld, self._split)
         found, state = redraw.layouts, copied(LayoutsView, self._layouts.view)
-        state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat
-        writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=redraw.bodies, origins=self._origins)
-        moved = np.unique(mjm.body_treeid[redraw.bodies]) if sleeps(self._m) else np.zeros(0, int)
+        if variants is None:
+            state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat
+        else:
+            for name in ("present", "qpos", "mocap_pos", "mocap_quat"):
+                setattr(state, name, wp.zeros_like(getattr(state, name)))
+        bodies = np.unique(self._compiled.scene.sim_bodies[redraw.bodies])
+        writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=bodies.tolist(), origins=self._origins)
+        moved = np.unique(mjm.body_treeid[bodies]) if sleeps(self._m) else np.zeros(0, int)
         trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
         outputs = [self.number, self.status, self.kept, getattr(d, "tree_awake", None)]
 
         def launches() -> None:
+            if variants is not None:
+                variants.launch_read(d, self._mask, self._layouts.view, state)
             redraw.launch(state, self._mask, self.number, self._origins)
-            writer.launch(poses_of(found.view))
+            poses = poses_of(found.view)
+            writer.launch(poses if variants is None else variants.launch_poses(poses, redraw.placed))
             wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
             self._refresh()
 

@@ -29,11 +29,12 @@ class ResetWriter:
         split: The split of the layouts.
         whole: Reset worlds as a whole, rather than the objects and robots of the scene alone.
         origins: Origins of the worlds [m], shape (nworld,), vec3; None adds nothing.
+        variants: The writer of variants, None in a scene without.
         count: A count of each world that begins at 0 again, shape (nworld,), int32.
         refresh: Launches that follow, and bring up to date what is computed from the state.
 
     Attributes:
-        variants: The writer of variants, None in a scene without.
+        variants: See above.
         variant: The variant of each object that is present, as `VariantWriter.variant`.
     """
 
@@ -48,6 +49,7 @@ class ResetWriter:
         *,
         whole: bool,
         origins: wp.array | None,
+        variants: VariantWriter | None,
         count: wp.array,
         refresh: Callable[[], None],
     ) -> None:
@@ -55,9 +57,7 @@ class ResetWriter:
         self._split, self._whole, self._refresh = split, whole, refresh
         self._has_starts = bool(compiled.config.start)
         scene, mjm = compiled.scene.sim, compiled.sim_mjm
-        self.variants = None
-        if compiled.config.variants:
-            self.variants = VariantWriter(compiled.scene, m, d.nworld, mask, fields.varied)
+        self.variants = variants
         with wp.ScopedDevice(d.qpos.device):
             self._nacon = wp.zeros_like(d.nacon)
             self.variant = wp.zeros((d.nworld, 0), dtype=int) if self.variants is None else self.variants.variant

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import mujoco_warp as mjw
@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.draws import nominal_values
@@ -28,6 +29,7 @@ _GEOM = (
     *("dataid", "matid", "solmix", "solref", "solimp", "size", "aabb", "rbound", "pos", "quat", "friction"),
     *("margin", "gap", "surfacevel", "adhesion", "rgba"),
 )
+_FAR = 1.0e6  # place of absent variants [m], beyond the origin of any world
 # Values of a geom that a variant has no use for; without a mesh and with this margin [m] it meets nothing.
 _UNUSED = {"dataid": -1, "matid": -1, "margin": -1.0e6, "rgba": 0.0}
 
@@ -37,6 +39,14 @@ def fields_of_variants() -> tuple[str, ...]:
     named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
     known = mjw.Model.__dataclass_fields__
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
+
+
+@wp.func
+def _is_absent(v: int, shared: wp.array[int], number: wp.array[int], variant: wp.array[int]) -> bool:
+    """Return whether `v` is a variant, and not the one of its object that is there."""
+    if v < 0:
+        return False
+    return variant[shared[v]] != number[v]
 
 
 @wp.kernel
@@ -110,11 +120,55 @@ def _write_variants(
         at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
         word = wp.array(ptr=at, shape=(1,), dtype=int)
         word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
-    if lane == 0:
-        total = mass[mass.shape[0] - 1]  # of all that has no variants
-        for s in range(variant.shape[1]):
-            total += mass[first[s] + variant[worldid, s]]
-        subtreemass_out[worldid, 0] = float(total)
+    if subtreemass_out:
+        if lane == 0:
+            total = mass[mass.shape[0] - 1]  # of all that has no variants
+            for s in range(variant.shape[1]):
+                total += mass[first[s] + variant[worldid, s]]
+            subtreemass_out[worldid, 0] = float(total)
+
+
+@wp.kernel
+def _read_variants(
+    lanes: int,
+    # Variants: object and number
+    shared: wp.array[int],
+    number: wp.array[int],
+    # Which variant a slot is, and each x in qpos or of a mocap body belongs to, -1 for none; where poses are simulated:
+    slot_variant: wp.array[int],
+    qpos_variant: wp.array[int],
+    mocap_variant: wp.array[int],
+    qpos_adr: wp.array[int],
+    mocap_adr: wp.array[int],
+    # In:
+    mask: wp.array[wp.bool],
+    variant: wp.array2d[int],
+    present_in: wp.array2d[int],
+    qpos_in: wp.array2d[float],
+    mocap_pos_in: wp.array2d[wp.vec3],
+    mocap_quat_in: wp.array2d[wp.quat],
+    # Out:
+    present_out: wp.array2d[int],
+    qpos_out: wp.array2d[float],
+    mocap_pos_out: wp.array2d[wp.vec3],
+    mocap_quat_out: wp.array2d[wp.quat],
+):
+    worldid, lane = wp.tid()
+    if not mask[worldid]:
+        return
+    for i in range(lane, slot_variant.shape[0], lanes):
+        present_out[worldid, i] = present_in[worldid, i]
+        if slot_variant[i] >= 0:
+            present_out[worldid, i] = wp.where(_is_absent(slot_variant[i], shared, number, variant[worldid]), 0, 1)
+    for i in range(lane, qpos_adr.shape[0], lanes):
+        qpos_out[worldid, i] = qpos_in[worldid, qpos_adr[i]]
+        if _is_absent(qpos_variant[i], shared, number, variant[worldid]):
+            qpos_out[worldid, i] = wp.static(_FAR)
+    for i in range(lane, mocap_adr.shape[0], lanes):
+        mocap_pos_out[worldid, i] = mocap_pos_in[worldid, mocap_adr[i]]
+        mocap_quat_out[worldid, i] = mocap_quat_in[worldid, mocap_adr[i]]
+        if _is_absent(mocap_variant[i], shared, number, variant[worldid]):
+            mocap_pos_out[worldid, i] = wp.vec3(wp.static(_FAR), 0.0, 0.0)
 
 
 class VariantWriter:
@@ -153,25 +207,31 @@ class VariantWriter:
         columns = slot_names(scene.config)
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
-            self._qpos = wp.zeros((nworld, sim.nq), dtype=float)
-            self._mocap_pos = wp.zeros((nworld, max(sim.nmocap, 1)), dtype=wp.vec3)
-            self._mocap_quat = wp.zeros((nworld, max(sim.nmocap, 1)), dtype=wp.quat)
+            mocap = (nworld, max(sim.nmocap, 1))
+            qpos, pos, quat = (
+                wp.zeros((nworld, sim.nq), dtype=float),
+                wp.zeros(mocap, wp.vec3),
+                wp.zeros(mocap, wp.quat),
+            )
+            self._poses = Poses(qpos, pos, quat)
             self._members = [
                 wp.array([columns.index(member) for members in variants.values() for member in members], dtype=int),
                 wp.array(np.repeat(np.arange(len(counts)), counts), dtype=int),
                 wp.array(np.concatenate([np.arange(count) for count in counts]), dtype=int),
             ]
+            self._read = [*self._members[1:], *_addresses(scene, bodies, columns)]
             masses = [float(full.body_mass[body]) for members in bodies for body in members]
             others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
+            self._table = self._words(scene, m, bodies, varied)
+            self._no_table = [wp.zeros(0, dtype=words.dtype) for words in self._table]
             self._inputs = [
-                *self._words(scene, m, bodies, varied),
                 *self._sources(scene, bodies),
                 wp.array(np.cumsum([0, *counts[:-1]]), dtype=int),
                 wp.array([*masses, others], dtype=wp.float64),
             ]
         # kernels have their addresses alone
         self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
-        self._outputs = [self._qpos, self._mocap_pos, self._mocap_quat, m.body_subtreemass]
+        self._subtreemass = m.body_subtreemass
 
     def launch(self, poses: Poses, present: wp.array, rows: wp.array | None = None) -> Poses:
         """Write the variants of rows of layouts into the masked worlds, and return the poses of all worlds.
@@ -189,14 +249,45 @@ class VariantWriter:
             outputs=[self.variant],
             device=self._device,
         )
+        return self._launch_write(self._table, self._mask, rows, poses, self._subtreemass)
+
+    def launch_poses(self, poses: Poses, mask: wp.array) -> Poses:
+        """Return the poses of all worlds as simulated, with those of the masked ones from layouts of their variants.
+
+        Args:
+            poses: Poses of the scene with all variants, one row a world.
+            mask: Which worlds, shape (nworld,), bool.
+        """
+        return self._launch_write(self._no_table, mask, None, poses, None)
+
+    def launch_read(self, d: mjw.Data, mask: wp.array, layouts: LayoutsView, state: LayoutsView) -> None:
+        """Write masked worlds as they are into rows of layouts, absent variants far away.
+
+        Args:
+            d: Data of the worlds.
+            mask: Which worlds, shape (nworld,), bool.
+            layouts: Who else is present in them.
+            state: The layouts to write to: `present`, `qpos`, `mocap_pos` and `mocap_quat`.
+        """
         wp.launch(
-            _write_variants,
-            (nworld, LANES),
-            inputs=[LANES, *self._inputs, self._mask, rows, self.variant, *poses],
-            outputs=self._outputs,
+            _read_variants,
+            (self.variant.shape[0], LANES),
+            inputs=[LANES, *self._read, mask, self.variant, layouts.present, d.qpos, d.mocap_pos, d.mocap_quat],
+            outputs=[state.present, state.qpos, state.mocap_pos, state.mocap_quat],
             device=self._device,
         )
-        return Poses(self._qpos, self._mocap_pos, self._mocap_quat)
+
+    def _launch_write(
+        self, table: list[wp.array], mask: wp.array, rows: wp.array | None, poses: Poses, subtreemass: wp.array | None
+    ) -> Poses:
+        wp.launch(
+            _write_variants,
+            (self.variant.shape[0], LANES),
+            inputs=[LANES, *table, *self._inputs, mask, rows, self.variant, *poses],
+            outputs=[*self._poses, subtreemass],
+            device=self._device,
+        )
+        return self._poses
 
     def _words(
         self, scene: SceneModel, m: mjw.Model, bodies: list[list[int]], varied: Mapping[str, wp.array]
@@ -239,6 +330,23 @@ class VariantWriter:
         source = np.where(joints >= 0, full.jnt_qposadr[joints], full.body_mocapid[variants])
         values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
         return [wp.array(each, dtype=int, ndim=1) for each in values]
+
+
+def _addresses(scene: SceneModel, bodies: list[list[int]], columns: Sequence[str]) -> list[wp.array]:
+    """Return which variant each slot, x in qpos and mocap body of layouts belongs to, and where they are simulated."""
+    full, sim, variants = scene.mjm, scene.sim.mjm, np.concatenate(bodies)
+    names = [full.body(body).name for body in variants]
+    slot_variant, qpos_variant, mocap_variant = (np.full(n, -1) for n in (len(columns), full.nq, full.nmocap))
+    slot_variant[[columns.index(name) for name in names]] = range(len(names))
+    free, mocap = full.body_jntadr[variants] >= 0, full.body_mocapid[variants] >= 0
+    qpos_variant[full.jnt_qposadr[full.body_jntadr[variants[free]]]] = np.flatnonzero(free)
+    mocap_variant[full.body_mocapid[variants[mocap]]] = np.flatnonzero(mocap)
+    owners, simulated = _owners_of_qpos(full), scene.sim_bodies
+    first = [mjm.jnt_qposadr[mjm.body_jntadr[of]] for mjm, of in ((full, owners), (sim, simulated[owners]))]
+    qpos_adr = np.arange(full.nq) - first[0] + first[1]
+    mocap_adr = sim.body_mocapid[simulated[_mocap_bodies(full)]]
+    values = (slot_variant, qpos_variant, mocap_variant, qpos_adr, mocap_adr)
+    return [wp.array(each, dtype=int, ndim=1) for each in values]
 
 
 def _owners_of_qpos(mjm: mujoco.MjModel) -> np.ndarray:

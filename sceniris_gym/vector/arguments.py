@@ -25,6 +25,7 @@ from sceniris_gym.errors import (
 )
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
@@ -222,7 +223,7 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
         )
     ids = [None if one is None else own_id(one, scene, split, where) for one in texts]
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
-    rows = {text: table.row(text) for text in {one.knobs for one in found}}
+    rows = {text: table.rows(knobs_in(text), 1)[0] for text in {one.knobs for one in found}}
     return ChosenLayouts(
         np.array([one.seed for one in found], np.uint64),
         np.array([one.episode for one in found], np.int32),

@@ -105,8 +105,7 @@ class TaskWorlds:
         """Add a step to the statistics, and to levels the successes of episodes on layouts of their own."""
         terms, gained, success, broken, *_ = outcome
         self.statistics.add(terms, gained, success, broken, outcome.done, self.state.elapsed)
-        sampler = self.randomizer.levels
-        if sampler is not None and sampler.counts:
+        if (sampler := self.randomizer.levels) is not None:
             sampler.launch_finish(wp.from_torch(success), wp.from_torch(self.statistics.finished))
 
     def live(self, **memory: Any) -> dict[str, Tensor]:

@@ -20,6 +20,7 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchE
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.adopt import place_on
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.adapters.playground_arm import write_menagerie
 
@@ -349,10 +350,10 @@ CART = """
 class Carts:
     """A batch of worlds without a task, on MJX's own engine, in which nothing is at rest."""
 
-    def __init__(self) -> None:
+    def __init__(self, mj_model: mujoco.MjModel) -> None:
         from mujoco import mjx  # pyright: ignore[reportMissingImports]
 
-        self.mj_model = mujoco.MjModel.from_xml_string(CART)
+        self.mj_model = mj_model
         self.mjx_model = mjx.put_model(self.mj_model, impl="jax")
         self.make_data, self.update = mjx.make_data, mjx.kinematics
         self.unwrapped = self
@@ -384,7 +385,7 @@ def test_what_a_start_writes_is_what_a_reset_of_placed_bodies_writes_in_mujoco_w
         "cart": {"kind": "fixture", "on": "ground", "joints": {"slide": {"range": [0.05, 0.15]}}},
         "cube": {"on": "ground"},
     }
-    carts = Carts()
+    carts = Carts(mujoco.MjModel.from_xml_string(CART))
     compiled = compile_scene({"model": carts.mj_model, "objects": objects, "bank": 2}, "cpu")
     env = FreshAutoReset(carts, compiled, update=carts.update)
     state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), 3))
@@ -410,6 +411,27 @@ def test_what_a_start_writes_is_what_a_reset_of_placed_bodies_writes_in_mujoco_w
         if name == "qvel":
             wanted[1, ~np.isin(np.arange(carts.mj_model.nv), placed_dofs(compiled))] -= 1.0  # of the first start
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6, err_msg=name)
+
+
+def test_a_group_of_bodies_is_another_thing_in_every_episode():
+    """As objects with variants are refused: `place_on` adds the ground where the other one is parked."""
+    pytest.importorskip("mujoco_playground")
+    spec, wide = mujoco.MjSpec(), {"region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}}
+    spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1])
+    for name in ("cube", "brick"):
+        body = spec.worldbody.add_body(name=name)
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.02, 0.02 if name == "cube" else 0.04])
+    objects = {name: {"on": "table", **wide} for name in ("cube", "brick")}
+    scene = {"objects": objects, "groups": {"thing": {"of": ["cube", "brick"], "count": 1}}, "bank": 2}
+    place_on(spec, scene)
+    carts = Carts(spec.compile())
+    env = FreshAutoReset(carts, compile_scene({"model": carts.mj_model, **scene}, "cpu"), update=carts.update)
+    states = [jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), 8))]
+    states.append(jax.jit(env.step)(states[0], jnp.ones(8)))
+    near = [np.asarray(state.data.qpos).reshape(8, 2, 7)[..., 0] < 1.0 for state in states]
+    assert all((one.sum(axis=1) == 1).all() for one in near)
+    assert (near[0] != near[1]).any()
 
 
 def placed_dofs(compiled: CompiledScene) -> np.ndarray:

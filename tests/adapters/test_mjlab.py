@@ -119,8 +119,25 @@ def test_entities_with_variants_are_refused():
     """Their variants are chosen by mjlab when the environment is built; the error says what redraws them."""
     variants = {f"cube_{size}": get_cube_spec for size in (1, 2)}
     scene = {"objects": {"thing": {"on": "terrain", "region": NEAR}}, "bank": 4}
-    with pytest.raises(NotSupportedError, match=r"objects\.thing: has variants.*SceneVectorEnv.*EntityCfg"):
+    group = r"groups: {thing: {of: \[cube_1, cube_2\], count: 1}}\. Call place_on\(spec, scene\)"
+    with pytest.raises(NotSupportedError, match=rf"objects\.thing: has variants.*SceneVectorEnv.*EntityCfg.*{group}"):
         ManagerBasedRlEnv(plain_cfg(scene, thing=VariantEntityCfg(variants=variants)), "cpu")
+
+
+def test_a_group_of_entities_is_another_thing_at_every_reset():
+    """One of them is in the region, and the other is parked on the plane."""
+    scene = cubes_on() | {"groups": {"thing": {"of": ["cube_0", "cube_1"], "count": 1}}}
+    env = ManagerBasedRlEnv(plain_cfg(scene), "cpu")
+    layouts, found = env.event_manager.get_term_cfg("layouts").func.layouts, []
+    for _ in range(3):
+        env.reset()
+        poses = [env.scene[name].data.root_link_pos_w - env.scene.env_origins for name in scene["objects"]]
+        found.append(np.stack(poses, axis=1)[..., 0] < 1.0)
+        np.testing.assert_array_equal(found[-1], layouts.present.numpy()[:, :2] == 1)
+        assert (found[-1].sum(axis=1) == 1).all()
+    assert (found[0] != found[1]).any()
+    assert deepest(env) == 0.0
+    env.close()
 
 
 def test_entities_start_apart_at_their_origins():

@@ -79,8 +79,8 @@ def _collide(
     i, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
-    shared[i] = collides(program, 0, 1, -1, nodes, leaves, lane, own_pos[i], own_quat[i], body_pos, body_quat)
-    alone[i] = collides_without_stack(program, 0, 1, -1, lane, own_pos[i], own_quat[i], body_pos, body_quat)
+    shared[i] = collides(program, 0, 1, 0, -1, nodes, leaves, lane, own_pos[i], own_quat[i], body_pos, body_quat)
+    alone[i] = collides_without_stack(program, 0, 1, lane, own_pos[i], own_quat[i], body_pos, body_quat)
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])

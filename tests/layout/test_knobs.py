@@ -48,17 +48,20 @@ NARROWED = {
     "objects.cabinet.joints.door": ({"objects__cabinet__joints__door__range": [0.25, 0.5]}, [0.25, 0.5]),
     "groups.some.count": ({"groups__some__count": [1, 2]}, [1, 2]),
     "start.weights": ({"start": [{"weight": 7.0}, {"joints": {"cabinet/door": {"range": [0.9, 0.95]}}}]}, [7.0, 1.0]),
+    "objects.spot.clearance": ({"objects__spot__clearance": 0.2}, 0.2),
+    "objects.cabinet.clearance": ({"objects__cabinet__clearance": 0.15}, [0.15]),
     "groups.some.weights": ({"groups__some__weights": {"a": 0.5, "b": 3.0, "c": 0.0}}, [0.5, 3.0, 0.0, 1.0]),
 }
+OTHERS = {"groups.some.weights": {"groups__some__count": [0, 3]}, "objects.cabinet.clearance": {"geometry": "visual"}}
 
 
 @pytest.mark.parametrize("name", NARROWED)
 def test_a_narrowed_world_has_the_layouts_of_a_file_that_says_so(knobbed: CompiledScene, tmp_path: Path, name: str):
     """Bit for bit, in the masked worlds; the others keep theirs."""
     words, value = NARROWED[name]
-    counts = {"groups__some__count": [0, 3]} if name == "groups.some.weights" else {}
-    base = compile_scene(knobbed_scene(tmp_path, **counts), "cpu") if counts else knobbed
-    wanted = _made(LayoutGenerator(compile_scene(knobbed_scene(tmp_path, **counts, **words), "cpu"), NWORLD), 2)
+    others = OTHERS.get(name, {})
+    base = compile_scene(knobbed_scene(tmp_path, **others), "cpu") if others else knobbed
+    wanted = _made(LayoutGenerator(compile_scene(knobbed_scene(tmp_path, **others, **words), "cpu"), NWORLD), 2)
     plain, generator = _made(LayoutGenerator(base, NWORLD), 2), LayoutGenerator(base, NWORLD, knobs=[name])
     generator.generate()
     generator.set_knobs({name: value}, EVEN)

@@ -31,8 +31,7 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
 
 def ask(requested: RequestedLayouts, compiled: CompiledScene, mask: list[bool]) -> list[np.ndarray]:
     """Return the joints, the mocap poses and the flags of layouts of SEEDS and EPISODES."""
-    seeds = np.array(SEEDS, np.uint64)
-    words = np.stack([seeds >> np.uint64(32), seeds & np.uint64(2**32 - 1)], axis=1).astype(np.uint32)
+    words = np.stack([np.array(SEEDS, object) & 2**32 - 1, np.array(SEEDS, object) >> 32], axis=1).astype(np.uint32)
     nworld, mjm = len(SEEDS), compiled.mjm
     outputs = [
         wp.zeros((nworld, mjm.nq), dtype=float, device="cpu"),

@@ -85,8 +85,8 @@ def test_many_levels_are_inserted_at_once(make_env):  # noqa: F811
     seeds = np.arange(50, dtype=np.uint64) + 7
     levels.insert(seeds, np.arange(50), np.linspace(0.5, 1.0, 50))
     kept = levels.state()
-    assert sorted(kept["seed"][kept["stamp"] >= 0]) == seeds.tolist()
-    assert (kept["seed"] == kept["episode"] + np.uint64(7))[kept["stamp"] >= 0].all()
+    assert sorted(kept["seed"][kept["age"] >= 0]) == seeds.tolist()
+    assert (kept["seed"] == kept["episode"] + np.uint64(7))[kept["age"] >= 0].all()
     assert np.isin(levels.sample(20)["seed"], seeds).all()
 
 

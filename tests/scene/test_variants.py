@@ -7,8 +7,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
+import trimesh
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.scene import assemble
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import geom_classes
@@ -41,6 +44,36 @@ def test_a_shared_body_has_room_for_every_variant():
     assert sim.hash == scene.hash
     assert not sim.config.groups
     assert sim.mjm.body_simple[sim.bodies["target"]] == 0
+
+
+def test_models_do_not_depend_on_how_many_variants_are_attached_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Not even with files of one name, and the model can be written and read again; `paths` are not simulated."""
+    for i in range(5):
+        (tmp_path / f"thing_{i}").mkdir()
+        trimesh.creation.box([0.02, 0.03, 0.01 * (i + 2)]).export(tmp_path / f"thing_{i}" / "part.stl")
+        mesh = f'<mesh name="part" file="thing_{i}/part.stl"/>'
+        body = '<body name="thing"><geom class="part"/></body>'
+        words = f'<default><default class="part"><geom type="mesh" mesh="part" mass="{i + 1}"/></default></default>'
+        words += f"<asset>{mesh}</asset><worldbody>{body}</worldbody>"
+        (tmp_path / f"thing_{i}.xml").write_text(f"<mujoco>{words}</mujoco>")
+    config = SceneConfig.load(TABLE, {"objects.target": {"asset": str(tmp_path / "thing_*"), "on": "table"}})
+    one_by_one, by_twos = [], []
+    for count, found in ((1, one_by_one), (2, by_twos)):
+        monkeypatch.setattr(assemble, "_AT_ONCE", count)
+        scene = build_model(config)
+        assert scene.spec is not None
+        again = mujoco.MjSpec.from_string(scene.spec.to_xml(), assets=scene.spec.assets).compile()
+        found += [arrays_of(scene.mjm), arrays_of(scene.sim.mjm), again.body_mass, again.mesh_vert]
+    np.testing.assert_equal(by_twos, one_by_one)
+
+
+def arrays_of(mjm: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """The arrays of a model, and its names."""
+    names = [name for name in dir(mjm) if not name.startswith("_") and "path" not in name]
+    arrays = {name: getattr(mjm, name) for name in names}
+    return {name: array for name, array in arrays.items() if isinstance(array, np.ndarray)} | {"names": mjm.names}
 
 
 def test_all_meshes_keep_their_hulls():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco_warp as mjw
@@ -10,18 +11,21 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, MaskError, NotSupportedError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, MaskError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.variants import fields_of_variants
 from sceniris_gym.sim.versions import SLEEPING
 from tests.stress.redraws import DEEP, Judge
 from tests.versions import since_4
 
 NWORLD = 6
+THINGS = ("tin", "bowl"), ("can", "mug", "book")
 HALF = np.arange(NWORLD) % 2 == 0
 
 
@@ -33,11 +37,25 @@ def mid() -> CompiledScene:
 
 def randomizer_of(compiled: CompiledScene, options: dict[str, Any] | None = None, **words: Any) -> ResetRandomizer:
     """Return a randomizer after a reset and some steps with random velocities."""
-    batch = Batch(compiled.scene, NWORLD, "cpu", options=options or {})
+    batch = Batch(compiled.scene, NWORLD, compiled.device, options=options or {})
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=4, fields=batch.fields, **words)
     randomizer.reset()
     stir(randomizer, 0)
     return randomizer
+
+
+def with_variants(targets: Sequence[str], stands: Sequence[str]) -> dict[str, Any]:
+    """A table with an apple near a thing and a fixture, which are one of these assets each."""
+    table = {"asset": "table", "kind": "static"}
+    near = {"near": "target", "distance": {"max": 0.3}}
+    stand, target = (list(assets) if len(assets) > 1 else assets[0] for assets in (stands, targets))
+    objects = {
+        "table": table,
+        "stand": {"asset": stand, "kind": "fixture", "on": "table"},
+        "target": {"asset": target, "on": "table"},
+        "apple": {"asset": "apple", "on": "table", "relations": [near]},
+    }
+    return {"bank": 4, "objects": objects}
 
 
 def stir(randomizer: ResetRandomizer, seed: int) -> None:
@@ -152,11 +170,30 @@ def test_wrong_arguments_are_refused(mid: CompiledScene):
         randomizer.replace("apple", np.zeros(2, bool))
 
 
-def test_scenes_with_variants_are_refused():
-    """As the simulation has one body for all of them."""
-    objects = {"fruit": {"variants": {"apple": {"asset": "apple"}, "pear": {"asset": "pear"}}, "on": "floor"}}
-    compiled = compile_scene({"floor": {"size": [1, 1]}, "objects": objects, "bank": 2}, "cpu")
-    model = put_model(compiled, 1)
-    randomizer = ResetRandomizer(compiled, model, mjw.make_data(compiled.sim_mjm, nworld=1), graph=False)
-    with pytest.raises(NotSupportedError, match="scenes with variants"):
-        randomizer.replace("fruit")
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+@pytest.mark.parametrize("names", [("target",), ("stand", "apple")])
+def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device: str):
+    """Free where those are, also in worlds that got them from stored layouts; nothing else differs by a bit."""
+    compiled = compile_scene(with_variants(*reversed(THINGS)), device)
+    sim = compiled.scene.sim
+    randomizer = randomizer_of(compiled)
+    stored = make_table(compiled, NWORLD, seed=7)
+    randomizer.write(stored, np.where(np.arange(NWORLD) < 4, np.arange(NWORLD), -1))
+    for turn in range(2):
+        stir(randomizer, turn)
+        before, variant = state(randomizer), randomizer.variant.numpy().copy()
+        fields = {name: getattr(randomizer.model, name).numpy().copy() for name in fields_of_variants()}
+        randomizer.replace(names, HALF)
+        after = state(randomizer)
+        judge = Judge(sim.mjm, [sim.bodies[name] for name in names])
+        assert judge.differences(before, after, HALF) == []
+        assert all((before["qpos"][world] != after["qpos"][world]).any() for world in np.flatnonzero(HALF))
+        np.testing.assert_array_equal(randomizer.variant.numpy(), variant)
+        for name, values in fields.items():
+            np.testing.assert_array_equal(getattr(randomizer.model, name).numpy(), values)
+        for world in np.flatnonzero(HALF):
+            stand, target = (THINGS[i][k] for i, k in enumerate(variant[world]))
+            own = build_model(SceneConfig.load(with_variants((target,), (stand,))))
+            alone = Judge(own.mjm, [own.bodies[name] for name in names])
+            assert alone.deepest(after, int(world)) < DEEP
+    np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 2 * HALF)

@@ -13,10 +13,14 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
+
+if TYPE_CHECKING:
+    from sceniris_gym.program.compiled import CompiledScene
 
 DEEP = 1e-4
 """Depth [m] from which on a contact is a failure."""
@@ -26,6 +30,7 @@ SCENES = {
     "kitchen_reset": (("mug",), ("bottle", "pan"), ("can", "book"), ("lemon",)),
     "drawer_open_pick": (("apple",), ("banana",), ("cabinet", "banana")),
     "table_top": (("mug",), ("chair", "banana")),
+    "tabletop_lift_any": (("target",), ("first", "second")),
 }
 """The objects that are redrawn together, by scene."""
 
@@ -67,6 +72,30 @@ class Judge:
         return float(max(-d.contact.dist[own].min(initial=0.0), 0.0))
 
 
+def with_variants(compiled: CompiledScene, state: dict[str, np.ndarray], variant: np.ndarray) -> dict[str, np.ndarray]:
+    """Return poses in the model with all variants, of which those that worlds do not have are far apart."""
+    full, sim, rows = compiled.mjm, compiled.sim_mjm, np.arange(len(variant))
+    found = {"qpos": np.tile(full.qpos0, (len(rows), 1))}
+    found |= {name: np.zeros((len(rows), full.nmocap, width)) for name, width in (("mocap_pos", 3), ("mocap_quat", 4))}
+    variants = {m: (i, k) for i, of in enumerate(compiled.config.variants.values()) for k, m in enumerate(of)}
+    for body in range(1, full.nbody):
+        name = full.body(body).name
+        i, k = variants.get(name, (-1, -1))
+        ours = sim.body(name.rpartition("/")[0] if i >= 0 else name)
+        there = variant[:, i] == k if i >= 0 else np.ones(len(rows), bool)
+        for joint in range(full.body_jntnum[body]):
+            theirs, own = full.body_jntadr[body] + joint, ours.jntadr[0] + joint
+            width = (7, 4, 1, 1)[full.jnt_type[theirs]]
+            to, source = full.jnt_qposadr[theirs], sim.jnt_qposadr[own]
+            found["qpos"][:, to : to + width] = state["qpos"][:, source : source + width]
+            found["qpos"][~there, to] = 1e3 + 10.0 * body
+        if full.body_mocapid[body] >= 0:
+            for field in ("mocap_pos", "mocap_quat"):
+                found[field][:, full.body_mocapid[body]] = state[field][:, ours.mocapid[0]]
+            found["mocap_pos"][~there, full.body_mocapid[body], 0] = 1e3 + 10.0 * body
+    return found
+
+
 def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: int) -> dict[str, object]:
     """Redraw objects of a scene at least `number` times, and count what is wrong."""
     from sceniris_gym.layout.compile import compile_scene
@@ -75,14 +104,16 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
     from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
 
     compiled, random = compile_scene(scene, device), np.random.default_rng(seed)
-    mjm = compiled.mjm
+    model = compiled.scene
     batch = Batch(compiled.scene, num_envs, compiled.device)
     data = batch.data
     randomizer = ResetRandomizer(compiled, batch.model, data, seed=seed, fields=batch.fields)
     made = kept = deep = broken = 0
     worst, different = 0.0, set()
     choices = SCENES[scene]
-    judges = [Judge(mjm, [b for name in names for b in compiled.scene.subtree(name)]) for names in choices]
+    members = [[m for name in names for m in model.config.variants.get(name, (name,))] for names in choices]
+    judges = [Judge(model.mjm, [b for name in names for b in model.subtree(name)]) for names in members]
+    moved = [Judge(model.sim.mjm, [b for name in names for b in model.sim.subtree(name)]) for names in choices]
     turn = 0
     while made < number:
         if turn % 4 == 0:
@@ -99,7 +130,9 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
         after = {name: getattr(data, name).numpy().copy() for name in PROMISED}
         status = randomizer.replacer.status.numpy()
         placed = mask & (status == Status.VALID)
-        different |= set(judge.differences(before, after, placed))
+        different |= set(moved[turn % len(choices)].differences(before, after, placed))
+        if model.config.variants:
+            after = with_variants(compiled, after, randomizer.variant.numpy())
         for world in np.flatnonzero(placed):
             depth = judge.deepest(after, int(world))
             worst, deep = max(worst, depth), deep + (depth > DEEP)

@@ -104,7 +104,7 @@ def _is_near(
         hand = at + rot_vec_quat(reach_search.hand_pos[early, a] + hand, turn)
         there = search.body_pos[c, b] + rot_vec_quat(program.node_center[entry[2]], search.body_quat[c, b])
         radius = wp.length(program.node_half[entry[1]]) + wp.length(program.node_half[entry[2]])
-        if wp.length(there - hand) <= radius + wp.max(margin_of(program, entry[0], -1), 0.0) + _SLACK:
+        if wp.length(there - hand) <= radius + wp.max(margin_of(program, 0, entry[0], -1), 0.0) + _SLACK:
             return True
     return False
 
@@ -176,12 +176,12 @@ def _test_hands(
             quat[body] = wp.normalize(mul_quat(turn, reach_search.hand_quat[early, body]))
         block_sync()
         adr, num = _pairs_of(program, reach, column, obj)
-        found = collides(program, adr, num, -1, nodes, leaves, lane, pos, quat, search.body_pos[c], search.body_quat[c])
+        own_pos = search.body_pos[c]
+        own_quat = search.body_quat[c]
+        found = collides(program, adr, num, 0, -1, nodes, leaves, lane, pos, quat, own_pos, own_quat)
         hit = found == Cause.COLLISION
         if found == UNPROVEN:
-            hit = collides_without_stack(
-                program, adr, num, -1, lane, pos, quat, search.body_pos[c], search.body_quat[c]
-            )
+            hit = collides_without_stack(program, adr, num, lane, pos, quat, own_pos, own_quat)
         if lane == 0 and hit:
             search.free[c, early] = False
 

@@ -57,10 +57,10 @@ def _test(
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
-                found = collides(program, adr, num, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
+                found = collides(program, adr, num, 0, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
                 hit = found == Cause.COLLISION
                 if found == UNPROVEN:
-                    hit = collides_without_stack(program, adr, num, -1, lane, own_pos, own_quat, pos, quat)
+                    hit = collides_without_stack(program, adr, num, lane, own_pos, own_quat, pos, quat)
             step += 1
         if lane == 0 and hit:  # every lane has read `failed` by now
             reach_search.failed[c] = step - 1

@@ -15,12 +15,7 @@ from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
-from sceniris_gym.layout.reaching.start import (
-    launch_accept_starts,
-    launch_ask_tiers,
-    launch_leave_grasps,
-    launch_queue_starts,
-)
+from sceniris_gym.layout.reaching.start import launch_accept_starts, launch_queue_starts
 from sceniris_gym.layout.reaching.start_poses import launch_go_home, launch_pose_start
 from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
@@ -72,8 +67,6 @@ class ReachStage:
 
         In scenes with starts its arm goes there; a restart without a start that is clear of everything has failed.
         """
-        if self._work.starts is not None:
-            launch_ask_tiers(self._work, self.search)
         for reach, clear in self._arms:
             launch_open_rows(self._work, reach, self.search)
             repeat_launches(self.search.rows_left, partial(self._wave, reach, clear), self._most_waves)
@@ -86,8 +79,6 @@ class ReachStage:
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         launch_look_up(work, reach, search)
-        if work.starts is not None:
-            launch_leave_grasps(work, search)
         if clear:
             launch_pose_hand(work, reach, ReachStep.HAND_AT_GRASP, search)
             launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP, search)

@@ -13,10 +13,8 @@ from sceniris_gym.layout.reaching.poses import take_joints
 from sceniris_gym.layout.reaching.search import (
     HELD,
     ReachSearch,
-    ReachStep,
     queue_row,
     queue_target,
-    reach_candidate_num,
 )
 from sceniris_gym.layout.reaching.start_poses import TRIALS
 from sceniris_gym.layout.reaching.waves import first_passed, keep_grasp
@@ -26,73 +24,8 @@ from sceniris_gym.placement.kinematics import write_root
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import StartPose, Starts
-from sceniris_gym.reach.arm import MAX_JOINTS
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.func
-def _reaches(starts: Starts, kind: int, column: int) -> bool:
-    """Return True if the arm starts at a target where that was placed, or straight above."""
-    pose = starts.pose[kind]
-    return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD
-
-
-@wp.kernel
-def _ask_tiers(
-    starts: Starts,
-    reach: Reach,
-    # Layouts in: start
-    # Layouts out: grasp_qpos, pregrasp_qpos
-    layouts: LayoutsView,
-    # Search in: waiting, row_world
-    search: Search,
-    # ReachSearch out: tier
-    reach_search: ReachSearch,
-):
-    row, column = wp.tid()
-    if not search.waiting[row]:
-        return
-    kind = layouts.start[search.row_world[row]]
-    tier = reach.reach_tier[column]
-    if _reaches(starts, kind, column):
-        tier = int(Tier.CLEAR)
-    reach_search.tier[row, column] = tier
-    for i in range(MAX_JOINTS):
-        layouts.grasp_qpos[row, column, i] = wp.nan
-        layouts.pregrasp_qpos[row, column, i] = wp.nan
-
-
-def launch_ask_tiers(work: Workspace, reach_search: ReachSearch) -> None:
-    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier."""
-    dim = (work.nrow, reach_search.tier.shape[1])
-    work.launch(_ask_tiers, dim, [work.starts, work.reach], work.layouts, work.search, reach_search)
-
-
-@wp.kernel(grid_stride=False)
-def _leave_grasps(
-    starts: Starts,
-    lanes: int,
-    # Layouts in: start
-    layouts: LayoutsView,
-    # Search in: row_world
-    search: Search,
-    # ReachSearch in: column, candidates, row, grasp, start
-    # ReachSearch out: failed
-    reach_search: ReachSearch,
-):
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        row = reach_search.row[c]
-        kind = layouts.start[search.row_world[row]]
-        if _reaches(starts, kind, reach_search.column[row]):
-            if not starts.grasp[kind, reach_search.grasp[c]] and reach_search.start[c] == 0:
-                reach_search.failed[c] = ReachStep.MAP
-
-
-def launch_leave_grasps(work: Workspace, reach_search: ReachSearch) -> None:
-    """Reject the candidates of the reach stage whose grasp does not count for the start of their world."""
-    lanes = work.size.lanes
-    work.launch(_leave_grasps, lanes, [work.starts, lanes, work.layouts, work.search], reach_search)
 
 
 @wp.kernel

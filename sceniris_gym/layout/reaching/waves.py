@@ -26,6 +26,7 @@ from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.placement.grasps import first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_starts import Starts, reaches
 from sceniris_gym.reach.arm import MAX_JOINTS
 
 wp.set_module_options({"enable_backward": False})
@@ -115,23 +116,39 @@ def _next_waiting(reach: Reach, search: Search, row: int) -> int:
     return -1
 
 
+@wp.func
+def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int):
+    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier."""
+    kind = layouts.start[search.row_world[row]]
+    for column in range(reach_search.tier.shape[1]):
+        reach_search.tier[row, column] = reach.reach_tier[column]
+        if reaches(starts, kind, column):
+            reach_search.tier[row, column] = int(Tier.CLEAR)
+        for i in range(MAX_JOINTS):
+            layouts.grasp_qpos[row, column, i] = wp.nan
+            layouts.pregrasp_qpos[row, column, i] = wp.nan
+
+
 @wp.kernel
 def _open_rows(
     program: Program,
     reach: Reach,
-    # Layouts in: qpos, mocap_pos, mocap_quat, present, grasp, variant, body_pos, body_quat
+    starts: Starts,
+    # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos
     layouts: LayoutsView,
     # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: arm, tier, rows_left, source
-    # ReachSearch out: arm, column, number, total, tried, furthest, queue, rows_left
+    # ReachSearch out: arm, column, number, total, tried, tier, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     row = wp.tid()
     if reach.number == 0:
         reach_search.arm[row] = 0
+        if search.waiting[row] and reach_search.tier.shape[0] > 0:
+            _ask_tiers(starts, reach, layouts, search, reach_search, row)
         if search.waiting[row] and not is_sound(program, layouts, row):  # its world falls back, whatever is in reach
             search.waiting[row] = False
             wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
@@ -141,7 +158,15 @@ def _open_rows(
 
 def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Queue the waiting rows that are at this arm."""
-    work.launch(_open_rows, work.nrow, [work.program, reach], work.layouts, work.search, reach_search)
+    inputs = [work.program, reach, work.kinds]
+    work.launch(_open_rows, work.nrow, inputs, work.layouts, work.search, reach_search)
+
+
+@wp.func
+def _counts(starts: Starts, layouts: LayoutsView, search: Search, row: int, column: int, grasp: int) -> bool:
+    """Return False for a grasp in which the start of a row's world does not take the arm to its target."""
+    kind = layouts.start[search.row_world[row]]
+    return not reaches(starts, kind, column) or starts.grasp[kind, grasp]
 
 
 @wp.kernel
@@ -194,9 +219,12 @@ def _open_candidates(
 @wp.kernel(grid_stride=False)
 def _look_up(
     reach: Reach,
+    starts: Starts,
     lanes: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: start, body_pos, body_quat
     layouts: LayoutsView,
+    # Search in: row_world
+    search: Search,
     # ReachSearch in: column, tier, candidates, row, grasp, start, failed
     # ReachSearch out: failed
     reach_search: ReachSearch,
@@ -207,7 +235,12 @@ def _look_up(
             body_pos = layouts.body_pos[row]
             body_quat = layouts.body_quat[row]
             base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-            if not passes_map(reach, reach_search.column[row], reach_search.grasp[c], base, body_pos, body_quat):
+            column = reach_search.column[row]
+            grasp = reach_search.grasp[c]
+            passes = passes_map(reach, column, grasp, base, body_pos, body_quat)
+            if passes and reach_search.tier.shape[0] > 0:
+                passes = _counts(starts, layouts, search, row, column, grasp)
+            if not passes:
                 reach_search.failed[c] = ReachStep.MAP
 
 
@@ -218,8 +251,9 @@ def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Look up the grasps of candidates in the arm's map."""
-    work.launch(_look_up, work.size.lanes, [reach, work.size.lanes, work.layouts], reach_search)
+    """Look up the grasps of candidates in the arm's map, and among those that count for starts."""
+    lanes = work.size.lanes
+    work.launch(_look_up, lanes, [reach, work.kinds, lanes, work.layouts, work.search], reach_search)
 
 
 @wp.func

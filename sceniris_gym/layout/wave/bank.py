@@ -17,8 +17,11 @@ _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 
 
 @wp.func
-def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """Return the world's entry of its split's bank; -1 while the bank of the scene is still being filled."""
+def _bank_row(program: Program, bank_start: wp.array[int], layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
+    """Return the world's entry of its split's bank; -1 while the bank of the scene is still being filled.
+
+    In scenes with kinds of starts it is the next one from there of the world's kind, if there is one.
+    """
     first = int(0)
     num = program.bank_ntrain
     if split == _EVAL:
@@ -31,7 +34,12 @@ def _bank_row(program: Program, layouts: LayoutsView, worldid: int, split: wp.ui
         layouts.pending_seed[worldid],
         wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0)),
     )
-    return first + int(words[0] % wp.uint32(num))
+    row = int(words[0] % wp.uint32(num))
+    if bank_start:
+        for i in range(num):
+            if bank_start[first + (row + i) % num] == layouts.start[worldid]:
+                return first + (row + i) % num
+    return first + row
 
 
 @wp.func
@@ -67,7 +75,7 @@ def fall_back(
     split: wp.uint32,
 ) -> int:
     """Copy the world's entry of the bank, and return the status of its row."""
-    row = _bank_row(program, layouts, worldid, split)
+    row = _bank_row(program, bank_start, layouts, worldid, split)
     if row < 0:
         return 0
     _take(program, layouts, worldid, row)

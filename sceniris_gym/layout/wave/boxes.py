@@ -56,7 +56,7 @@ def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
     """Return True if the box of a world differs from that of the scene file."""
     narrowed = bool(False)
     for k in range(first, first + 4):
-        if layouts.pending_knob[worldid, k] != layouts.default_knob[k]:
+        if layouts.next_knob[worldid, k] != layouts.default_knob[k]:
             narrowed = True
     return narrowed
 
@@ -67,7 +67,7 @@ def _draw_in_boxes(
     split: wp.uint32,
     lanes: int,
     columns: wp.array[int],
-    # Layouts in: present, pending_seed, pending_episode, pending_knob, default_knob, place, body_pos, body_quat
+    # Layouts in: present, pending_seed, pending_episode, next_knob, default_knob, place, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart, candidates, row, obj, trial, cause, turn, heading, point, qpos, body_pos,
     #   body_quat
@@ -86,7 +86,7 @@ def _draw_in_boxes(
             continue
         seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
         u = uniforms(seed, episode, stream_of(program, split, obj), trial_of(program, search, c), _DRAW)
-        box = layouts.pending_knob[worldid]
+        box = layouts.next_knob[worldid]
         tri = _choose_triangle(program, search.turn[c].variant, box, first, polygon, u[0])
         if tri < 0:
             search.cause[c] = Cause.EMPTY

@@ -50,6 +50,12 @@ def _mark_overflow(search: Search, c: int):
 
 
 @wp.func
+def _margin(program: Program, search: Search, c: int, pair: int) -> float:
+    """Return the least distance [m] of a pair of a candidate."""
+    return margin_of(program, search.row_world[search.row[c]], pair, support_of(program, search.obj[c]))
+
+
+@wp.func
 def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
     """Return True if a candidate collides; the test of a single lane."""
     row = search.row[c]
@@ -59,7 +65,8 @@ def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: in
     for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
         start = program.broad_pair[s]
         poses = candidate_poses(program, layouts, search, c, row, start[0])
-        if leaves_below_touch(program, start, poses, margin_of(program, start[0], support), stack):
+        margin = margin_of(program, search.row_world[row], start[0], support)
+        if leaves_below_touch(program, start, poses, margin, stack):
             return True
     return False
 
@@ -71,7 +78,7 @@ def _queue_narrow_pairs(
     blocks: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: candidates, narrow_pairs, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
+    # Search in: row_world, candidates, narrow_pairs, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
     # Search out: narrow_pairs, any_overflowed, cause, overflowed, narrow_pair
     search: Search,
 ):
@@ -82,6 +89,7 @@ def _queue_narrow_pairs(
             continue
         row = search.row[c]
         obj = search.obj[c]
+        worldid = search.row_world[row]
         support = support_of(program, obj)
         last = program.obj_broadadr[obj] + program.obj_broadnum[obj]
         for base in range(program.obj_broadadr[obj], last, wp.block_dim()):
@@ -91,7 +99,7 @@ def _queue_narrow_pairs(
                 step = Step()
                 if slot >= 0:
                     poses = candidate_poses(program, layouts, search, c, row, entry[0])
-                    step = next_step(program, entry, poses, margin_of(program, entry[0], support))
+                    step = next_step(program, entry, poses, margin_of(program, worldid, entry[0], support))
                 at_left = wp.tile_stack_push(nodes, step.left, step.inner)
                 at_right = wp.tile_stack_push(nodes, step.right, step.inner)
                 if step.inner and wp.min(at_left, at_right) < 0:
@@ -110,7 +118,7 @@ def _test_inner_boxes(
     lanes: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
+    # Search in: row_world, narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
     # Search out: cause
     search: Search,
 ):
@@ -119,9 +127,7 @@ def _test_inner_boxes(
         entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
         if search.cause[c] == Cause.NONE:
             poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
-            if inner_boxes_touch(
-                program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
-            ):
+            if inner_boxes_touch(program, entry, poses, _margin(program, search, c, entry[0])):
                 search.cause[c] = Cause.COLLISION
 
 
@@ -132,7 +138,7 @@ def _test_narrow_pairs(
     blocks: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
+    # Search in: row_world, narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
     # Search out: any_overflowed, cause, overflowed
     search: Search,
 ):
@@ -155,9 +161,7 @@ def _test_narrow_pairs(
                 c = search.narrow_pair[i][0]
                 entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
                 poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
-                if pieces_touch(
-                    program, entry, poses, margin_of(program, entry[0], support_of(program, search.obj[c]))
-                ):
+                if pieces_touch(program, entry, poses, _margin(program, search, c, entry[0])):
                     search.cause[c] = Cause.COLLISION
 
 
@@ -168,7 +172,7 @@ def _test_by_block(
     blocks: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
+    # Search in: row_world, candidates, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
     # Search out: any_overflowed, cause, overflowed
     search: Search,
 ):
@@ -186,7 +190,8 @@ def _test_by_block(
             own_quat = search.body_quat[c]
             pos = layouts.body_pos[row]
             quat = layouts.body_quat[row]
-            found = collides(program, adr, num, support, nodes, leaves, lane, own_pos, own_quat, pos, quat)
+            worldid = search.row_world[row]
+            found = collides(program, adr, num, worldid, support, nodes, leaves, lane, own_pos, own_quat, pos, quat)
             if lane == 0 and found == Cause.COLLISION:
                 search.cause[c] = Cause.COLLISION
             if lane == 0 and found == UNPROVEN:
@@ -201,8 +206,8 @@ def _test_alone(
     tested_by_blocks: bool,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: candidates, any_overflowed, row, obj, cause, grasp, overflowed, covered, overhanging, body_pos,
-    #   body_quat
+    # Search in: row_world, candidates, any_overflowed, row, obj, cause, grasp, overflowed, covered, overhanging,
+    #   body_pos, body_quat
     # Search out: cause
     search: Search,
 ):

@@ -54,4 +54,4 @@ class DrawnMasses:
         """Draw them for the layouts that are being made in the masked worlds, in all of them if there is no mask."""
         if self._drawer is not None:
             pending = layouts.pending_seed, layouts.pending_episode
-            self._drawer.launch(mask, *pending, self._split, knob=layouts.pending_knob)
+            self._drawer.launch(mask, *pending, self._split, knob=layouts.next_knob)

@@ -42,8 +42,8 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode, next_knob
-    # Layouts out: attempts, present, pending_seed, pending_episode, pending_knob, row_rejections
+    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
     # Search out: pending, restart, waiting, worlds_left, rows_left, restarts_at_once, candidates
@@ -242,7 +242,7 @@ def _settle(
     reach: Reach,
     bank_start: wp.array[int],  # the kinds of starts of the bank, if there are some
     split: wp.uint32,
-    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
+    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, start, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
     #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
@@ -305,7 +305,7 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
-    # Layouts in: status, rejections, pending_seed, pending_episode, pending_knob, default_knob, row_rejections
+    # Layouts in: status, rejections, pending_seed, pending_episode, next_knob, default_knob, row_rejections
     # Layouts out: seed, episode, knob, rejections, next_episode
     layouts: LayoutsView,
 ):

@@ -268,6 +268,11 @@ class Workspace:
         return self.reaches[0]
 
     @property
+    def kinds(self) -> Starts:
+        """The kinds of starts, for kernels that all scenes launch."""
+        return Starts() if self.starts is None else self.starts
+
+    @property
     def nworld(self) -> int:
         """Number of worlds."""
         return self.layouts.seed.shape[0]

@@ -20,7 +20,7 @@ def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, colum
     """Return the weight of a kind in a world: that of its knob if there is one, else that of the scene file."""
     weight = starts.weight[kind]
     if column >= 0:
-        weight = layouts.pending_knob[worldid, column + kind]
+        weight = layouts.next_knob[worldid, column + kind]
     return weight
 
 
@@ -30,7 +30,7 @@ def _draw_kinds(
     mask: wp.array[bool],
     split: wp.uint32,
     column: int,
-    # Layouts in: pending_seed, pending_episode, pending_knob
+    # Layouts in: pending_seed, pending_episode, next_knob
     # Layouts out: start
     layouts: LayoutsView,
     # Out, by world:

@@ -122,7 +122,7 @@ def test_starts_do_not_depend_on_the_size_of_the_search(change: dict[str, int]):
 
 
 def test_worlds_without_restarts_get_the_kind_of_their_bank():
-    """A fallback has the state of an entry of the bank, and its kind."""
+    """A fallback has the state of an entry of the bank, and its kind: that of the world, if the bank has one."""
     program = copied(Program, starting().program)
     program.restarts, program.attempts = 0, 1
     compiled = replace(starting(), program=program)
@@ -136,6 +136,12 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
     for i in fell:
         (entry,) = np.flatnonzero((states == rows["qpos"][i]).all(axis=1))
         assert kinds[entry] == rows["start"][i]
+    usual = LayoutGenerator(starting(), 1000, seed=2)
+    usual.generate()
+    drawn = usual.layouts.start.numpy()[fell]
+    known = np.isin(drawn, kinds)
+    assert known.any()
+    np.testing.assert_array_equal(rows["start"][fell][known], drawn[known])
 
 
 def test_a_kind_of_start_that_is_never_made_is_refused():

@@ -1,0 +1,114 @@
+"""Weights of levels by their scores, and the places of the lowest ones, where others can be inserted."""
+
+import warp as wp
+from warp.utils import array_scan
+
+from sceniris_gym.levels.buffer import BINS, Buffer, score_of
+from sceniris_gym.levels.choice import Levels
+
+wp.set_module_options({"enable_backward": False})
+
+_TOTAL = wp.constant(float(1 << 30))  # sum of all weights, within an int32
+_UNIT = wp.constant(float(2.0**-32))  # of sums of weights: integers, so that all devices add alike
+_OCTAVES = wp.constant(8.0)  # scores from 2^8 down to 2^-24, above and below alike
+_BINS_OF_OCTAVE = wp.constant(16.0)
+
+
+@wp.func
+def _bin(buffer: Buffer, i: int) -> int:
+    """Return the bin of a level by its score, sixteen to each power of two; BINS where there is none."""
+    if buffer.age[i] < 0:
+        return BINS
+    octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
+    return wp.clamp(int(_BINS_OF_OCTAVE * (_OCTAVES - octave)), 0, BINS - 1)
+
+
+@wp.func
+def _is_vacant(buffer: Buffer, b: int) -> bool:
+    """Return True if the levels of a bin may be replaced: the lowest ones, or none while there are empty places."""
+    filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
+    if filled < buffer.age.shape[0]:
+        return b == BINS
+    return b >= wp.lower_bound(buffer.better, filled - room + 1)
+
+
+@wp.kernel
+def _count(
+    # Buffer in: value, age, count, ages, score
+    # Buffer out: count, ages
+    buffer: Buffer,
+):
+    i = wp.tid()
+    if buffer.age[i] >= 0:
+        b = _bin(buffer, i)
+        wp.atomic_add(buffer.count, b, 1)
+        wp.atomic_add(buffer.ages, b, wp.int64(buffer.age[i]))
+
+
+@wp.kernel
+def _weigh(
+    by_rank: bool,
+    by_score: bool,
+    power: float,
+    # Buffer in: count, better, ages, total_weight, total_age
+    # Buffer out: weight, total_weight, total_age
+    buffer: Buffer,
+):
+    b = wp.tid()
+    number = buffer.count[b]
+    weight = float(1.0)
+    if by_rank:  # the levels of a bin share their mean rank
+        weight = wp.pow(float(buffer.better[b] - number) + 0.5 * float(number + 1), -power)
+    if by_score:  # as a share of the best one
+        weight = wp.pow(2.0, power * float(wp.lower_bound(buffer.better, 1) - b) / _BINS_OF_OCTAVE)
+    buffer.weight[b] = weight
+    wp.atomic_add(buffer.total_weight, 0, wp.int64(weight * float(number) / _UNIT))
+    wp.atomic_add(buffer.total_age, 0, buffer.ages[b])
+
+
+@wp.kernel
+def _mark_vacant(
+    # Buffer in: value, age, better, score
+    # Buffer out: cumulative
+    buffer: Buffer,
+):
+    i = wp.tid()
+    buffer.cumulative[i] = wp.where(_is_vacant(buffer, _bin(buffer, i)), 1, 0)
+
+
+@wp.kernel
+def _fill(
+    staleness: float,
+    # Buffer in: value, age, cumulative, better, weight, total_weight, total_age, score
+    # Buffer out: age, cumulative, vacant
+    buffer: Buffer,
+):
+    i = wp.tid()
+    b = _bin(buffer, i)
+    number = buffer.cumulative[i] - 1
+    if number < buffer.vacant.shape[0] and _is_vacant(buffer, b):
+        buffer.vacant[number] = i
+    share = float(0.0)
+    if b < BINS:
+        share = buffer.weight[b] / (float(buffer.total_weight[0]) * _UNIT)
+        if buffer.total_age[0] > wp.int64(0):
+            old = float(buffer.age[i]) / float(buffer.total_age[0])
+            share = (1.0 - staleness) * share + staleness * old
+        buffer.age[i] = buffer.age[i] + 1
+    buffer.cumulative[i] = int(share * _TOTAL)
+
+
+def launch_refresh(buffer: Buffer, levels: Levels) -> None:
+    """Weigh all levels anew, and list the places of the lowest scores."""
+    capacity, device = levels.capacity, buffer.base.device
+    for array in (buffer.count, buffer.ages, buffer.total_weight, buffer.total_age, buffer.inserted):
+        array.zero_()
+    buffer.vacant.fill_(-1)
+    wp.launch(_count, capacity, outputs=[buffer], device=device)
+    array_scan(buffer.count, buffer.better)
+    inputs = [levels.priority == "rank", levels.priority == "proportional", 1.0 / levels.temperature]
+    wp.launch(_weigh, BINS, inputs=inputs, outputs=[buffer], device=device)
+    wp.launch(_mark_vacant, capacity, outputs=[buffer], device=device)
+    array_scan(buffer.cumulative, buffer.cumulative)
+    wp.launch(_fill, capacity, inputs=[levels.staleness], outputs=[buffer], device=device)
+    array_scan(buffer.cumulative, buffer.cumulative)

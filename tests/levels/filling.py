@@ -1,0 +1,56 @@
+"""Buffers with levels in them, and what worlds choose of these."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.levels.buffer import Buffer, create_buffer, launch_choose, launch_forget, launch_update
+from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.program.device import allocate
+
+NWORLD = 500
+
+
+def created(levels: Levels, nworld: int, nknob: int = 0) -> Buffer:
+    """Return an empty buffer for so many worlds."""
+    layouts = LayoutsView()
+    with wp.ScopedDevice("cpu"):
+        allocate(LayoutsView, layouts, nworld, "next_seed next_episode")
+        allocate(LayoutsView, layouts, (nworld, nknob), "next_knob")
+    return create_buffer(levels, layouts)
+
+
+def column(values: object, dtype: type) -> wp.array:
+    """Return values on the CPU."""
+    return wp.array(np.asarray(values), dtype=dtype, device="cpu")
+
+
+def tell(buffer: Buffer, level: object, seed: object, outcome: object) -> None:
+    """Tell the outcomes of episodes on levels."""
+    episodes = np.zeros(len(np.asarray(seed)))
+    columns = column(level, int), column(seed, wp.uint64), column(episodes, int), column(outcome, float)
+    launch_update(buffer, *columns)
+
+
+def filled(levels: Levels, scores: np.ndarray) -> Buffer:
+    """Return a buffer of one level for each score, with seeds 100, 101, ..."""
+    buffer = created(levels, NWORLD)
+    tell(buffer, np.full(len(scores), -1), 100 + np.arange(len(scores)), scores)
+    launch_refresh(buffer, levels)
+    return buffer
+
+
+def chosen(buffer: Buffer, rounds: int) -> np.ndarray:
+    """Return the levels that worlds are given, -1 for fresh ones, shape (rounds * nworld,)."""
+    launch_forget(buffer, column(np.arange(NWORLD), wp.uint64), None)
+    found = []
+    for _ in range(rounds):
+        launch_choose(buffer, None, 7, 1.0)
+        found.append(buffer.next_level.numpy().copy())
+    return np.concatenate(found)
+
+
+SCORES = np.array([0.5, 0.02, 0.02, 3.0, 0.9, 0.0001, 1.7, 0.3])
