@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import mujoco_warp as mjw
@@ -12,13 +13,15 @@ from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
-from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.layouts import Layouts, LayoutsView
+from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
 from sceniris_gym.sim.holding import GAINS, HoldingControls, components
+from sceniris_gym.sim.made_ahead import MadeAhead
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -70,6 +73,7 @@ class ModelFields:
         self._known: dict[str, wp.array] = {}
         self._derived: DerivedFields | None = None
         self._holding: HoldingControls | None = None
+        self._ahead: MadeAhead | None = None
         self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
@@ -104,6 +108,8 @@ class ModelFields:
         for other, _, _ in _word(name).follow:
             self.wide(other, where, name)
         self.asked.add(name)
+        if self._ahead is not None and _outputs(name):
+            self._ahead.written.fill_(1)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
@@ -174,13 +180,44 @@ class ModelFields:
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
 
+    def make_ahead(self, source: LayoutSource, split: str) -> None:
+        """Have the fields that follow from draws made ahead with the layouts of a source, if that can do so.
+
+        With variants they are found in the reset, and so they are if somebody asked for a field that they follow from.
+
+        Args:
+            source: The source.
+            split: "train" or "eval".
+        """
+        draws = tuple(draw for draw in self._scene.draws if any(map(_outputs, drawn_fields((draw,)))))
+        if self._ahead is not None:  # two sources reset these worlds
+            self._ahead.written.fill_(1)
+        if not draws or self.varied or self._ahead is not None or any(map(_outputs, self.asked)):
+            return
+
+        def make(mask: wp.array, layouts: Layouts) -> None:
+            drawer.launch(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
+            derived.launch(mask, self._nominal)
+
+        in_place = source.make_beside(make)
+        if in_place is None:
+            return
+        m, names = copy.copy(self._model), drawn_fields(draws)
+        outputs = [name for name in FOLLOWS if name in self._nominal and getattr(m, name).size]
+        for name in (*names, *outputs):
+            setattr(m, name, wp.clone(getattr(m, name)))
+        drawer = FieldDrawer(draws, {name: getattr(m, name) for name in names}, self._nominal, self._nworld)
+        derived = DerivedFields(self._scene.mjm, m, self._nworld)
+        drawer.use_knobs(source.layouts.knobs)
+        self._ahead = MadeAhead([(getattr(m, name), getattr(self._model, name)) for name in outputs], in_place)
+
     def launch_draw(
         self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
     ) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
         if self._drawer is not None:
             self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
-            self.launch_follow(mask)
+            self.launch_follow(mask, ahead=rows is None)
 
     @property
     def rows(self) -> dict[str, wp.array]:
@@ -188,12 +225,13 @@ class ModelFields:
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
         return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
 
-    def launch_follow(self, mask: wp.array) -> None:
-        """Bring what follows from the fields up to date in the masked worlds, shape (nworld,), bool."""
-        if self._derived is not None:
-            self._derived.launch(mask, self._nominal)
+    def launch_follow(self, mask: wp.array, *, ahead: bool = False) -> None:
+        """Bring what follows up to date in the masked worlds, shape (nworld,), bool; with what was made ahead if so."""
         if self._holding is not None:
             self._holding.launch(mask)
+        if self._derived is not None:
+            anew = self._ahead.launch(mask) if ahead and self._ahead is not None else mask
+            self._derived.launch(anew, self._nominal)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""

@@ -1,4 +1,4 @@
-"""Drawn fields and all that follows from them, with layouts that are made ahead and without."""
+"""Fields that follow from drawn ones, made ahead with the next layouts."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import warp as wp
 
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
@@ -42,8 +43,16 @@ def values(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
     return found | {"ctrl": randomizer.data.ctrl.numpy().copy()}
 
 
+def found_anew(randomizer: ResetRandomizer) -> np.ndarray:
+    """Return the worlds of the latest reset in which nothing was made ahead."""
+    ahead = randomizer.fields._ahead
+    assert ahead is not None
+    wp.synchronize_device(randomizer.device)
+    return ahead._stale.numpy()
+
+
 @pytest.mark.parametrize("graph", [True, False])
-def test_bits_do_not_depend_on_prefetching(scene: CompiledScene, graph: bool):
+def test_bits_are_those_made_in_place(scene: CompiledScene, graph: bool):
     """For all worlds, some of them, reseeded ones that were not ready, and stored layouts."""
     one, other = make(scene, prefetch=True, graph=graph), make(scene, prefetch=False)
     some = np.arange(NWORLD) % 2 == 0
@@ -60,6 +69,8 @@ def test_bits_do_not_depend_on_prefetching(scene: CompiledScene, graph: bool):
             np.testing.assert_array_equal(array, theirs[name], err_msg=f"{name} {step}")
             if mask is not None:
                 np.testing.assert_array_equal(array[~mask], before[name][~mask])
+        if one.device.is_cpu:
+            np.testing.assert_array_equal(found_anew(one), [True] * NWORLD if step == 0 else some & (step == 5))
         wp.synchronize_device(one.device)  # a GPU has made the next layouts by then
     for randomizer in (one, other):
         randomizer.write(randomizer.layouts, np.array([3, -1, -1, 0, -1, 5]))
@@ -67,19 +78,33 @@ def test_bits_do_not_depend_on_prefetching(scene: CompiledScene, graph: bool):
         np.testing.assert_array_equal(array, values(other)[name], err_msg=name)
 
 
-def test_what_a_task_writes_counts(scene: CompiledScene):
-    """In all that follows, also if the field is asked for after a reset."""
+def test_a_reseeded_world_is_drawn_in_place(scene: CompiledScene):
+    """As its next layout was made by another seed, and the others are served."""
+    randomizer = make(scene, prefetch=True)
+    for _ in range(2):
+        randomizer.reset()
+        wp.synchronize_device(randomizer.device)
+    assert not found_anew(randomizer).any()
+    chosen = np.arange(NWORLD) < 2
+    randomizer.reseed(99, chosen)
+    randomizer.reset()
+    np.testing.assert_array_equal(found_anew(randomizer), chosen)
+
+
+def test_nothing_is_copied_where_a_task_writes(scene: CompiledScene):
+    """Inverse weights of a mass of one's own are found in the reset, also if the field is asked for later."""
     randomizer = make(scene, prefetch=True)
     randomizer.reset()
     mass = randomizer.model_field("body_mass", "lemon")
     wp.to_torch(mass)[:] = 3.0
     for _ in range(2):
         randomizer.reset()
+        assert found_anew(randomizer).all()
     rows = randomizer.fields.rows
     np.testing.assert_allclose(rows["body_subtreemass"].numpy()[:, 0], rows["body_mass"].numpy().sum(axis=1), rtol=1e-5)
 
 
-def test_two_sources_reset_the_same_worlds(scene: CompiledScene):
+def test_nothing_is_copied_where_two_sources_reset_the_same_worlds(scene: CompiledScene):
     """Each with layouts of its own; fields follow what was drawn last."""
     one = make(scene, prefetch=True)
     words = {"fields": one.fields, "seed": 70, "prefetch": True}
@@ -91,8 +116,17 @@ def test_two_sources_reset_the_same_worlds(scene: CompiledScene):
     np.testing.assert_allclose(rows["body_subtreemass"].numpy()[:, 0], rows["body_mass"].numpy().sum(axis=1), rtol=1e-5)
 
 
+def test_draws_that_nothing_follows_from_take_no_memory(scene: CompiledScene):
+    """Also without layouts that are made ahead."""
+    friction = {"objects": {"can": {"randomize": {"friction": {"scale": [0.5, 2.0]}}}}}
+    for words, prefetch in ((friction, True), (WORDS, False)):
+        compiled = compile_scene({"base": "tabletop_lift", "bank": 8, **words}, scene.device)
+        assert drawn_fields(compiled.scene.draws)
+        assert make(compiled, 2, prefetch=prefetch).fields._ahead is None
+
+
 def test_knobs_narrow_what_is_made_ahead(scene: CompiledScene):
-    """As what is made in the reset, also where layouts were made ahead before the knob was set."""
+    """As what is found in place, also in layouts that were made ahead before the knob was set."""
     name = "objects.can.randomize.mass"
     one, other = (make(scene, prefetch=prefetch, knobs=(name,)) for prefetch in (True, False))
     for randomizer in (one, other):
