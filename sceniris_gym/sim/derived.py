@@ -12,6 +12,7 @@ from collections.abc import Container
 
 import mujoco
 import mujoco_warp as mjw
+import numpy as np
 import warp as wp
 
 from sceniris_gym.device.blocks import block_sync
@@ -40,6 +41,25 @@ FOLLOWS = {
     **dict.fromkeys(("light_pos0", "light_poscom0", "light_dir0"), ("light_pos", "light_dir", *_CENTERS)),
 }
 """The fields that each field follows from; those with equal ones have a row for each world together."""
+
+
+@wp.struct
+class Row:
+    """Rows of a field: first elements of those that were made and those that are served, and their width."""
+
+    made: wp.uint64
+    served: wp.uint64
+    width: int
+
+
+@wp.func
+def _copy(row: Row, worldid: int, lane: int):
+    """Copy the row of a world."""
+    end = (worldid + 1) * row.width
+    made = wp.array(ptr=row.made, shape=(end,), dtype=float)
+    served = wp.array(ptr=row.served, shape=(end,), dtype=float)
+    for k in range(worldid * row.width + lane, end, wp.block_dim()):
+        served[k] = made[k]
 
 
 @wp.func
@@ -229,6 +249,9 @@ def _light(w: Derived, worldid: int, lightid: int):
 @wp.kernel
 def _derive(
     mask: wp.array[wp.bool],
+    in_place: wp.array[wp.bool],
+    written: wp.array[int],
+    rows: wp.array[Row],
     # Derived in: body_end, body_block, dof_block, dof_shared, dof_row, xpos, xmat, jacp, jacr, pair, moment, geared,
     #   factor, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
     #   body_mass, body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear,
@@ -240,6 +263,11 @@ def _derive(
     worldid, lane = wp.tid()
     if not mask[worldid]:
         return
+    if rows:
+        if not in_place[worldid] and written[0] == 0:
+            for i in range(rows.shape[0]):
+                _copy(rows[i], worldid, lane)
+            return
     for i in range(lane, w.body_subtreemass.shape[1], wp.block_dim()):
         w.body_subtreemass[worldid, i] = _subtree(w, worldid, i)[3]
     for i in range(lane, w.cam_pos0.shape[1], wp.block_dim()):
@@ -273,19 +301,47 @@ class DerivedFields:
         mjm: The model.
         m: The Model; its present arrays are used in place.
         nworld: Number of worlds.
+
+    Attributes:
+        written: 1 if what is made ahead does not count, as somebody else writes to what these fields follow from, shape
+            (1,), int32.
     """
 
     def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, nworld: int) -> None:
         self._model, self._nworld = m, nworld
+        self._ahead: list[wp.array | None] = [None, None, None]
         with wp.ScopedDevice(m.qpos0.device):
+            self.written = wp.zeros(1, dtype=int)
             self._derived = derived_tables(mjm, nworld)
             # MuJoCo has it in all versions, MuJoCo-Warp does not
             self._derived.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
 
-    def launch(self, mask: wp.array, wide: Container[str]) -> None:
-        """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool."""
+    @property
+    def is_made_ahead(self) -> bool:
+        """True if launches can copy what was made ahead."""
+        return self._ahead[0] is not None
+
+    def copy_from(self, m: mjw.Model, names: list[str], in_place: wp.array) -> None:
+        """Make these fields ahead, in the arrays of another Model.
+
+        Args:
+            m: The Model.
+            names: The fields.
+            in_place: Worlds whose present layouts were not made ahead, shape (nworld,), bool.
+        """
+        pairs = [(getattr(m, name), getattr(self._model, name)) for name in names]
+        rows = [(made.ptr, served.ptr, served.strides[0] // 4) for made, served in pairs]
+        self._kept = pairs  # they own the memory
+        on_device = wp.array(np.array(rows, Row.numpy_dtype()), dtype=Row, device=in_place.device)
+        self._ahead = [in_place, self.written, on_device]
+
+    def launch(self, mask: wp.array, wide: Container[str], *, ahead: bool = False) -> None:
+        """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool.
+
+        With `ahead` those that were made ahead are copied.
+        """
         for name in Derived.vars:
             if (array := getattr(self._model, name, None)) is not None:
                 setattr(self._derived, name, None if name in FOLLOWS and name not in wide else array)
-        inputs, words = [mask, self._derived], {"block_dim": _LANES, "device": mask.device}
-        wp.launch_tiled(_derive, dim=[self._nworld], inputs=inputs, **words)
+        inputs = [mask, *(self._ahead if ahead else [None, None, None]), self._derived]
+        wp.launch_tiled(_derive, dim=[self._nworld], inputs=inputs, block_dim=_LANES, device=mask.device)

@@ -21,7 +21,6 @@ from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_r
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
 from sceniris_gym.sim.holding import GAINS, HoldingControls, components
-from sceniris_gym.sim.made_ahead import MadeAhead
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -73,7 +72,6 @@ class ModelFields:
         self._known: dict[str, wp.array] = {}
         self._derived: DerivedFields | None = None
         self._holding: HoldingControls | None = None
-        self._ahead: MadeAhead | None = None
         self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
@@ -108,8 +106,8 @@ class ModelFields:
         for other, _, _ in _word(name).follow:
             self.wide(other, where, name)
         self.asked.add(name)
-        if self._ahead is not None and _outputs(name):
-            self._ahead.written.fill_(1)
+        if self._derived is not None and _outputs(name):
+            self._derived.written.fill_(1)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
@@ -189,10 +187,12 @@ class ModelFields:
             source: The source.
             split: "train" or "eval".
         """
+        served = self._derived
         draws = tuple(draw for draw in self._scene.draws if any(map(_outputs, drawn_fields((draw,)))))
-        if self._ahead is not None:  # two sources reset these worlds
-            self._ahead.written.fill_(1)
-        if not draws or self.varied or self._ahead is not None or any(map(_outputs, self.asked)):
+        if served is None or not draws or self.varied or any(map(_outputs, self.asked)):
+            return
+        if served.is_made_ahead:  # by another source that resets these worlds
+            served.written.fill_(1)
             return
 
         def make(mask: wp.array, layouts: Layouts) -> None:
@@ -209,7 +209,7 @@ class ModelFields:
         drawer = FieldDrawer(draws, {name: getattr(m, name) for name in names}, self._nominal, self._nworld)
         derived = DerivedFields(self._scene.mjm, m, self._nworld)
         drawer.use_knobs(source.layouts.knobs)
-        self._ahead = MadeAhead([(getattr(m, name), getattr(self._model, name)) for name in outputs], in_place)
+        served.copy_from(m, outputs, in_place)
 
     def launch_draw(
         self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
@@ -230,8 +230,7 @@ class ModelFields:
         if self._holding is not None:
             self._holding.launch(mask)
         if self._derived is not None:
-            anew = self._ahead.launch(mask) if ahead and self._ahead is not None else mask
-            self._derived.launch(anew, self._nominal)
+            self._derived.launch(mask, self._nominal, ahead=ahead)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
