@@ -303,10 +303,9 @@ def _tables(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]])
                 number, at = first + own[0 if draw.is_turn else k], (field, size * element + component)
                 items.append((number, _FORMS.index(form), len(choices) + k * nchoice, *at, *at))
             for other, begin, count in draw.word.follow:
-                field_out, wide = places[other]
-                for k in range(begin, begin + count):
-                    at = field_out, wide * element + k, field, size * element + draw.word.first
-                    items.append((first + own[0], _FORMS.index(form), len(choices), *at))
+                written, at = places[other], (field, size * element + draw.word.first)
+                offsets = range(written[1] * element + begin, written[1] * element + begin + count)
+                items += [(first + own[0], _FORMS.index(form), len(choices), written[0], k, *at) for k in offsets]
         choices += draw.choice.T.ravel().tolist()
     return numbers, items, choices
 
