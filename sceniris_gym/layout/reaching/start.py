@@ -57,28 +57,6 @@ def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch
     work.launch(_queue_starts, work.nworld, [reach, work.starts], work.layouts, work.search, reach_search)
 
 
-@wp.func
-def _keep(
-    program: Program,
-    reach: Reach,
-    layouts: LayoutsView,
-    row: int,
-    column: int,
-    reach_search: ReachSearch,
-    c: int,
-):
-    """Write a candidate that passed into its row, whose bodies stay posed as they were placed."""
-    take_joints(program, reach.arm_body, reach_search.qpos[c], layouts.qpos[row])
-    if reach_search.tier[row, column] < wp.static(HELD):
-        return
-    obj = reach.reach_obj[column]
-    root = program.obj_body[obj]
-    pos = reach_search.body_pos[c, root]
-    quat = reach_search.body_quat[c, root]
-    write_root(program, obj, pos, quat, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
-    keep_grasp(reach, layouts, reach_search, row, column, c)
-
-
 @wp.kernel(grid_stride=False)
 def _accept(
     program: Program,
@@ -100,7 +78,13 @@ def _accept(
         column = reach_search.column[row]
         found = first_passed(reach_search, row)
         if found >= 0:
-            _keep(program, reach, layouts, row, column, reach_search, found)
+            take_joints(program, reach.arm_body, reach_search.qpos[found], layouts.qpos[row])
+            if reach_search.tier[row, column] == wp.static(HELD):
+                obj = reach.reach_obj[column]
+                pos = reach_search.body_pos[found, program.obj_body[obj]]
+                quat = reach_search.body_quat[found, program.obj_body[obj]]
+                write_root(program, obj, pos, quat, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
+                keep_grasp(reach, layouts, reach_search, row, column, found)
         elif reach_search.number[row] < reach_search.total[row]:
             queue_row(reach_search, row)
         else:
@@ -110,6 +94,9 @@ def _accept(
 
 
 def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep the first candidate of each row that passed. A row without one goes on; out of trials, it has failed."""
+    """Keep the first candidate of each row that passed. A row without one goes on; out of trials, it has failed.
+
+    The bodies of a row stay posed as they were placed.
+    """
     lanes = work.size.lanes
     work.launch(_accept, lanes, [work.program, reach, lanes], work.layouts, work.search, reach_search)
