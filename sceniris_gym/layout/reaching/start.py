@@ -11,7 +11,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.poses import take_joints
 from sceniris_gym.layout.reaching.search import (
-    HELD,
+    IN_HAND,
     ReachSearch,
     queue_row,
     queue_target,
@@ -48,7 +48,7 @@ def _queue_starts(
     lifted = starts.pose[kind] >= StartPose.LIFTED
     for column in range(starts.target.shape[1]):
         if starts.target[kind, column] and layouts.grasp[row, column] >= 0:
-            reach_search.tier[row, column] = wp.where(lifted, wp.static(HELD), int(Tier.CLEAR))
+            reach_search.tier[row, column] = wp.where(lifted, wp.static(IN_HAND), int(Tier.CLEAR))
             queue_target(reach_search, row, column, wp.where(lifted, wp.static(TRIALS), 1))
 
 
@@ -79,7 +79,7 @@ def _accept(
         found = first_passed(reach_search, row)
         if found >= 0:
             take_joints(program, reach.arm_body, reach_search.qpos[found], layouts.qpos[row])
-            if reach_search.tier[row, column] == wp.static(HELD):
+            if reach_search.tier[row, column] == wp.static(IN_HAND):
                 obj = reach.reach_obj[column]
                 pos = reach_search.body_pos[found, program.obj_body[obj]]
                 quat = reach_search.body_quat[found, program.obj_body[obj]]
