@@ -30,7 +30,7 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
-from sceniris_gym.config.stacks import StackConfig, with_chains, without_chains
+from sceniris_gym.config.stacks import StackConfig, with_chains
 from sceniris_gym.config.start import StartConfig, check_starts
 from sceniris_gym.config.validation import SceneNames, check_names
 from sceniris_gym.config.variants import owners_of, variants_of, with_members, with_variants
@@ -111,7 +111,7 @@ class SceneConfig(Section):
         if isinstance(scene, SceneConfig):
             if overrides is None:
                 return scene
-            data = without_chains(dict(scene._written or scene.model_dump(by_alias=True, exclude_unset=True)))
+            data = dict(scene._written or scene.model_dump(by_alias=True, exclude_unset=True))
             if any("/" in str(key).partition(".")[2].partition(".")[0] for key in overrides):  # of one variant
                 data = with_members(data)
             where, name = scene.where, scene.name
@@ -257,7 +257,7 @@ class SceneConfig(Section):
     def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
         written = with_members(data)
         config = handler(written)
-        if config.variants:
+        if config.variants or config.stacks:
             config._written = data
         return config
 

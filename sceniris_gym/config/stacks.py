@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
@@ -44,31 +44,15 @@ def with_chains(scene: Any) -> Any:
     Things that have a support already, unknown names, and anything that is no scene are left to the checks that follow.
     """
     placed, stacks = named_things(scene, "stacks")
-    for name, below, near in _steps(stacks):
-        part = placed.get(name)
-        part = part.model_dump(by_alias=True, exclude_unset=True) if isinstance(part, Section) else part
-        if isinstance(part, Mapping) and not any(word in part for word in (*SUPPORT_WORDS, "in_")):
-            own = part.get("relations") or ()
-            placed[name] = {**part, "on": below, **({"relations": [*own, *near]} if near else {})}
-    return {**scene, "objects": placed} if stacks else scene
-
-
-def without_chains(scene: dict[str, Any]) -> dict[str, Any]:
-    """Return the words of a valid scene as they were before `with_chains`."""
-    placed, stacks = named_things(scene, "stacks")
-    for name, _, near in _steps(stacks):
-        part = {word: value for word, value in placed[name].items() if word != "on"}
-        relations = [relation for relation in part.pop("relations", ()) if relation not in near]
-        placed[name] = {**part, **({"relations": relations} if relations else {})}
-    return {**scene, "objects": placed} if stacks else scene
-
-
-def _steps(stacks: list[tuple[Mapping, list[str]]]) -> Iterator[tuple[str, Any, list[dict[str, Any]]]]:
-    """Yield each thing of the stacks with what is below it, and with its relation to that, if it has one."""
     for words, things in stacks:
         offset, below, near = listed(words.get("offset")), words.get("on"), []
         for name in things:
-            yield name, below, near
+            part = placed.get(name)
+            part = part.model_dump(by_alias=True, exclude_unset=True) if isinstance(part, Section) else part
+            if isinstance(part, Mapping) and not any(word in part for word in (*SUPPORT_WORDS, "in_")):
+                own = part.get("relations") or ()
+                placed[name] = {**part, "on": below, **({"relations": [*own, *near]} if near else {})}
             below = name
             if _is_offset(offset):
                 near = [{"near": name, "distance": {"min": offset[0], "max": offset[1]}}]
+    return {**scene, "objects": placed} if stacks else scene

@@ -72,7 +72,7 @@ def level_surfaces(
     planes = [p for p in carrying if p.type == PieceType.PLANE and matrix(p.quat)[2, 2] > _LEVEL]
     surfaces = [_plane_surface(body, p) for p in planes]
     for height, flat in _levels([p.mesh for p in carrying if p.mesh is not None]):
-        over = [_shadow(m, height + _ABOVE) if open_above else _section(m, height + _ABOVE) for m in meshes]
+        over = [_shadow(m, height + _ABOVE) if open_above else section(m, height + _ABOVE) for m in meshes]
         outline = _parts(flat.difference(shapely.union_all([o for o in over if o is not None])))
         wide = _without_strips(outline)
         if not wide.is_empty:
@@ -249,7 +249,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
     return [(z, area) for z, area in levels if not area.is_empty]
 
 
-def _section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
+def section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
     """Return the cross-section of a closed mesh at height z."""
     if not mesh.bounds[0, 2] < z < mesh.bounds[1, 2]:
         return None

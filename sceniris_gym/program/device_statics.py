@@ -6,8 +6,8 @@ which cannot move.
 
 import warp as wp
 
-FEW_CORNERS = 8
-"""A foot with more corners than this is round."""
+DIRECTIONS = 16
+"""Number of directions in which patches are measured."""
 
 
 @wp.struct
@@ -17,22 +17,16 @@ class Statics:
     Where the scene draws masses, generators have copies in which bodies have a row for each world.
     """
 
-    direction: wp.array[wp.vec2]  # in which patches are measured, counter-clockwise
+    direction: wp.array[wp.vec2]  # `DIRECTIONS`, counter-clockwise
 
     # Objects in placement order, and the variants of `Program`.
     obj_leveladr: wp.array[int]
     obj_levelnum: wp.array[int]  # 0: it needs no test
-    obj_whole: wp.array[bool]  # all of its foot is on its support
-    obj_four: wp.array[bool]  # MuJoCo keeps four contacts at most
-    obj_spring: wp.array[wp.vec4]  # see `Stance.spring`
+    obj_sink: wp.array[float]  # [m]
     obj_law: wp.array[wp.vec4]  # see `Law`
-    obj_weight: wp.array[float]  # [kg], of the model
-    obj_share: wp.array[float]  # of its own weight in the softness of its contacts; of no object if none is drawn
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
-    variant_box: wp.array[wp.vec4]  # around its foot: low x, y, high x, y
-    variant_curved: wp.array[bool]
-    variant_holds: wp.array[bool]  # the object stands by itself wherever all of its foot is on its support
+    variant_radius: wp.array[float]  # of its foot around its pivot; 1e30 if that does not hold it by itself
     foot_corneradr: wp.array[int]  # a foot has convex parts
     foot_cornernum: wp.array[int]
     corner: wp.array[wp.vec2]  # around the pivot, at heading 0, counter-clockwise
@@ -43,7 +37,7 @@ class Statics:
     level_loadnum: wp.array[int]
     load: wp.array[int]
 
-    # Convex parts of the surfaces of `Program`: the ends of their edges, counter-clockwise.
+    # Convex parts of the surfaces of `Program`: the ends of their edges, counter-clockwise; none where no foot leaves.
     surface_partadr: wp.array[int]
     surface_partnum: wp.array[int]
     part_sideadr: wp.array[int]

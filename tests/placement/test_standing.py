@@ -12,12 +12,12 @@ import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.transforms import pose_of
-from sceniris_gym.placement.standing import MOST_CORNERS, Level, find_patch, loads_stand, weigh
+from sceniris_gym.placement.standing import Level, find_patch, loads_stand, weigh
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_statics import Statics
+from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 from sceniris_gym.scene.build import build_model
-from tests.layout.scenes import box_mjcf, write_mjcf
+from tests.layout.scenes import box_mjcf
 from tests.placement.supports import PLATE, TILES, tiles_mjcf
 
 _COUNT = 200
@@ -30,13 +30,13 @@ def _find(
     ground: wp.array[wp.vec3],
     # Out:
     corners: wp.array2d[wp.vec2],
-    found: wp.array[int],
+    found: wp.array[bool],
 ):
     i = wp.tid()
-    patch = wp.zeros(shape=(wp.static(MOST_CORNERS),), dtype=wp.vec2)
+    patch = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=wp.vec2)
     frame = pose_of(ground[i], wp.vec4(1.0, 0.0, 0.0, 0.0))
-    found[i] = find_patch(statics, 1, 1, heading[i], 1, frame, patch)
-    for k in range(MOST_CORNERS):
+    found[i] = find_patch(statics, 1, wp.vec2(0.0), heading[i], 1, frame, patch)
+    for k in range(DIRECTIONS):
         corners[i, k] = patch[k]
 
 
@@ -87,52 +87,32 @@ def crate_on(folder: Path, tiles: list) -> CompiledScene:
 
 @pytest.mark.parametrize("tiles", [TILES, PLATE], ids=["hollow", "convex"])
 def test_a_patch_is_the_hull_of_the_foot_cut_with_the_support(tmp_path: Path, tiles: list):
-    """In 200 places it is inside of what shapely finds, and has 98% of its area."""
+    """In 200 places it is inside of what shapely finds, and has 95% of its area."""
     compiled, rng = crate_on(tmp_path, tiles), np.random.default_rng(0)
     outline = compiled.plan.objects[1].surfaces[0][0].outline
     low, high = np.reshape(outline.bounds, (2, 2))
     heading, at = rng.uniform(-3, 3, _COUNT), rng.uniform(low, high, (_COUNT, 2))
-    corners = wp.zeros((_COUNT, MOST_CORNERS), dtype=wp.vec2)
-    found = wp.zeros(_COUNT, dtype=int)
+    corners = wp.zeros((_COUNT, DIRECTIONS), dtype=wp.vec2)
+    found = wp.zeros(_COUNT, dtype=bool)
     ground = wp.array(np.hstack([-at, np.zeros((_COUNT, 1))]), dtype=wp.vec3)
     wp.launch(_find, _COUNT, [compiled.statics, wp.array(heading, dtype=float), ground], [corners, found], device="cpu")
     foot = shapely.box(-0.1, -0.06, 0.1, 0.06)
     for i in range(_COUNT):
         own = shapely.affinity.rotate(foot, heading[i], (0, 0), use_radians=True)
         expected = own.intersection(shapely.affinity.translate(outline, *-at[i])).convex_hull
-        num = found.numpy()[i]
-        assert (num > 0) == (expected.area > 0.0)
-        if num == 0:
+        assert found.numpy()[i] == (expected.area > 0.0)
+        if not found.numpy()[i]:
             continue
-        patch = shapely.MultiPoint(corners.numpy()[i, :num]).convex_hull
+        patch = shapely.MultiPoint(corners.numpy()[i]).convex_hull
         assert expected.buffer(1e-6).covers(patch)
-        assert patch.area >= 0.98 * expected.area
-
-
-def test_a_foot_that_is_wholly_on_its_support_is_one_part(tmp_path: Path):
-    """A bench on two boards has a patch of few corners, all of them its own, that reaches to its four ends."""
-    boards = "".join(f'<geom type="box" size=".02 .05 .02" pos="{x} 0 .02"/>' for x in (-0.1, 0.1))
-    seat = '<geom type="box" size=".12 .05 .01" pos="0 0 .05"/>'
-    bench = write_mjcf(tmp_path, "bench", boards + seat)
-    words = {"orientation": "fixed", "on": "slab", "ratio_on_support": 1.0}
-    objects = {
-        "slab": {"asset": box_mjcf(tmp_path, "slab", 0.4, 0.4, 0.02), "on": "floor"},
-        "bench": {"asset": bench, **words},
-        "crate": {"asset": box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.1), "on": "bench"},
-    }
-    compiled = upload_scene(build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects})), "cpu")
-    corners, found = wp.zeros((1, MOST_CORNERS), dtype=wp.vec2), wp.zeros(1, dtype=int)
-    ground, heading = wp.zeros(1, dtype=wp.vec3), wp.zeros(1, dtype=float)
-    wp.launch(_find, 1, [compiled.statics, heading, ground], [corners, found], device="cpu")
-    patch = {(round(float(x), 4), round(float(y), 4)) for x, y in corners.numpy()[0, : found.numpy()[0]]}
-    assert patch == {(x, y) for x in (-0.12, 0.12) for y in (-0.05, 0.05)}
+        assert patch.area >= 0.95 * expected.area
 
 
 def test_a_foot_off_its_support_has_no_patch(tmp_path: Path):
     """A metre beside it."""
-    compiled, found = crate_on(tmp_path, PLATE), wp.zeros(1, dtype=int)
+    compiled, found = crate_on(tmp_path, PLATE), wp.zeros(1, dtype=bool)
     ground, heading = wp.array([[1.0, 0.0, 0.0]], dtype=wp.vec3), wp.zeros(1, dtype=float)
-    corners = wp.zeros((1, MOST_CORNERS), dtype=wp.vec2)
+    corners = wp.zeros((1, DIRECTIONS), dtype=wp.vec2)
     wp.launch(_find, 1, [compiled.statics, heading, ground], [corners, found], device="cpu")
     assert not found.numpy()[0]
 
@@ -161,11 +141,11 @@ def test_weight_and_centre_are_those_of_mujoco(tmp_path: Path):
 @pytest.mark.parametrize(
     ("softness", "law", "limit"),
     [
-        (0.0, (0.0, 0.0, 1.0, 1.0), 0.05),
-        (0.0, (0.5, 0.0, 1.0, 1.0), 0.05 - 0.5 * (0.001 * 0.05) ** 0.5),
-        (0.1, (0.0, 0.0, 1.0, 1.0), 0.05 * (1 - 0.1 * 0.05)),
-        (21.0, (0.0, 0.0, 1.0, 1.0), 0.0),
-        (0.1, (0.0, 0.0, 0.00105, 1.0), 0.021),
+        (0.0, (0.0, 0.0, 1.0), 0.05),
+        (0.0, (0.5, 0.0, 1.0), 0.05 - 0.5 * (0.001 * 0.05) ** 0.5),
+        (0.1, (0.0, 0.0, 1.0), 0.05 * (1 - 0.1 * 0.05)),
+        (21.0, (0.0, 0.0, 1.0), 0.0),
+        (3.0, (0.0, 0.0, 1.0), 0.0133),
     ],
     ids=["rigid", "shaken", "soft", "top-heavy", "moves"],
 )
@@ -173,6 +153,6 @@ def test_a_load_stands_up_to_a_distance_from_the_middle(softness: float, law: tu
     """By the margin alone, by its fall, as it leans, if it leans ever further, and by how far its top may move."""
     off = np.linspace(0.0001, 0.06, 600)
     stands = wp.zeros(len(off), dtype=bool)
-    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, wp.vec4(*law)], [stands], device="cpu")
+    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, wp.vec4(*law, 1.0e3)], [stands], device="cpu")
     last = off[stands.numpy()].max(initial=0.0)
     assert last == pytest.approx(limit, abs=0.0008)

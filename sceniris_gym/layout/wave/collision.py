@@ -230,14 +230,13 @@ def launch_test_collisions(work: Workspace) -> None:
         work.launch_blocks(_queue_narrow_pairs, [program, reach, size.blocks, *state])
         work.launch(_test_inner_boxes, size.lanes, [program, size.lanes, *state])
         work.launch_blocks(_test_narrow_pairs, [program, size.blocks, *state])
-    if not work.repeats_while_standing:
-        work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
+    work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
 
 
 def lane_kernels(work: Workspace) -> tuple[wp.Kernel, ...]:
     """Return the kernels that are launched with independent lanes."""
     by_pairs = work.size.block_dim > 1 and not work.program.visual
-    return (_test_inner_boxes,) * by_pairs + (_test_alone,) * (not work.repeats_while_standing)
+    return (_test_inner_boxes,) * by_pairs + (_test_alone,)
 
 
 def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:

@@ -282,14 +282,6 @@ class Workspace:
         """Number of rows."""
         return self.search.row_world.shape[0]
 
-    @property
-    def repeats_while_standing(self) -> bool:
-        """True if the test of standing repeats the collision test of candidates that overflowed, to save a launch.
-
-        With `geometry: visual` another test comes between the two.
-        """
-        return self.statics is not None and self.size.block_dim > 1 and not self.program.visual
-
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)

@@ -10,7 +10,6 @@ import numpy as np
 
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.resting_poses import weights
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight
@@ -23,11 +22,10 @@ from sceniris_gym.scene.model import SceneModel
 _TILT = 1.0
 # Greatest depth [m] to which an object sinks into its support by its own weight, and to which that gives way.
 _GIVES = 5.0e-3
-_CONTACTS = 4
 _SECONDS = 0.5
 # Inertia [kg or kg m^2] that keeps free bodies where they are.
 _HELD = 1.0e9
-# Joints that move a support by less than this share of their own motion up or down do not yield to a load.
+# Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEVEL = 1.0e-3
 _ANYWAY = "or write 'stands: false' if it is meant to fall"
 
@@ -39,13 +37,11 @@ def check_standing(plan: Plan) -> None:
         SceneKeyError: Gravity that does not point down, contacts that are switched off or too soft, an object that its
             support does not carry, too many objects on each other, or a joint that gives way.
     """
-    config, mjm, found = plan.scene.config, plan.scene.mjm, plan.stances
-    heaviest = drawn_bounds(plan.scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
-    # of the model, and of what is drawn at most
-    loads = [np.array([(weights(mjm) * ratio)[o.bodies].sum() for ratio in (1.0, heaviest)]) for o in plan.objects]
-    for number in reversed([i for i, stance in enumerate(found) if stance is not None]):
-        o, stance = plan.objects[number], found[number]
-        assert o.config is not None and o.config.support is not None and stance is not None
+    config, found = plan.scene.config, plan.stances
+    for number, (o, stance) in enumerate(zip(plan.objects, found, strict=True)):
+        if stance is None:
+            continue
+        assert o.config is not None and o.config.support is not None
         where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
         _check_gravity(plan.scene, where)
         if not stance.meets:
@@ -53,104 +49,90 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
                 f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
             )
-        check_weight(mjm, o.bodies, where)
-        _check_foot(stance, float(loads[number][0]), f"{where}: '{o.name}'")
+        check_weight(plan.scene.mjm, o.bodies, where)
+        _check_foot(stance, f"{where}: '{o.name}'")
         levels = len(levels_of(found, number))
         if levels > MAX_LEVELS:
             raise SceneKeyError(
                 f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
                 "another stack."
             )
-        _check_joints(plan, o, float(loads[number][1]), where)
-        if stance.carrier is not None:
-            loads[stance.carrier] += loads[number]
+        _check_joints(plan, o, stance.load, where)
 
 
 def _check_gravity(scene: SceneModel, where: str) -> None:
     """Refuse a model in which nothing can stand, or gravity is drawn with too much of a tilt."""
     mjm, bits = scene.mjm, mujoco.mjtDisableBit
     low, high = (bound[0] for bound in drawn_bounds(scene.draws, mjm, "gravity"))
-    for pull in itertools.product(*zip(low.tolist(), high.tolist(), strict=True)):
-        if -pull[2] < np.linalg.norm(pull) * np.cos(np.radians(_TILT)):
-            drawn = "may be drawn as" if (low != high).any() else "is"
-            raise SceneKeyError(
-                f"{where}: gravity {drawn} {list(pull)}, and should point down the z axis to {_TILT:g} degree for "
-                f"what stands. Correct it, {_ANYWAY}."
-            )
+    pull = np.array([*np.where(np.abs(low) > np.abs(high), low, high)[:2], high[2]])  # the least upright one
+    if np.hypot(*pull[:2]) > -pull[2] * np.tan(np.radians(_TILT)):
+        drawn = "may be drawn as" if (low != high).any() else "is"
+        raise SceneKeyError(
+            f"{where}: gravity {drawn} {pull.tolist()}, and should point down the z axis to {_TILT:g} degree for what "
+            f"stands. Correct it, {_ANYWAY}."
+        )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
         raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
 
 
-def _check_foot(stance: Stance, load: float, whose: str) -> None:
-    """Refuse an object whose foot does not hold it in any of its poses, or sinks in by its load [kg]."""
-    if stance.margin <= 0.0:
+def _check_foot(stance: Stance, whose: str) -> None:
+    """Refuse an object whose foot does not hold it in any of its poses, or sinks in."""
+    margin = max(f.margin for f in stance.feet)
+    if margin <= 0.0:
         raise SceneKeyError(
-            f"{whose} falls over: its centre of mass is {-1e3 * stance.margin:.3g} mm outside of its foot. Correct its "
+            f"{whose} falls over: its centre of mass is {-1e3 * margin:.3g} mm outside of its foot. Correct its "
             f"<inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
         )
-    least = stance.spring[0] * load / _CONTACTS * (1.0 - stance.spring[2]) / stance.spring[2] ** 2
-    if least > _GIVES:
+    if stance.sink > _GIVES:
         raise SceneKeyError(
-            f"{whose} sinks into its support by {1e3 * least:.3g} mm, which should be {1e3 * _GIVES:g} mm at most. "
-            f"Give its geoms a harder 'solref' or 'solimp', or a weight nearer to that of its support, {_ANYWAY}."
+            f"{whose} sinks into its support by {1e3 * stance.sink:.3g} mm, which should be {1e3 * _GIVES:g} mm at "
+            f"most. Give its geoms a harder 'solref' or 'solimp', or a weight nearer to that of its support, {_ANYWAY}."
         )
 
 
 def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all else held."""
-    joints, mjm = _yielding(plan, o), plan.scene.mjm
+    mjm, surfaces = plan.scene.mjm, [s for own in o.surfaces for s in own]
+    assert o.ground is not None
+    bounds = np.array([s.region.bounds for s in surfaces])
+    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+    places = [np.array([x, y, surfaces[0].height]) for x in (low[0], high[0]) for y in (low[1], high[1])]
+    joints = sorted({joint for at in places for joint in _yielding(mjm, plan.home, o.ground, at)})
     if not joints:
         return
-    assert o.ground is not None
     model, data = copy.copy(mjm), mujoco.MjData(mjm)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     for joint in np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
         model.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + 6] = _HELD
     owner = next((x for x in plan.objects if o.support is not None and x.name == o.support.owner), o)
     ends = [{r.qposadr: r.intervals[i][i] for r in owner.joint_ranges} for i in (0, -1)]
-    surfaces = [s for own in o.surfaces for s in own]
-    bounds = np.array([s.region.bounds for s in surfaces])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    for state in ({}, *ends):
-        for x, y in np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(2, -1).T:
-            data.qpos[:] = plan.home.qpos
-            data.qpos[list(state)] = list(state.values())
-            mujoco.mj_kinematics(model, data)
-            if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there
-                break
-            fall = _fall(model, data, o.ground, np.array([x, y, surfaces[0].height]), plan.scene.home_ctrl, load)
-            if fall > _GIVES:
-                names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
-                raise SceneKeyError(
-                    f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by joint {names}. "
-                    f"Hold that by its frictionloss, stiffness, limits or actuator, {_ANYWAY}."
-                )
+    for state, at in itertools.product(({}, *ends), places):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.ctrl[:] = plan.home.qpos, plan.scene.home_ctrl
+        data.qpos[list(state)] = list(state.values())
+        mujoco.mj_forward(model, data)
+        if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there
+            continue
+        start, force = _point(data, o.ground, at), load * model.opt.gravity
+        data.xfrc_applied[o.ground] = [*force, *np.cross(start - data.xipos[o.ground], force)]
+        mujoco.mj_step(model, data, round(_SECONDS / model.opt.timestep))
+        moved = float(np.linalg.norm(_point(data, o.ground, at) - start))
+        if moved > _GIVES:
+            names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
+            raise SceneKeyError(
+                f"{where}: its support gives way by {1e3 * moved:.3g} mm under {load:.3g} kg, by joint {names}. "
+                f"Hold that by its frictionloss, stiffness, limits or actuator, {_ANYWAY}."
+            )
 
 
-def _yielding(plan: Plan, o: PlacedObject) -> list[int]:
-    """Return the joints that a load on an object's support can move: those that turn or slide it up or down."""
-    mjm, body, found = plan.scene.mjm, o.ground or 0, []
-    while body != 0:
-        for joint in range(mjm.body_jntadr[body], mjm.body_jntadr[body] + mjm.body_jntnum[body]):
-            kind, up = mjm.jnt_type[joint], abs(plan.home.xaxis[joint][2])
-            slides = kind == mujoco.mjtJoint.mjJNT_SLIDE and up > _LEVEL
-            turns = kind == mujoco.mjtJoint.mjJNT_HINGE and up < 1.0 - _LEVEL
-            if slides or turns or kind == mujoco.mjtJoint.mjJNT_BALL:
-                found.append(joint)
-        body = int(mjm.body_parentid[body])
-    return found
+def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
+    """Return a point of a body, `at` in its frame [m], in the world."""
+    return data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
 
 
-def _fall(
-    model: mujoco.MjModel, data: mujoco.MjData, body: int, at: np.ndarray, ctrl: np.ndarray, load: float
-) -> float:
-    """Return how far a point of a body, `at` in its frame [m], falls in half a second under a load [kg]."""
-    data.time, data.qvel[:], data.ctrl[:] = 0.0, 0.0, ctrl
-    mujoco.mj_forward(model, data)
-    start = (data.xpos[body] + data.xmat[body].reshape(3, 3) @ at)[2]
-    while data.time < _SECONDS:
-        point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
-        data.qfrc_applied[:] = 0.0
-        mujoco.mj_applyFT(model, data, load * model.opt.gravity, np.zeros(3), point, body, data.qfrc_applied)
-        mujoco.mj_step(model, data)
-    return float(start - (data.xpos[body] + data.xmat[body].reshape(3, 3) @ at)[2])
+def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarray) -> set[int]:
+    """Return the joints by which a load on a support moves it up or down at a point `at` in its frame [m]."""
+    jacobian = np.zeros((3, mjm.nv))
+    mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
+    joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEVEL]
+    return set(joints[mjm.jnt_type[joints] != mujoco.mjtJoint.mjJNT_FREE].tolist())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
-
 import numpy as np
 import shapely
 
@@ -13,14 +11,13 @@ from sceniris_gym.geometry.ragged import addressed
 from sceniris_gym.geometry.resting_poses import weights
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
 from sceniris_gym.program.device import fill_struct
-from sceniris_gym.program.device_statics import Statics
+from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, Foot, carrier_of, levels_of
-from sceniris_gym.scene.draws import drawn_fields
+from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, carrier_of, levels_of
 
-_DIRECTIONS = 32
-_FEW_DIRECTIONS = 12
+_ENDLESS = np.zeros((0, 4))
+"""The edges of a surface that no foot can leave."""
 
 
 def pack_statics(plan: Plan, device: str) -> Statics | None:
@@ -36,26 +33,24 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     load, of_levels = addressed("level_load", (part for i, c in enumerate(chains) for part in _loads(c, carriers, i)))
     known = [NO_STANCE if stance is None else stance for stance in found]
     feet = [f for o, s in zip(objects, known, strict=True) for f in s.feet or [NO_FOOT] * len(o.variants)]
-    whole = [s.is_whole for o, s in zip(objects, known, strict=True) for _ in o.variants]
-    foot, of_variants = addressed("variant_foot", map(_joined, feet, whole))
+    foot, of_variants = addressed("variant_foot", (f.parts for f in feet))
     corner, of_feet = addressed("foot_corner", foot)
-    parts, of_surfaces = addressed("surface_part", (_convex_parts(s) for s in surfaces_of_regions(objects)))
+    whole = {id(x) for o, s in zip(objects, known, strict=True) if s.is_whole for mine in o.surfaces for x in mine}
+    surfaces = surfaces_of_regions(objects)
+    parts, of_surfaces = addressed(
+        "surface_part", ([_ENDLESS] if id(x) in whole else _convex_parts(x) for x in surfaces)
+    )
     side, of_parts = addressed("part_side", parts)
-    shifted = [s.is_shifted for o, s in zip(objects, known, strict=True) for _ in o.variants]
-    drawn = {"body_mass", "body_ipos"}.intersection(drawn_fields(plan.scene.draws))
+    owners = [s for o, s in zip(objects, known, strict=True) for _ in o.variants]
+    holds = [f.margin > 0.0 and not s.is_shifted for f, s in zip(feet, owners, strict=True)]
+    radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]
     statics = Statics()
     arrays = {
         **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
-        "direction": around(_DIRECTIONS),
-        "obj_whole": np.array([s.is_whole for s in known], bool),
-        "obj_four": np.array([s.has_four for s in known], bool),
-        "obj_spring": np.reshape([s.spring for s in known], (-1, 4)),
-        "obj_law": np.reshape([astuple(s.law) for s in known], (-1, 4)),
-        "variant_box": np.reshape([_box(np.concatenate(f.parts)) for f in feet], (-1, 4)),
-        "variant_curved": np.array([f.is_curved for f in feet], bool),
-        "obj_weight": np.array([weights(mjm)[o.bodies].sum() for o in objects]),
-        "obj_share": np.array([s.share for s in known if drawn]),
-        "variant_holds": np.array([f.margin > 0.0 and not x for f, x in zip(feet, shifted, strict=True)], bool),
+        "direction": around(DIRECTIONS),
+        "obj_sink": np.array([s.sink for s in known]),
+        "obj_law": np.reshape([s.law for s in known], (-1, 4)),
+        "variant_radius": np.where(holds, radius, 1e30),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),
@@ -65,19 +60,6 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     }
     fill_struct(Statics, statics, arrays, device)
     return statics
-
-
-def _joined(foot: Foot, whole: bool) -> list[np.ndarray]:
-    """Return the parts of a foot; of one that is on its support as a whole, its corner in each of a few directions."""
-    if not whole or len(foot.parts) == 1:
-        return foot.parts
-    points = np.concatenate(foot.parts)
-    return [points[(around(_FEW_DIRECTIONS) @ points.T).argmax(axis=1)]]
-
-
-def _box(points: np.ndarray) -> np.ndarray:
-    """Return the least and the greatest coordinates of points [m] of shape (n, 2), shape (4,)."""
-    return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:

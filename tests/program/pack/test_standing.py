@@ -48,7 +48,10 @@ def test_a_scene_in_which_nothing_can_fall_has_none(tmp_path: Path):
 
 
 def test_convex_parts_make_up_the_surfaces(tmp_path: Path):
-    """Those of an L with a hole are triangles, those of a box one rectangle; all run counter-clockwise."""
+    """Those of an L with a hole are triangles, those of a box one rectangle; all run counter-clockwise.
+
+    The floor, which nothing can leave, has no sides.
+    """
     objects = {
         "slab": {"asset": tiles_mjcf(tmp_path, TILES), "kind": "fixture", "on": "floor"},
         "crate": {"asset": box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05), "on": "slab"},
@@ -57,11 +60,12 @@ def test_convex_parts_make_up_the_surfaces(tmp_path: Path):
     plan, statics = packed(objects)
     sides = statics.side.numpy()
     adr, num = statics.part_sideadr.numpy(), statics.part_sidenum.numpy()
-    rings = [shapely.LinearRing(sides[a : a + n, :2]) for a, n in zip(adr, num, strict=True)]
+    rings = [shapely.LinearRing(sides[a : a + n, :2]) for a, n in zip(adr[1:], num[1:], strict=True)]
     assert all(ring.is_ccw for ring in rings)
+    assert num[0] == 0
     surfaces = surfaces_of_regions(plan.objects)
     first, count = statics.surface_partadr.numpy(), statics.surface_partnum.numpy()
-    for surface, a, n in zip(surfaces, first, count, strict=True):
-        whole = shapely.union_all([shapely.Polygon(ring) for ring in rings[a : a + n]])
+    for surface, a, n in zip(surfaces[1:], first[1:], count[1:], strict=True):
+        whole = shapely.union_all([shapely.Polygon(ring) for ring in rings[a - 1 : a - 1 + n]])
         assert whole.symmetric_difference(surface.outline).area < 1e-6
     assert set(count[1:]) == {1, np.max(count)}
