@@ -104,7 +104,8 @@ class KnobTable:
 
     def named(self, rows: Any) -> dict[str, Any]:
         """Return columns of rows by the names of their knobs, each of shape (nrow, number of numbers)."""
-        return {name: rows[:, self.first[name] :][:, : len(knob.default)] for name, knob in self.knobs.items()}
+        ends = {name: self.first[name] + len(knob.default) for name, knob in self.knobs.items()}
+        return {name: rows[:, self.first[name] : end] for name, end in ends.items()}
 
     def text(self, row: np.ndarray) -> str:
         """Return the fifth part of a layout id: the knobs that differ from the scene file, sorted, float32 in hex."""

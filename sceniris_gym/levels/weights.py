@@ -56,11 +56,14 @@ def _weigh(
 ):
     b = wp.tid()
     number = buffer.count[b]
-    weight = float(1.0)
+    if number == 0:
+        return
+    best, weight = wp.lower_bound(buffer.better, 1), float(1.0)  # as a share of that of the best bin
     if by_rank:  # the levels of a bin share their mean rank
-        weight = wp.pow(float(buffer.better[b] - number) + 0.5 * float(number + 1), -power)
-    if by_score:  # as a share of the best one
-        weight = wp.pow(2.0, power * float(wp.lower_bound(buffer.better, 1) - b) / _BINS_OF_OCTAVE)
+        rank = float(buffer.better[b] - number) + 0.5 * float(number + 1)
+        weight = wp.pow(0.5 * float(buffer.better[best] + 1) / rank, power)
+    if by_score:
+        weight = wp.pow(2.0, power * float(best - b) / _BINS_OF_OCTAVE)
     buffer.weight[b] = weight
     wp.atomic_add(buffer.total_weight, 0, wp.int64(weight * float(number) / _UNIT))
     wp.atomic_add(buffer.total_age, 0, buffer.ages[b])

@@ -23,6 +23,7 @@ from sceniris_gym.scene.model import SceneModel
 
 _HOME = ("home_qpos", "home_xpos", "home_xquat")
 _COUNTS = ("sides", "pieces")
+_STRUCTS: dict[str, Any] = {"program": Program, "statics": Statics, "starts": Starts}
 _GRIPPERS, _TARGETS = TypeAdapter(dict[str, Gripper]), TypeAdapter(tuple[ReachTarget, ...])
 # The field with ids of device meshes, which are made anew from their triangles.
 _MESHES = "collider_mesh"
@@ -31,9 +32,8 @@ _MESHES = "collider_mesh"
 def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
     """Return a compiled scene as arrays, without its model and the maps of its arms."""
     arrays = {name: getattr(compiled, name) for name in _HOME}
-    arrays |= {f"program.{name}": value for name, value in _fields(Program, compiled.program).items()}
-    for part, declared, instance in (("statics", Statics, compiled.statics), ("starts", Starts, compiled.starts)):
-        if instance is not None:
+    for part, declared in _STRUCTS.items():
+        if (instance := getattr(compiled, part)) is not None:
             arrays |= {f"{part}.{name}": value for name, value in _fields(declared, instance).items()}
     for i, mesh in enumerate(compiled.meshes):
         arrays[f"mesh.{i}"] = mesh.points.numpy()
@@ -59,10 +59,8 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
         KeyError, TypeError, ValueError, RuntimeError: Something is missing, or of another kind.
     """
     words = json.loads(str(arrays["words"]))
-    program = Program()
-    _fill(Program, program, arrays, "program.", device)
-    parts: dict[str, Any] = {"statics": None, "starts": None}
-    for part, declared in (("statics", Statics), ("starts", Starts)):
+    parts: dict[str, Any] = dict.fromkeys(_STRUCTS)
+    for part, declared in _STRUCTS.items():
         if any(name.startswith(f"{part}.") for name in arrays):
             parts[part] = declared()
             _fill(declared, parts[part], arrays, f"{part}.", device)
@@ -70,12 +68,11 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
     meshes = tuple(device_mesh(arrays[f"mesh.{i}"], device) for i in range(len(with_mesh)))
     ids = np.zeros(len(arrays[f"program.{_MESHES}"]), np.uint64)
     ids[with_mesh] = [mesh.id for mesh in meshes]
-    fill_struct(Program, program, {_MESHES: ids}, device)
+    fill_struct(Program, parts["program"], {_MESHES: ids}, device)
     kept: dict[str, Any] = {name: arrays[name] for name in _HOME} | {name: words[name] for name in _COUNTS}
     return CompiledScene(
         scene=scene,
         device=device,
-        program=program,
         reaching=_reaching(scene, device, arrays, words) if "targets" in words else None,
         **parts,
         meshes=meshes,

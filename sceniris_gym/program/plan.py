@@ -82,7 +82,8 @@ class Plan:
 def placement_order(scene: SceneModel) -> list[str]:
     """Return names in the order of placement: steps that only draw joints, robots, then objects in the file's order.
 
-    References of an object come before it.
+    References of an object come before it. What starts place at markers, and these, come before all others: those keep
+    off it then, while it could not keep off them.
 
     Raises:
         CycleError: Objects that refer to each other.
@@ -90,6 +91,8 @@ def placement_order(scene: SceneModel) -> list[str]:
     config = scene.config
     names = (*config.all_robots, *config.objects)
     moving = [n for n in names if n in config.parts and config.parts[n].is_placed]
+    at_markers = {name for start in config.start for pair in start.place.items() for name in pair}
+    moving.sort(key=lambda name: name not in at_markers)
     order = [n for n in names if n not in moving and scene.joint_configs(n)]
     number = {name: i for i, name in enumerate(moving)}
     sorter = graphlib.TopologicalSorter({n: [other for other in config.needs(n) if other in number] for n in moving})

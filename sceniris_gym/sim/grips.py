@@ -27,16 +27,11 @@ def control_at_start(grips: Grips, kind: int, rest: RestMap, worldid: int, elemi
     arm = int(-1)
     if kind >= 0 and kind < grips.arm.shape[0]:
         arm = grips.arm[kind]
-    if arm < 0:
-        return rest_value(rest, worldid, elemid, qpos)
-    row = worldid % rest.bias.shape[0]
-    value = rest.bias[row, elemid]
-    for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
-        held = grips.closed[arm, rest.qposadr[term]]
-        if wp.isnan(held):
-            held = qpos[rest.qposadr[term]]
-        value += rest.coef[row, term] * held
-    return wp.clamp(value, rest.lower[elemid], rest.upper[elemid])
+    term = rest.rowadr[elemid]
+    if arm >= 0 and term < rest.rowadr[elemid + 1]:
+        if not wp.isnan(grips.closed[arm, rest.qposadr[term]]):  # it holds fingers, and fingers alone
+            return rest_value(rest, worldid, elemid, grips.closed[arm])
+    return rest_value(rest, worldid, elemid, qpos)
 
 
 def grips_of(compiled: CompiledScene, rest: RestMap, device: wp.Device) -> Grips:

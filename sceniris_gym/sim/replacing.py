@@ -17,6 +17,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
 from sceniris_gym.sim.rest import RestMap
+from sceniris_gym.sim.variant_reader import VariantReader
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.sim.write import StateWriter, poses_of
@@ -115,12 +116,12 @@ class Replacer:
         """Return the launches that redraw objects, write them and count."""
         d, mjm, device, variants = self._d, self._compiled.sim_mjm, self._d.qpos.device, self._variants
         redraw = make_redraw(self._compiled, names, d.nworld, self._split)
-        found, state = redraw.layouts, copied(LayoutsView, self._layouts.view)
+        found, state, reader = redraw.layouts, copied(LayoutsView, self._layouts.view), None
         if variants is None:
             state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat
         else:
-            for name in ("present", "qpos", "mocap_pos", "mocap_quat"):
-                setattr(state, name, wp.zeros_like(getattr(state, name)))
+            reader = VariantReader(self._compiled.scene, d, variants.variant, self._layouts.view)
+            state = reader.state
         bodies = np.unique(self._compiled.scene.sim_bodies[redraw.bodies])
         writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=bodies.tolist(), origins=self._origins)
         moved = np.unique(mjm.body_treeid[bodies]) if sleeps(self._m) else np.zeros(0, int)
@@ -128,8 +129,8 @@ class Replacer:
         outputs = [self.number, self.status, self.kept, getattr(d, "tree_awake", None)]
 
         def launches() -> None:
-            if variants is not None:
-                variants.launch_read(d, self._mask, self._layouts.view, state)
+            if reader is not None:
+                reader.launch(self._mask)
             redraw.launch(state, self._mask, self.number, self._origins)
             poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch_poses(poses, redraw.placed))

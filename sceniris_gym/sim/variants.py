@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
@@ -10,7 +11,6 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import SceneMismatchError
-from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.draws import nominal_values
@@ -20,8 +20,11 @@ from sceniris_gym.sim.write import Poses
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = 128
-"""Threads that write a world."""
+
+def lanes_on(device: wp.Device) -> int:
+    """Return the number of threads that read or write a world: on a GPU each waits for memory once a word."""
+    return 512 if device.is_cuda else 1
+
 
 _BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
 _DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
@@ -29,7 +32,6 @@ _GEOM = (
     *("dataid", "matid", "solmix", "solref", "solimp", "size", "aabb", "rbound", "pos", "quat", "friction"),
     *("margin", "gap", "surfacevel", "adhesion", "rgba"),
 )
-_FAR = 1.0e6  # place of absent variants [m], beyond the origin of any world
 # Values of a geom that a variant has no use for; without a mesh and with this margin [m] it meets nothing.
 _UNUSED = {"dataid": -1, "matid": -1, "margin": -1.0e6, "rgba": 0.0}
 
@@ -39,14 +41,6 @@ def fields_of_variants() -> tuple[str, ...]:
     named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
     known = mjw.Model.__dataclass_fields__
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
-
-
-@wp.func
-def _is_absent(v: int, shared: wp.array[int], number: wp.array[int], variant: wp.array[int]) -> bool:
-    """Return whether `v` is a variant, and not the one of its object that is there."""
-    if v < 0:
-        return False
-    return variant[shared[v]] != number[v]
 
 
 @wp.kernel
@@ -128,49 +122,6 @@ def _write_variants(
             subtreemass_out[worldid, 0] = float(total)
 
 
-@wp.kernel
-def _read_variants(
-    lanes: int,
-    # Variants: object and number
-    shared: wp.array[int],
-    number: wp.array[int],
-    # Which variant a slot is, and each x in qpos or of a mocap body belongs to, -1 for none; where poses are simulated:
-    slot_variant: wp.array[int],
-    qpos_variant: wp.array[int],
-    mocap_variant: wp.array[int],
-    qpos_adr: wp.array[int],
-    mocap_adr: wp.array[int],
-    # In:
-    mask: wp.array[wp.bool],
-    variant: wp.array2d[int],
-    present_in: wp.array2d[int],
-    qpos_in: wp.array2d[float],
-    mocap_pos_in: wp.array2d[wp.vec3],
-    mocap_quat_in: wp.array2d[wp.quat],
-    # Out:
-    present_out: wp.array2d[int],
-    qpos_out: wp.array2d[float],
-    mocap_pos_out: wp.array2d[wp.vec3],
-    mocap_quat_out: wp.array2d[wp.quat],
-):
-    worldid, lane = wp.tid()
-    if not mask[worldid]:
-        return
-    for i in range(lane, slot_variant.shape[0], lanes):
-        present_out[worldid, i] = present_in[worldid, i]
-        if slot_variant[i] >= 0:
-            present_out[worldid, i] = wp.where(_is_absent(slot_variant[i], shared, number, variant[worldid]), 0, 1)
-    for i in range(lane, qpos_adr.shape[0], lanes):
-        qpos_out[worldid, i] = qpos_in[worldid, qpos_adr[i]]
-        if _is_absent(qpos_variant[i], shared, number, variant[worldid]):
-            qpos_out[worldid, i] = wp.static(_FAR)
-    for i in range(lane, mocap_adr.shape[0], lanes):
-        mocap_pos_out[worldid, i] = mocap_pos_in[worldid, mocap_adr[i]]
-        mocap_quat_out[worldid, i] = mocap_quat_in[worldid, mocap_adr[i]]
-        if _is_absent(mocap_variant[i], shared, number, variant[worldid]):
-            mocap_pos_out[worldid, i] = wp.vec3(wp.static(_FAR), 0.0, 0.0)
-
-
 class VariantWriter:
     """Writes the variants that layouts have into the masked worlds: fields of the model, and poses for the StateWriter.
 
@@ -208,18 +159,13 @@ class VariantWriter:
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
             mocap = (nworld, max(sim.nmocap, 1))
-            qpos, pos, quat = (
-                wp.zeros((nworld, sim.nq), dtype=float),
-                wp.zeros(mocap, wp.vec3),
-                wp.zeros(mocap, wp.quat),
-            )
-            self._poses = Poses(qpos, pos, quat)
+            kinds = ((nworld, sim.nq), float), (mocap, wp.vec3), (mocap, wp.quat)
+            self._poses = Poses(*(wp.zeros(shape, dtype=dtype) for shape, dtype in kinds))
             self._members = [
                 wp.array([columns.index(member) for members in variants.values() for member in members], dtype=int),
                 wp.array(np.repeat(np.arange(len(counts)), counts), dtype=int),
                 wp.array(np.concatenate([np.arange(count) for count in counts]), dtype=int),
             ]
-            self._read = [*self._members[1:], *_addresses(scene, bodies, columns)]
             masses = [float(full.body_mass[body]) for members in bodies for body in members]
             others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
             self._table = self._words(scene, m, bodies, varied)
@@ -260,30 +206,14 @@ class VariantWriter:
         """
         return self._launch_write(self._no_table, mask, None, poses, None)
 
-    def launch_read(self, d: mjw.Data, mask: wp.array, layouts: LayoutsView, state: LayoutsView) -> None:
-        """Write masked worlds as they are into rows of layouts, absent variants far away.
-
-        Args:
-            d: Data of the worlds.
-            mask: Which worlds, shape (nworld,), bool.
-            layouts: Who else is present in them.
-            state: The layouts to write to: `present`, `qpos`, `mocap_pos` and `mocap_quat`.
-        """
-        wp.launch(
-            _read_variants,
-            (self.variant.shape[0], LANES),
-            inputs=[LANES, *self._read, mask, self.variant, layouts.present, d.qpos, d.mocap_pos, d.mocap_quat],
-            outputs=[state.present, state.qpos, state.mocap_pos, state.mocap_quat],
-            device=self._device,
-        )
-
     def _launch_write(
         self, table: list[wp.array], mask: wp.array, rows: wp.array | None, poses: Poses, subtreemass: wp.array | None
     ) -> Poses:
+        lanes = lanes_on(self._device)
         wp.launch(
             _write_variants,
-            (self.variant.shape[0], LANES),
-            inputs=[LANES, *table, *self._inputs, mask, rows, self.variant, *poses],
+            (self.variant.shape[0], lanes),
+            inputs=[lanes, *table, *self._inputs, mask, rows, self.variant, *poses],
             outputs=[*self._poses, subtreemass],
             device=self._device,
         )
@@ -297,15 +227,17 @@ class VariantWriter:
         shared, adr, num, address, stride = ([] for _ in range(5))
         size = 0
         for k, (name, members) in enumerate(zip(scene.config.variants, bodies, strict=True)):
-            rows = [(getattr(m, field), i, v) for field, i, v in _rows(scene, name, members, seen=False)]
-            copied = [(varied.get(field), i, v) for field, i, v in _rows(scene, name, members, seen=True)]
-            rows += [(array, i, v) for array, i, v in copied if array is not None]
-            width = sum(values.shape[1] for _, _, values in rows)
-            table.append(np.concatenate([values for _, _, values in rows], axis=1).ravel())
-            for array, element, values in rows:
-                first = array.ptr + element * array.strides[1]
-                address += [first + 4 * word for word in range(values.shape[1])]
-                stride += [array.strides[0]] * values.shape[1]
+            columns = []
+            for field, i, values, _ in _rows(scene, name, members, seen=False):
+                columns += [(getattr(m, field), i, word, values[:, word]) for word in range(values.shape[1])]
+            # nobody else writes to copies, so they keep what is the same in all variants, but for colours of draws
+            for field, i, values, held in _rows(scene, name, members, seen=True):
+                differs = (values != held).any(axis=0) | (field == "geom_rgba")
+                columns += [(varied[field], i, word, values[:, word]) for word in np.flatnonzero(differs).tolist()]
+            width = len(columns)
+            table.append(np.stack([values for *_, values in columns], axis=1).ravel())
+            address += [array.ptr + i * array.strides[1] + 4 * word for array, i, word, _ in columns]
+            stride += [array.strides[0] for array, *_ in columns]
             shared += [k] * width
             adr += range(size, size + width)
             num += [width] * width
@@ -318,9 +250,9 @@ class VariantWriter:
         full, sim, variants = scene.mjm, scene.sim.mjm, np.concatenate(bodies)
         number = np.full(sim.nbody, -1)
         number[[scene.sim.bodies[name] for name in scene.config.variants]] = range(len(bodies))
-        qpos_shared, mocap_shared = number[_owners_of_qpos(sim)], number[_mocap_bodies(sim)]
+        qpos_shared, mocap_shared = number[owners_of_qpos(sim)], number[mocap_bodies(sim)]
         # bodies without variants keep their order
-        others = [np.flatnonzero(~np.isin(of(full), variants)) for of in (_owners_of_qpos, _mocap_bodies)]
+        others = [np.flatnonzero(~np.isin(of(full), variants)) for of in (owners_of_qpos, mocap_bodies)]
         qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
         qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
         firsts = np.flatnonzero((qpos_shared >= 0) & np.append(True, qpos_shared[1:] != qpos_shared[:-1]))
@@ -332,38 +264,22 @@ class VariantWriter:
         return [wp.array(each, dtype=int, ndim=1) for each in values]
 
 
-def _addresses(scene: SceneModel, bodies: list[list[int]], columns: Sequence[str]) -> list[wp.array]:
-    """Return which variant each slot, x in qpos and mocap body of layouts belongs to, and where they are simulated."""
-    full, sim, variants = scene.mjm, scene.sim.mjm, np.concatenate(bodies)
-    names = [full.body(body).name for body in variants]
-    slot_variant, qpos_variant, mocap_variant = (np.full(n, -1) for n in (len(columns), full.nq, full.nmocap))
-    slot_variant[[columns.index(name) for name in names]] = range(len(names))
-    free, mocap = full.body_jntadr[variants] >= 0, full.body_mocapid[variants] >= 0
-    qpos_variant[full.jnt_qposadr[full.body_jntadr[variants[free]]]] = np.flatnonzero(free)
-    mocap_variant[full.body_mocapid[variants[mocap]]] = np.flatnonzero(mocap)
-    owners, simulated = _owners_of_qpos(full), scene.sim_bodies
-    first = [mjm.jnt_qposadr[mjm.body_jntadr[of]] for mjm, of in ((full, owners), (sim, simulated[owners]))]
-    qpos_adr = np.arange(full.nq) - first[0] + first[1]
-    mocap_adr = sim.body_mocapid[simulated[_mocap_bodies(full)]]
-    values = (slot_variant, qpos_variant, mocap_variant, qpos_adr, mocap_adr)
-    return [wp.array(each, dtype=int, ndim=1) for each in values]
-
-
-def _owners_of_qpos(mjm: mujoco.MjModel) -> np.ndarray:
+def owners_of_qpos(mjm: mujoco.MjModel) -> np.ndarray:
     """Return the body that each element of qpos moves, shape (nq,)."""
     return np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr.tolist(), mjm.nq]))
 
 
-def _mocap_bodies(mjm: mujoco.MjModel) -> np.ndarray:
+def mocap_bodies(mjm: mujoco.MjModel) -> np.ndarray:
     """Return the mocap bodies in the order of their numbers, shape (nmocap,)."""
     bodies = np.flatnonzero(mjm.body_mocapid >= 0)
     return bodies[np.argsort(mjm.body_mocapid[bodies])]
 
 
-def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, np.ndarray]]:
+def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:
     """Return the values of an object's variants: field, element of the simulated model, words (nvariant, width).
 
-    If they are to be `seen`, colours are those of materials where these show.
+    The words that the simulated model begins with follow, shape (width,). If the values are to be `seen`, colours are
+    those of materials where these show.
     """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
     _, places = places_of_geoms(full, bodies)
@@ -388,5 +304,5 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
                     if i in own:
                         values[v] = theirs[full.body_geomadr[bodies[v]] + own.index(i)]
                 elements.append((geom + i, values))
-        found += [(field, element, values.view(np.int32)) for element, values in elements]
+        found += [(field, i, values.view(np.int32), ours[i].view(np.int32)) for i, values in elements]
     return found

@@ -216,14 +216,8 @@ class StateWriter:
             start: Kind of start of each row of layouts, shape (nrow,), int32; None closes no fingers.
             start_rows: The same as `rows` for `start`.
         """
-        outputs, device = self._outputs, self._outputs[0].device
-        wp.launch(
-            _write_state,
-            self._dim,
-            inputs=[*self._inputs, start, start_rows, rows, *poses],
-            outputs=outputs,
-            device=device,
-        )
+        inputs, device = [*self._inputs, start, start_rows, rows, *poses], self._outputs[0].device
+        wp.launch(_write_state, self._dim, inputs=inputs, outputs=self._outputs, device=device)
 
 
 def _spread(first: np.ndarray, widths: np.ndarray) -> np.ndarray:

@@ -80,19 +80,13 @@ def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | No
 
 def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> dict[str, Tensor]:
     """Return all tensors that have a row for each world, by name, in the memory that steps and resets use."""
-    found = {"elapsed": state.elapsed}
-    for name in PROMISED:
-        array = getattr(state.data, name)
-        if array.size:
-            found[f"data.{name}"] = wp.to_torch(array)
-    for name, array in state.model_rows.items():
-        found[f"model.{name}"] = wp.to_torch(array)
-    for name in _OF_LAYOUTS:
-        array = getattr(layouts, name)
-        if array.size:
-            tensor = wp.to_torch(array)
-            # torch cannot index uint64
-            found[f"layout.{name}"] = tensor.view(torch.int64) if tensor.dtype is torch.uint64 else tensor
+    arrays = {f"data.{name}": getattr(state.data, name) for name in PROMISED}
+    arrays |= {f"model.{name}": array for name, array in state.model_rows.items()}
+    arrays |= {f"layout.{name}": getattr(layouts, name) for name in _OF_LAYOUTS}
+    tensors = {name: wp.to_torch(array) for name, array in arrays.items() if array.size}
+    # torch cannot index uint64
+    found = {name: t.view(torch.int64) if t.dtype is torch.uint64 else t for name, t in tensors.items()}
+    found["elapsed"] = state.elapsed
     for name, value in memory.items():
         found.update(_memory(value, state.num_envs, name, set()))
     return found

@@ -40,6 +40,20 @@ def test_levels_are_chosen_by_their_weights(priority: str, staleness: float):
     np.testing.assert_allclose(found / found.sum(), share, atol=0.02)
 
 
+@pytest.mark.parametrize("priority", ["rank", "proportional"])
+def test_many_levels_of_one_score_are_chosen_alike(priority: str):
+    """However steep the choice is: their weights are no smaller than that of a single one."""
+    levels = Levels("given", priority=priority, temperature=0.02, staleness=0.0, capacity=1 << 16)
+    buffer = created(levels, NWORLD)
+    buffer.value.fill_(1e-5)
+    buffer.age.zero_()
+    launch_refresh(buffer, levels)
+    found = chosen(buffer, 4)
+    assert found.min() >= 0
+    assert len(np.unique(found)) > 0.97 * len(found)
+    assert abs(found.mean() / (1 << 16) - 0.5) < 0.03
+
+
 def test_the_lowest_scores_make_room():
     """A full buffer keeps the best of all that it was given, whatever the order; empty places are filled first."""
     levels, rng = Levels("given", capacity=64), np.random.default_rng(0)

@@ -77,20 +77,16 @@ def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, t
 
 
 @wp.func
-def _move_object(
-    program: Program,
-    layouts: LayoutsView,
-    row: int,
-    obj: int,
-    reach_search: ReachSearch,
-    c: int,
-    old_pos: wp.vec3,
-    old_quat: wp.vec4,
-    new_pos: wp.vec3,
-    new_quat: wp.vec4,
+def _carry(
+    program: Program, reach: Reach, starts: Starts, layouts: LayoutsView, row: int, reach_search: ReachSearch, c: int
 ):
-    """Move an object as a whole, as a frame that it is fixed to moves."""
+    """Move the object of a posed candidate into its hand, as a whole."""
+    old_pos, old_quat = _grip_pose(reach, starts, layouts, row, reach_search.grasp[c])
+    hand = reach.hand_body[0]
+    new_quat = mul_quat(reach_search.body_quat[c, hand], neg_quat(reach.hand_quat))
+    new_pos = reach_search.body_pos[c, hand] - rot_vec_quat(reach.hand_pos, new_quat)
     turn = wp.normalize(mul_quat(new_quat, neg_quat(old_quat)))
+    obj = reach.reach_obj[reach_search.column[row]]
     for i in range(program.obj_bodynum[obj]):
         body = program.body_list[program.obj_bodyadr[obj] + i]
         reach_search.body_pos[c, body] = new_pos + rot_vec_quat(layouts.body_pos[row, body] - old_pos, turn)
@@ -109,7 +105,7 @@ def _pose(
     layouts: LayoutsView,
     # Search in: row_world, row_restart
     search: Search,
-    # ReachSearch in: column, number, first, candidates, row, qpos, body_pos, body_quat
+    # ReachSearch in: column, number, first, candidates, row, grasp, qpos, body_pos, body_quat
     # ReachSearch out: grasp, failed, grasp_qpos, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
@@ -157,12 +153,7 @@ def _pose(
             set_gripper(reach, starts.grip_share[grasp], qpos)
         pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
         if pose >= StartPose.LIFTED:
-            hand = reach.hand_body[0]
-            new_quat = mul_quat(reach_search.body_quat[c, hand], neg_quat(reach.hand_quat))
-            new_pos = reach_search.body_pos[c, hand] - rot_vec_quat(reach.hand_pos, new_quat)
-            pos, quat = _grip_pose(reach, starts, layouts, row, grasp)
-            obj = reach.reach_obj[column]
-            _move_object(program, layouts, row, obj, reach_search, c, pos, quat, new_pos, new_quat)
+            _carry(program, reach, starts, layouts, row, reach_search, c)
 
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:

@@ -117,7 +117,6 @@ def row_of_restart(search: Search, worldid: int, number: int) -> int:
 def _plan_round(
     program: Program,
     staged: bool,
-    has_kinds: bool,
     busy: int,
     # Search in: worlds_left, restarts_at_once
     # Search out: worlds_left, tickets, restarts_at_once
@@ -129,8 +128,6 @@ def _plan_round(
     left = wp.where(staged, _LEFT_BY_STAGE, _LEFT)
     wanted = _restarts_wanted(float(worlds), left, program.restart_rate)
     wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # twice as many as were too few
-    if has_kinds and search.restarts_at_once[0] > 0:
-        wanted = program.restarts + 1  # the worlds that are left have the kinds of starts that fail most
     failing = float(worlds) * program.restart_rate
     # another round follows anyway, or all rows take longer in the stage than it does
     if failing > left and (wanted > room or (staged and 2 * worlds >= busy)):
@@ -168,7 +165,7 @@ def _open_rows(
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
-    work.launch(_plan_round, 1, [work.program, staged, work.starts is not None, work.size.busy], work.search)
+    work.launch(_plan_round, 1, [work.program, staged, work.size.busy], work.search)
     work.launch(_open_rows, work.nworld, [work.program, work.reach, staged], work.layouts, work.search)
 
 
