@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections import ChainMap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import mujoco
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.adapters.mjlab_variants import VariantRows, entities_with_variants, model_of_variants
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, UnknownNameError, import_extra
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import instead_of_variants
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
+from sceniris_gym.sim.variants import owners_of_qpos
 from sceniris_gym.vector.arguments import as_chosen_layouts, fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
@@ -63,9 +69,8 @@ class PlaceLayouts(ManagerTermBase):
 
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
         super().__init__(env)
-        config = _as_config(cfg.scene, env)
-        _check_variants(config, env)
-        self.compiled: CompiledScene = compile_scene(config, env.device)
+        self.compiled: CompiledScene = compile_scene(_as_model(cfg.scene, env), env.device)
+        self._variants = VariantRows(self.compiled, env) if self.compiled.config.variants else None
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
         self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split, knobs=cfg.knobs)
@@ -85,11 +90,15 @@ class PlaceLayouts(ManagerTermBase):
         if not self._fits:
             model, data = env.sim.wp_model, env.sim.wp_data
             check_fit(self.compiled, model, data, self.layouts, env.sim.mj_model, where="PlaceLayouts", cure=_CURE)
+            if self._variants is not None:
+                self._variants.check()
             warn_of_origins(self.compiled.scene, env.scene.env_origins.cpu().numpy(), "PlaceLayouts")
             self._fits = True
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
         self._generator.generate(mask)
+        if self._variants is not None:
+            self._variants.write(self.layouts, ids)
         self._write(ids)
         self._tell()
         if not self._kept:
@@ -161,8 +170,8 @@ class PlaceLayouts(ManagerTermBase):
                 entity.write_root_link_pose_to_sim(pose, env_ids=env_ids)
                 entity.write_root_link_velocity_to_sim(torch.zeros_like(pose[:, :6]), env_ids=env_ids)
         qpos = wp.to_torch(self.layouts.qpos)
-        for entity, joint_ids in self._joints:
-            position = qpos[env_ids[:, None], entity.indexing.joint_q_adr[joint_ids]]
+        for entity, joint_ids, adr in self._joints:
+            position = qpos[env_ids[:, None], adr]
             entity.write_joint_state_to_sim(position, torch.zeros_like(position), joint_ids, env_ids)
 
     def _tell(self) -> None:
@@ -273,33 +282,56 @@ def _suspects(term: PlaceLayouts, env: Any) -> str:
     return " ".join(cures)
 
 
-def _as_config(scene: Any, env: Any) -> SceneConfig:
-    """Return the scene on the environment's model, in which objects named like entities are these entities."""
-    mjm = env.sim.mj_model
+def _as_model(scene: Any, env: Any) -> SceneModel:
+    """Return the scene on the environment's model, in which objects named like entities are these entities.
+
+    If some of them have variants, each variant is a body of its own there, and the environment's model is simulated.
+    """
+    mjm, entities = env.sim.mj_model, env.scene.entities
     config = SceneConfig.load(scene, {"model": mjm})
+    alone = config.with_shared_objects()
+    several = {name: info for name, info in entities_with_variants(env).items() if name in alone.objects}
+    _check_variants(config, several)
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     words = {"home": KEYFRAME} if has_key and config.home is None else {}
-    for name, part in config.objects.items():
-        if part.asset is None and part.body is None and name in env.scene.entities:
-            words[f"objects.{name}.body"] = mjm.body(env.scene.entities[name].indexing.root_body_id).name
-    return SceneConfig.load(config, {**words, "model": mjm})
+    bodies = {
+        name: {f"objects.{name}.body": mjm.body(entities[name].indexing.root_body_id).name}
+        for name, part in alone.objects.items()
+        if part.asset is None and part.body is None and name in entities
+    }
+    simulated = SceneConfig.load(alone, {"model": mjm, **words, **dict(ChainMap(*bodies.values()))})
+    if not several:
+        return build_model(simulated)
+    for name, info in several.items():
+        bodies[name] = (
+            {} if name in config.variants else {f"objects.{name}.variants": {v: {} for v in info.variant_names}}
+        )
+    nobject = len(config.objects) + sum(len(info.variant_names) for info in several.values())
+    full = model_of_variants(env, several, nobject, config.where)
+    config = SceneConfig.load(config, {**words, **dict(ChainMap(*bodies.values())), "model": full})
+    return build_model(config, simulated)
 
 
-def _check_variants(config: SceneConfig, env: Any) -> None:
-    """Check that all environments have the same things, which mjlab chooses once, when it is built.
+def _check_variants(config: SceneConfig, entities: Mapping[str, Any]) -> None:
+    """Check that the variants of a scene are those of mjlab's entities.
 
     Raises:
-        NotSupportedError: An object has variants, or is an entity that has.
+        NotSupportedError: An object with variants is no such entity.
+        UnknownNameError: A variant that the entity does not have.
     """
-    entities = {name: entity.cfg for name, entity in env.scene.entities.items() if name in config.objects}
-    found = {name: list(cfg.variants) for name, cfg in entities.items() if hasattr(cfg, "variants")}
-    found |= {name: [m.partition("/")[2] for m in members] for name, members in config.variants.items()}
-    for name, variants in found.items():
-        raise NotSupportedError(
-            f"{config.where}: objects.{name}: has variants, and a layout would have to be made for the one that mjlab "
-            "has chosen. Take SceneVectorEnv for the scene, or an entity without variants (EntityCfg). "
-            f"{instead_of_variants(name, variants)} In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, scene)."
-        )
+    for name, members in config.variants.items():
+        variants = [member.partition("/")[2] for member in members]
+        if name not in entities:
+            raise NotSupportedError(
+                f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
+                "(VariantEntityCfg) to have them in mjlab. "
+                f"{instead_of_variants(name, variants)} In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, "
+                "scene)."
+            )
+        for variant in variants:
+            if variant not in entities[name].variant_names:
+                where = f"{config.where}: objects.{name}.variants"
+                raise UnknownNameError("variant of the entity", variant, where, entities[name].variant_names)
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
@@ -308,7 +340,7 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
     Raises:
         SceneKeyError: An object that is no entity.
     """
-    config, scene = compiled.config, compiled.scene
+    config, scene = compiled.scene.sim.config, compiled.scene.sim
     entities = {e.indexing.root_body_id: e for e in env.scene.entities.values() if e.spec.bodies[1:]}
     for name, part in config.objects.items():
         if part.is_placed and scene.bodies[name] not in entities:
@@ -320,23 +352,33 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
     return {name: entities[scene.bodies[name]] for name, part in config.objects.items() if part.is_placed}
 
 
-def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
-    """Return the entities with joints that are drawn, and the numbers of these joints inside the entity."""
+def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor, Tensor]]:
+    """Return the entities with joints that are drawn, the numbers of these inside the entity, and where layouts are."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
     if compiled.starts is not None and compiled.reaching is not None:
         for one in compiled.reaching.arms:
             adr += [*one.arm.qposadr.tolist(), *one.gripper.qposadr.tolist(), *(c.adr for c in one.gripper.couplings)]
-    found = []
+    found, source = [], torch.tensor(_sources(scene), device=env.device)
     for entity in env.scene.entities.values():
-        own = entity.indexing.joint_q_adr
+        own = source[entity.indexing.joint_q_adr]
         numbers = torch.isin(own, torch.tensor(adr, dtype=own.dtype, device=own.device)).nonzero().flatten()
         if len(numbers):
-            found.append((entity, numbers))
+            found.append((entity, numbers, own[numbers]))
     return found
 
 
-def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]) -> list[tuple[Any, Tensor]]:
+def _sources(scene: SceneModel) -> np.ndarray:
+    """Return where each element of mjlab's qpos is in layouts, -1 for variants; all others keep their order."""
+    shared = [scene.sim.bodies[name] for name in scene.config.variants]
+    bodies = owners_of_qpos(scene.sim.mjm), scene.sim_bodies[owners_of_qpos(scene.mjm)]
+    ours, theirs = (~np.isin(each, shared) for each in bodies)
+    source = np.full(scene.sim.mjm.nq, -1)
+    source[ours] = np.flatnonzero(theirs)
+    return source
+
+
+def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor, Tensor]]) -> list[tuple[Any, Tensor]]:
     """Return the simulation's arrays with the state of entities, and the columns of that state in them."""
     data, found = env.sim.data, []
     for entity in roots.values():
@@ -345,6 +387,6 @@ def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]
             found += [(data.mocap_pos, number), (data.mocap_quat, number)]
         else:
             found += [(data.qpos, entity.indexing.free_joint_q_adr), (data.qvel, entity.indexing.free_joint_v_adr)]
-    for entity, numbers in joints:
+    for entity, numbers, _ in joints:
         found += [(data.qpos, entity.indexing.joint_q_adr[numbers]), (data.qvel, entity.indexing.joint_v_adr[numbers])]
     return found

@@ -10,7 +10,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.adapters.mjlab import layouts_term
-from sceniris_gym.errors import ArgumentError, import_extra
+from sceniris_gym.errors import ArgumentError, NotSupportedError, import_extra
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.rest import scene_rest
@@ -39,6 +39,10 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
         term = layouts_term(env)
         if term is None:
             raise ArgumentError("ReplaceObjects: cfg.events should have a PlaceLayoutsCfg with the scene.")
+        if variants := term.compiled.config.variants:
+            raise NotSupportedError(
+                f"ReplaceObjects: {', '.join(variants)} should have no variants to be in a scene with redraws."
+            )
         self._replacer = Replacer(
             *(term.compiled, env.sim.wp_model, env.sim.wp_data, term.layouts, term.split),
             rest=scene_rest(term.compiled.scene, term.layouts.qpos.device),
