@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +13,10 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.adapters.mjlab_variants import VariantRows, entities_with_variants, model_of_variants
+from sceniris_gym.adapters.mjlab_variants import VariantRows, model_of_variants
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, UnknownNameError, import_extra
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
@@ -290,48 +289,40 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     mjm, entities = env.sim.mj_model, env.scene.entities
     config = SceneConfig.load(scene, {"model": mjm})
     alone = config.with_shared_objects()
-    several = {name: info for name, info in entities_with_variants(env).items() if name in alone.objects}
+    found = {name: entity.variant_metadata for name, entity in entities.items() if name in alone.objects}
+    several = {name: info for name, info in found.items() if info is not None}
     _check_variants(config, several)
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
-    words = {"home": KEYFRAME} if has_key and config.home is None else {}
-    bodies = {
-        name: {f"objects.{name}.body": mjm.body(entities[name].indexing.root_body_id).name}
-        for name, part in alone.objects.items()
-        if part.asset is None and part.body is None and name in entities
-    }
-    simulated = SceneConfig.load(alone, {"model": mjm, **words, **dict(ChainMap(*bodies.values()))})
+    words: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}
+    for name, part in alone.objects.items():
+        if part.asset is None and part.body is None and name in entities:
+            words[f"objects.{name}.body"] = mjm.body(entities[name].indexing.root_body_id).name
+    simulated = SceneConfig.load(alone, {**words, "model": mjm})
     if not several:
         return build_model(simulated)
     for name, info in several.items():
-        bodies[name] = (
-            {} if name in config.variants else {f"objects.{name}.variants": {v: {} for v in info.variant_names}}
-        )
-    nobject = len(config.objects) + sum(len(info.variant_names) for info in several.values())
-    full = model_of_variants(env, several, nobject, config.where)
-    config = SceneConfig.load(config, {**words, **dict(ChainMap(*bodies.values())), "model": full})
-    return build_model(config, simulated)
+        words.pop(f"objects.{name}.body", None)
+        if name not in config.variants:
+            words[f"objects.{name}.variants"] = {variant: {} for variant in info.variant_names}
+    full = model_of_variants(env, several, config.where)
+    return build_model(SceneConfig.load(config, {**words, "model": full}), simulated)
 
 
 def _check_variants(config: SceneConfig, entities: Mapping[str, Any]) -> None:
-    """Check that the variants of a scene are those of mjlab's entities.
+    """Check that the objects with variants are entities that have some.
 
     Raises:
-        NotSupportedError: An object with variants is no such entity.
-        UnknownNameError: A variant that the entity does not have.
+        NotSupportedError: An object is no such entity.
     """
     for name, members in config.variants.items():
-        variants = [member.partition("/")[2] for member in members]
         if name not in entities:
+            variants = [member.partition("/")[2] for member in members]
             raise NotSupportedError(
                 f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
                 "(VariantEntityCfg) to have them in mjlab. "
                 f"{instead_of_variants(name, variants)} In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, "
                 "scene)."
             )
-        for variant in variants:
-            if variant not in entities[name].variant_names:
-                where = f"{config.where}: objects.{name}.variants"
-                raise UnknownNameError("variant of the entity", variant, where, entities[name].variant_names)
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ function of mjlab, so that a world is simulated as if mjlab had chosen them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -31,18 +31,12 @@ _OF_WORLD = ("contype", "conaffinity", "condim", "priority", "solmix", "solref",
 _OF_SHAPE = ("size", "pos", "quat", "rbound", "aabb")
 
 
-def entities_with_variants(env: Any) -> dict[str, Any]:
-    """Return mjlab's metadata of the entities that have variants, by their names."""
-    return {prefix.removesuffix("/"): info for prefix, info in env.scene.collect_variant_info()}
-
-
-def model_of_variants(env: Any, entities: Mapping[str, Any], nobject: int, where: str) -> mujoco.MjModel:
+def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujoco.MjModel:
     """Return the model of an environment in which each variant of some entities is a body, 'entity/variant'.
 
     Args:
         env: The environment.
-        entities: The metadata of the entities by name.
-        nobject: Number of objects of the scene, each variant being one.
+        entities: mjlab's `VariantMetadata` of the entities by name.
         where: The beginning of errors.
 
     Raises:
@@ -54,21 +48,23 @@ def model_of_variants(env: Any, entities: Mapping[str, Any], nobject: int, where
         for element in (*spec.meshes, *spec.materials, *spec.textures):
             if element.name.startswith(f"{name}/"):
                 spec.delete(element)
-        for variant, source in zip(info.variant_names, info.variant_source_specs, strict=True):
-            member, child = f"{name}/{variant}", source.copy()
+        for member, source in zip(_members(name, info), info.variant_source_specs, strict=True):
+            child = source.copy()
             for key in child.keys:
                 child.delete(key)
             root = assemble.attach(spec, child, member, spec.worldbody.add_frame(), where)
             assemble.make_kind(spec, root, member, "free", where)
+    nobject = len(spec.bodies)  # at least
+    if not has_parking_ground(assemble.compile_spec(spec, where), nobject, where):
+        add_parking_ground(spec, nobject)
     mjm = assemble.compile_spec(spec, where)
     check_variants(spec, mjm, {name: tuple(_members(name, info)) for name, info in entities.items()}, where)
-    if not has_parking_ground(mjm, nobject, where):
-        add_parking_ground(spec, nobject)
-        mjm = assemble.compile_spec(spec, where)
     env.sim.cfg.mujoco.apply(mjm)
     for name, info in entities.items():
-        for i, member in enumerate(_members(name, info)):
-            _touch_as_in_mjlab(mjm, mjm.body(member).id, env, name, info, i)
+        for member, given in zip(_members(name, info), info.variant_slot_specs, strict=True):
+            filled = [slot for slot, own in zip(info.slots, given, strict=True) if own is not None]
+            slots = [env.sim.mj_model.geom(f"{name}/{slot.template_geom_name}").id for slot in filled]
+            _touch_as_in_mjlab(mjm, mjm.body(member).id, env.sim.mj_model, _root(env, name).id, slots)
     return mjm
 
 
@@ -80,23 +76,29 @@ def _root(env: Any, name: str) -> Any:
     return env.sim.mj_model.body(env.scene.entities[name].indexing.root_body_id)
 
 
-def _geoms(mjm: mujoco.MjModel, body: int) -> np.ndarray:
-    return np.flatnonzero(mjm.geom_bodyid == body)
+def _touch_as_in_mjlab(mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, root: int, slots: list[int]) -> None:
+    """Give the geoms of a variant what mjlab keeps the same in all worlds: contacts, and the shapes of primitives.
 
-
-def _touch_as_in_mjlab(mjm: mujoco.MjModel, body: int, env: Any, name: str, info: Any, variant: int) -> None:
-    """Give the geoms of a variant what mjlab keeps the same in all worlds: contacts, and the shapes of primitives."""
-    theirs, own = env.sim.mj_model, _geoms(mjm, body)
-    touching = mjm.geom_contype[own] | mjm.geom_conaffinity[own] != 0
-    meshes = own[np.lexsort((own, touching))]  # mjlab has those that touch behind the others
-    meshes = meshes[mjm.geom_type[meshes] == MESH]
-    filled = [s for s, given in zip(info.slots, info.variant_slot_specs[variant], strict=True) if given is not None]
-    slots = [theirs.geom(f"{name}/{slot.template_geom_name}").id for slot in filled]
-    solids, others = own[mjm.geom_type[own] != MESH], _geoms(theirs, _root(env, name).id)
-    others = others[theirs.geom_type[others] != MESH]
-    for fields, geoms, sources in ((_OF_WORLD, meshes, slots), (_OF_WORLD + _OF_SHAPE, solids, others)):
+    Args:
+        mjm: The model with a body for each variant, which is changed.
+        body: The variant.
+        theirs: mjlab's model.
+        root: The body of all variants there.
+        slots: Its geoms for the meshes of the variant, those that touch behind the others, as in mjlab.
+    """
+    meshes, solids = _geoms(mjm, body)
+    touching = mjm.geom_contype[meshes] | mjm.geom_conaffinity[meshes] != 0
+    meshes = meshes[np.argsort(touching, stable=True)]
+    for fields, own, sources in ((_OF_WORLD, meshes, slots), (_OF_WORLD + _OF_SHAPE, solids, _geoms(theirs, root)[1])):
         for field in fields:
-            getattr(mjm, f"geom_{field}")[geoms] = getattr(theirs, f"geom_{field}")[sources]
+            getattr(mjm, f"geom_{field}")[own] = getattr(theirs, f"geom_{field}")[sources]
+
+
+def _geoms(mjm: mujoco.MjModel, body: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the geoms of a body: meshes, and primitives."""
+    return tuple(
+        np.flatnonzero((mjm.geom_bodyid == body) & of) for of in (mjm.geom_type == MESH, mjm.geom_type != MESH)
+    )
 
 
 class VariantRows:
@@ -108,30 +110,24 @@ class VariantRows:
     """
 
     def __init__(self, compiled: CompiledScene, env: Any) -> None:
-        self._sim, theirs, full = env.sim, env.sim.mj_model, compiled.mjm
-        infos = {name: entities_with_variants(env)[name] for name in compiled.config.variants}
-        assigned = [
-            (f"{name}/", replace(info, assignment=_in_turn(len(info.variant_names)))) for name, info in infos.items()
-        ]
-        nrow = max(len(info.variant_names) for info in infos.values())
+        self._sim, theirs, variants = env.sim, env.sim.mj_model, compiled.config.variants
+        infos = {name: env.scene.entities[name].variant_metadata for name in variants}
+        assigned = [(f"{name}/", replace(info, assignment=_in_turn(info))) for name, info in infos.items()]
+        nrow, configure = max(len(info.variant_names) for info in infos.values()), env.sim.cfg.mujoco.apply
         with wp.ScopedDevice(env.device):
-            build, configure = _VARIANTS.build_variant_model, env.sim.cfg.mujoco.apply
-            rows = build(env.scene.spec, nrow, assigned, configure_model=configure).wp_model
+            result = _VARIANTS.build_variant_model(env.scene.spec, nrow, assigned, configure_model=configure)
         self._total = torch.tensor(theirs.body_subtreemass[0], dtype=torch.float32, device=env.device)
         self._tables = []
-        for name, members in compiled.config.variants.items():
-            body, every = _root(env, name).id, _members(name, infos[name])
-            elements = {"body": [body], "geom": _geoms(theirs, body).tolist()}
-            table = {}
+        for name, info in infos.items():
+            root, every, table = _root(env, name), _members(name, info), {}
             for field in _FIELDS:
-                own = torch.tensor(elements[field.partition("_")[0]], device=env.device)
-                table[field] = own, wp.to_torch(getattr(rows, field))[:, own].clone()
-            mass = full.body_subtreemass[[full.body(member).id for member in every]] - theirs.body_subtreemass[body]
-            numbers = [[every.index(member), compiled.slots.index(member)] for member in members]
+                own = [root.id] if field.startswith("body") else np.concatenate(_geoms(theirs, root.id))
+                at = torch.as_tensor(own, device=env.device)
+                table[field] = at, wp.to_torch(getattr(result.wp_model, field))[:, at].clone()
+            mass = [compiled.mjm.body(member).subtreemass.item() - root.subtreemass.item() for member in every]
+            numbers = [(every.index(member), compiled.slots.index(member)) for member in variants[name]]
             number, column = torch.tensor(numbers, device=env.device).T
-            self._tables.append(
-                (name, number, column, table, torch.tensor(mass, dtype=torch.float32, device=env.device))
-            )
+            self._tables.append((name, number, column, table, torch.tensor(mass, device=env.device)))
 
     def check(self) -> None:
         """Check that worlds have the variants that mjlab has chosen as it made them.
@@ -166,6 +162,6 @@ class VariantRows:
             self._sim.default_model_fields[field][at] = values
 
 
-def _in_turn(count: int) -> Any:
-    """Return the assignment of mjlab that gives worlds all variants in turn."""
-    return lambda nworld: [i % count for i in range(nworld)]
+def _in_turn(info: Any) -> Callable[[int], list[int]]:
+    """Return the assignment of mjlab that gives worlds all variants of an entity in turn."""
+    return lambda nworld: [i % len(info.variant_names) for i in range(nworld)]
