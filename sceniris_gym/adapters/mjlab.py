@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import mujoco
-import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -26,7 +25,6 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
-from sceniris_gym.sim.variants import owners_of_qpos
 from sceniris_gym.vector.arguments import as_chosen_layouts, fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
@@ -169,8 +167,8 @@ class PlaceLayouts(ManagerTermBase):
                 entity.write_root_link_pose_to_sim(pose, env_ids=env_ids)
                 entity.write_root_link_velocity_to_sim(torch.zeros_like(pose[:, :6]), env_ids=env_ids)
         qpos = wp.to_torch(self.layouts.qpos)
-        for entity, joint_ids, adr in self._joints:
-            position = qpos[env_ids[:, None], adr]
+        for entity, joint_ids in self._joints:
+            position = qpos[env_ids[:, None], entity.indexing.joint_q_adr[joint_ids]]
             entity.write_joint_state_to_sim(position, torch.zeros_like(position), joint_ids, env_ids)
 
     def _tell(self) -> None:
@@ -343,33 +341,23 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
     return {name: entities[scene.bodies[name]] for name, part in config.objects.items() if part.is_placed}
 
 
-def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor, Tensor]]:
-    """Return the entities with joints that are drawn, the numbers of these inside the entity, and where layouts are."""
+def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
+    """Return the entities with joints that are drawn, and the numbers of these joints inside the entity."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
     if compiled.starts is not None and compiled.reaching is not None:
         for one in compiled.reaching.arms:
             adr += [*one.arm.qposadr.tolist(), *one.gripper.qposadr.tolist(), *(c.adr for c in one.gripper.couplings)]
-    found, source = [], torch.tensor(_sources(scene), device=env.device)
+    found = []
     for entity in env.scene.entities.values():
-        own = source[entity.indexing.joint_q_adr]
+        own = entity.indexing.joint_q_adr
         numbers = torch.isin(own, torch.tensor(adr, dtype=own.dtype, device=own.device)).nonzero().flatten()
         if len(numbers):
-            found.append((entity, numbers, own[numbers]))
+            found.append((entity, numbers))
     return found
 
 
-def _sources(scene: SceneModel) -> np.ndarray:
-    """Return where each element of mjlab's qpos is in layouts, -1 for variants; all others keep their order."""
-    shared = [scene.sim.bodies[name] for name in scene.config.variants]
-    bodies = owners_of_qpos(scene.sim.mjm), scene.sim_bodies[owners_of_qpos(scene.mjm)]
-    ours, theirs = (~np.isin(each, shared) for each in bodies)
-    source = np.full(scene.sim.mjm.nq, -1)
-    source[ours] = np.flatnonzero(theirs)
-    return source
-
-
-def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor, Tensor]]) -> list[tuple[Any, Tensor]]:
+def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]) -> list[tuple[Any, Tensor]]:
     """Return the simulation's arrays with the state of entities, and the columns of that state in them."""
     data, found = env.sim.data, []
     for entity in roots.values():
@@ -378,6 +366,6 @@ def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor, 
             found += [(data.mocap_pos, number), (data.mocap_quat, number)]
         else:
             found += [(data.qpos, entity.indexing.free_joint_q_adr), (data.qvel, entity.indexing.free_joint_v_adr)]
-    for entity, numbers, _ in joints:
+    for entity, numbers in joints:
         found += [(data.qpos, entity.indexing.joint_q_adr[numbers]), (data.qvel, entity.indexing.joint_v_adr[numbers])]
     return found

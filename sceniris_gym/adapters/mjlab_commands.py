@@ -10,7 +10,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.adapters.mjlab import layouts_term
-from sceniris_gym.errors import ArgumentError, NotSupportedError, import_extra
+from sceniris_gym.errors import ArgumentError, import_extra
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.rest import scene_rest
@@ -29,7 +29,7 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
         command: The number of redraws since the reset, shape (num_envs, 1), float32.
 
     Raises:
-        ArgumentError: There is no event `PlaceLayouts`.
+        ArgumentError: There is no event `PlaceLayouts`, or entities of its scene have variants.
         UnknownNameError, ArgumentError: Objects that cannot be redrawn, see `chosen_objects`; raised as the first timer
             runs out.
     """
@@ -37,11 +37,9 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
     def __init__(self, cfg: ReplaceObjectsCfg, env: Any) -> None:
         super().__init__(cfg, env)
         term = layouts_term(env)
-        if term is None:
-            raise ArgumentError("ReplaceObjects: cfg.events should have a PlaceLayoutsCfg with the scene.")
-        if variants := term.compiled.config.variants:
-            raise NotSupportedError(
-                f"ReplaceObjects: {', '.join(variants)} should have no variants to be in a scene with redraws."
+        if term is None or term.compiled.config.variants:
+            raise ArgumentError(
+                "ReplaceObjects: cfg.events should have a PlaceLayoutsCfg with the scene, and no entities with variants."
             )
         self._replacer = Replacer(
             *(term.compiled, env.sim.wp_model, env.sim.wp_data, term.layouts, term.split),
