@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,7 +67,7 @@ class PlaceLayouts(ManagerTermBase):
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
         super().__init__(env)
         self.compiled: CompiledScene = compile_scene(_as_model(cfg.scene, env), env.device)
-        self._variants = VariantRows(self.compiled, env) if self.compiled.config.variants else None
+        self._variants = VariantRows(self.compiled, env)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
         self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split, knobs=cfg.knobs)
@@ -87,15 +87,13 @@ class PlaceLayouts(ManagerTermBase):
         if not self._fits:
             model, data = env.sim.wp_model, env.sim.wp_data
             check_fit(self.compiled, model, data, self.layouts, env.sim.mj_model, where="PlaceLayouts", cure=_CURE)
-            if self._variants is not None:
-                self._variants.check()
+            self._variants.check()
             warn_of_origins(self.compiled.scene, env.scene.env_origins.cpu().numpy(), "PlaceLayouts")
             self._fits = True
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
         self._generator.generate(mask)
-        if self._variants is not None:
-            self._variants.write(self.layouts, ids)
+        self._variants.write(self.layouts, ids)
         self._write(ids)
         self._tell()
         if not self._kept:
@@ -283,13 +281,23 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     """Return the scene on the environment's model, in which objects named like entities are these entities.
 
     If some of them have variants, each variant is a body of its own there, and the environment's model is simulated.
+
+    Raises:
+        NotSupportedError: An object has variants, and is no entity that has some.
     """
     mjm, entities = env.sim.mj_model, env.scene.entities
     config = SceneConfig.load(scene, {"model": mjm})
     alone = config.with_shared_objects()
-    found = {name: entity.variant_metadata for name, entity in entities.items() if name in alone.objects}
-    several = {name: info for name, info in found.items() if info is not None}
-    _check_variants(config, several)
+    several = {name: entities[name].variant_metadata for name in alone.objects if name in entities}
+    several = {name: info for name, info in several.items() if info is not None}
+    for name, members in config.variants.items():
+        if name not in several:
+            advice = instead_of_variants(name, [member.partition("/")[2] for member in members])
+            raise NotSupportedError(
+                f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
+                f"(VariantEntityCfg) to have them in mjlab. {advice} In mjlab: cfg.scene.spec_fn = lambda spec: "
+                "place_on(spec, scene)."
+            )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     words: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}
     for name, part in alone.objects.items():
@@ -304,23 +312,6 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
             words[f"objects.{name}.variants"] = {variant: {} for variant in info.variant_names}
     full = model_of_variants(env, several, config.where)
     return build_model(SceneConfig.load(config, {**words, "model": full}), simulated)
-
-
-def _check_variants(config: SceneConfig, entities: Mapping[str, Any]) -> None:
-    """Check that the objects with variants are entities that have some.
-
-    Raises:
-        NotSupportedError: An object is no such entity.
-    """
-    for name, members in config.variants.items():
-        if name not in entities:
-            variants = [member.partition("/")[2] for member in members]
-            raise NotSupportedError(
-                f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
-                "(VariantEntityCfg) to have them in mjlab. "
-                f"{instead_of_variants(name, variants)} In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, "
-                "scene)."
-            )
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:

@@ -39,7 +39,7 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
         term = layouts_term(env)
         if term is None or term.compiled.config.variants:
             raise ArgumentError(
-                "ReplaceObjects: cfg.events should have a PlaceLayoutsCfg with the scene, and no entities with variants."
+                "ReplaceObjects: cfg.events should have a PlaceLayoutsCfg, whose scene has no variants."
             )
         self._replacer = Replacer(
             *(term.compiled, env.sim.wp_model, env.sim.wp_data, term.layouts, term.split),

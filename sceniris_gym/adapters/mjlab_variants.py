@@ -7,11 +7,12 @@ function of mjlab, so that a world is simulated as if mjlab had chosen them.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import mujoco
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -52,10 +53,7 @@ def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujo
             if element.name.startswith(f"{name}/"):
                 spec.delete(element)
         for member, source in zip(_members(name, info), info.variant_source_specs, strict=True):
-            child = source.copy()
-            for key in child.keys:
-                child.delete(key)
-            body = assemble.attach(spec, child, member, spec.worldbody.add_frame(), where)
+            body = assemble.attach(spec, source.copy(), member, spec.worldbody.add_frame(), where)
             assemble.make_kind(spec, body, member, "free", where)
     nobject = len(spec.bodies)  # at most
     if not has_parking_ground(assemble.compile_spec(spec, where), nobject, where):
@@ -95,37 +93,29 @@ class VariantRows:
     """Writes the variants that layouts have into the model of mjlab, and the defaults that its `dr` starts from.
 
     Args:
-        compiled: A scene in which objects have variants.
-        env: The environment, whose entities they are.
+        compiled: The scene; if no object has variants, nothing is written.
+        env: The environment, whose entities the objects are.
     """
 
     def __init__(self, compiled: CompiledScene, env: Any) -> None:
-        self._sim, theirs, variants = env.sim, env.sim.mj_model, compiled.config.variants
-        infos = {name: env.scene.entities[name].variant_metadata for name in variants}
-        nrow = max(len(info.variant_names) for info in infos.values())
-        with wp.ScopedDevice(env.device):
-            model = _VARIANTS.build_variant_model(
-                env.scene.spec,
-                nrow,
-                [
-                    (
-                        f"{name}/",
-                        replace(info, assignment=lambda n, m=len(info.variant_names): [i % m for i in range(n)]),
-                    )
-                    for name, info in infos.items()
-                ],
-                configure_model=env.sim.cfg.mujoco.apply,
-            ).wp_model
-        self._rows = {field: wp.to_torch(getattr(model, field)).clone() for field in _FIELDS}
-        self._total = torch.tensor(theirs.body_subtreemass[0], dtype=torch.float32, device=env.device)
-        self._entities = []
-        for name, info in infos.items():
-            root, every = _root(env, name), _members(name, info)
-            parts = {"body": [root.id], "geom": sum(_geoms(theirs, root.id).values(), [])}
+        self._sim, self._total, self._entities = env.sim, env.sim.mj_model.body_subtreemass[0], []
+        for name, members in compiled.config.variants.items():
+            info, root = env.scene.entities[name].variant_metadata, _root(env, name)
+            every = _members(name, info)
+            with wp.ScopedDevice(env.device):
+                model = _VARIANTS.build_variant_model(
+                    *(env.scene.spec, len(every), [(f"{name}/", replace(info, assignment=range))]),
+                    configure_model=env.sim.cfg.mujoco.apply,
+                ).wp_model
+            geoms = np.flatnonzero(env.sim.mj_model.geom_bodyid == root.id)
+            table = {}
+            for field in _FIELDS:
+                own = torch.as_tensor(geoms if field.startswith("geom") else [root.id], device=env.device)
+                table[field] = own, wp.to_torch(getattr(model, field))[:, own].clone()
             mass = [compiled.mjm.body(member).subtreemass.item() - root.subtreemass.item() for member in every]
-            numbers = [(every.index(member), compiled.slots.index(member)) for member in variants[name]]
-            tensors = [torch.tensor(values, device=env.device) for values in (*parts.values(), mass, numbers)]
-            self._entities.append((name, dict(zip(parts, tensors)), *tensors[2:]))
+            numbers = [(every.index(member), compiled.slots.index(member)) for member in members]
+            tensors = (torch.tensor(values, device=env.device) for values in (mass, numbers))
+            self._entities.append((name, table, *tensors))
 
     def check(self) -> None:
         """Check that worlds have the variants that mjlab has chosen as it made them.
@@ -133,32 +123,27 @@ class VariantRows:
         Raises:
             SceneMismatchError: A startup event has changed one.
         """
-        every = torch.arange(self._sim.num_envs, device=self._total.device)
-        for name, parts, _, _ in self._entities:
-            for field, at, values in self._values(parts, every, self._sim.world_to_variant[name]):
-                if field not in _DERIVED and not torch.equal(getattr(self._sim.model, field)[at], values):
+        for name, table, _, _ in self._entities:
+            for field, (own, rows) in table.items():
+                held, made = getattr(self._sim.model, field)[:, own], rows[self._sim.world_to_variant[name]]
+                if field not in _DERIVED and not torch.equal(held, made):
                     raise SceneMismatchError(
                         f"PlaceLayouts: startup events should leave model.{field} of the entity '{name}' alone: it has "
-                        "variants, and a reset writes those of its layout. Let them change it in mode 'reset', listed "
-                        "after PlaceLayouts."
+                        "variants, and resets write that of the next one. List such events after PlaceLayouts, in mode "
+                        "'reset'."
                     )
 
     def write(self, layouts: Layouts, env_ids: Tensor) -> None:
         """Write the variants of the environments `env_ids`; the others keep every bit."""
-        present, total = wp.to_torch(layouts.present)[env_ids], self._total
-        for name, parts, mass, numbers in self._entities:
+        present = wp.to_torch(layouts.present)[env_ids]
+        total = torch.full((len(env_ids),), self._total, dtype=torch.float32, device=env_ids.device)
+        for name, table, mass, numbers in self._entities:
             chosen = numbers[present[:, numbers[:, 1]].argmax(dim=1), 0]
             self._sim.world_to_variant[name][env_ids] = chosen
-            for field, at, values in self._values(parts, env_ids, chosen):
-                self._put(field, at, values)
-            total = total + mass[chosen]
-        self._put("body_subtreemass", (env_ids, 0), total)
-
-    def _values(self, parts: dict[str, Tensor], env_ids: Tensor, chosen: Tensor) -> Iterator[tuple[str, tuple, Tensor]]:
-        """Yield the fields of an entity's variants, their places in the model, and what belongs there."""
-        for field, rows in self._rows.items():
-            own = parts[field[:4]]
-            yield field, (env_ids[:, None], own), rows[chosen[:, None], own]
+            for field, (own, rows) in table.items():
+                self._put(field, (env_ids[:, None], own), rows[chosen])
+            total += mass[chosen]
+            self._put("body_subtreemass", (env_ids, 0), total)
 
     def _put(self, field: str, at: tuple, values: Tensor) -> None:
         getattr(self._sim.model, field)[at] = values

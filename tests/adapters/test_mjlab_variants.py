@@ -224,5 +224,5 @@ def test_what_cannot_be_redrawn_is_refused_by_name():
         ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants={"lamp": lamp})), "cpu")
     cfg = cfg_of(scene, thing=entity)
     cfg.commands["moved"] = ReplaceObjectsCfg(objects=("thing",), resampling_time_range=(1.0, 2.0))
-    with pytest.raises(ArgumentError, match=r"ReplaceObjects: .*no entities with variants"):
+    with pytest.raises(ArgumentError, match=r"ReplaceObjects: .*whose scene has no variants"):
         ManagerBasedRlEnv(cfg, "cpu")
