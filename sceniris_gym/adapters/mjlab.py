@@ -288,8 +288,8 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     mjm, entities = env.sim.mj_model, env.scene.entities
     config = SceneConfig.load(scene, {"model": mjm})
     alone = config.with_shared_objects()
-    several = {name: entities[name].variant_metadata for name in alone.objects if name in entities}
-    several = {name: info for name, info in several.items() if info is not None}
+    found = {prefix.removesuffix("/"): info for prefix, info in env.scene.collect_variant_info()}
+    several = {name: info for name, info in found.items() if name in alone.objects}
     for name, members in config.variants.items():
         if name not in several:
             advice = instead_of_variants(name, [member.partition("/")[2] for member in members])

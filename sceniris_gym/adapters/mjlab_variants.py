@@ -49,9 +49,9 @@ def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujo
     for name, info in entities.items():
         root = spec.body(_root(env, name).name)
         root.explicitinertial, root.mass, root.inertia = True, 1.0, [1.0, 1.0, 1.0]
-        for element in (*root.geoms, *spec.meshes, *spec.materials, *spec.textures):
-            if element.name.startswith(f"{name}/"):
-                spec.delete(element)
+        assets = [a for a in (*spec.meshes, *spec.materials, *spec.textures) if a.name.startswith(f"{name}/")]
+        for element in (*root.geoms, *assets):
+            spec.delete(element)
         for member, source in zip(_members(name, info), info.variant_source_specs, strict=True):
             body = assemble.attach(spec, source.copy(), member, spec.worldbody.add_frame(), where)
             assemble.make_kind(spec, body, member, "free", where)

@@ -178,6 +178,7 @@ def test_layouts_know_the_primitives_that_all_worlds_have():
     scene = {"objects": {"thing": {"on": "terrain", "region": NEAR}}, "bank": 4}
     env = ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants=variants)), "cpu")
     mjm = env.event_manager.get_term_cfg("layouts").func.compiled.mjm
+    assert mjm.body("thing/root").geomnum == 0
     for name in variants:
         body = mjm.body(f"thing/{name}").id
         ball = np.flatnonzero((mjm.geom_bodyid == body) & (mjm.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE))[0]
