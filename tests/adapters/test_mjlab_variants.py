@@ -5,8 +5,10 @@ mjlab needs MuJoCo 3.11, so this runs in a venv of its own: `make test-mjlab`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -29,6 +31,7 @@ from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImpo
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg
 from sceniris_gym.adapters.mjlab_commands import ReplaceObjectsCfg
 
+PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
 NUM_ENVS = 6
 NEAR = {"box": [[0.2, -0.15], [0.5, 0.15]]}
 BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -227,3 +230,14 @@ def test_what_cannot_be_redrawn_is_refused_by_name():
     cfg.commands["moved"] = ReplaceObjectsCfg(objects=("thing",), resampling_time_range=(1.0, 2.0))
     with pytest.raises(ArgumentError, match=r"ReplaceObjects: .*whose scene has no variants"):
         ManagerBasedRlEnv(cfg, "cpu")
+
+
+def test_the_program_of_the_page_runs():
+    """As it stands; the bricks stand at half their heights."""
+    programs = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(compile(next(text for text in programs if "VariantEntityCfg" in text), "mjlab.md", "exec"), names)
+    env = names["env"]
+    heights = torch.tensor([0.01, 0.04])[env.sim.world_to_variant["thing"]]
+    np.testing.assert_allclose(env.scene["thing"].data.root_link_pos_w[:, 2], heights, atol=0.001)
+    env.close()
