@@ -32,7 +32,7 @@ TITLES = {
     StructName("sceniris_gym.layout.wave.search", "Search"): "Search",
     StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
     StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
-    StructName("sceniris_gym.sim.inertia_tables", "Inertia"): "Inertia",
+    StructName("sceniris_gym.sim.derived_tables", "Derived"): "Derived",
     StructName("sceniris_gym.levels.buffer", "Buffer"): "Buffer",
 }
 KERNELS = [

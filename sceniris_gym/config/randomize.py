@@ -40,39 +40,42 @@ class Word:
     form: str | None = None
 
 
-OBJECT_WORDS = {
-    "mass": Word("body_mass", least=1e-6, follow=(("body_inertia", 0, 3),)),
-    "ipos": Word("body_ipos", 3),
-    "friction": Word("geom_friction", 3, least=0.0, shared=1),
-    "solref": Word("geom_solref", 2),
-    "solimp": Word("geom_solimp", 5, least=0.0),
-    "rgba": Word("geom_rgba", 4, least=0.0, most=1.0, shared=3),
-    "damping": Word("dof_damping", least=0.0),
-    "frictionloss": Word("dof_frictionloss", least=0.0),
-    "armature": Word("dof_armature", least=0.0),
-    "stiffness": Word("jnt_stiffness", least=0.0),
-    "gains": Word("actuator_gainprm", least=1e-9, follow=(("actuator_biasprm", 1, 2),)),
-    "bias": Word("actuator_biasprm"),
-    "forcerange": Word("actuator_forcerange", 2),
-    "delay": Word("actuator_delay", least=0.0),
+WORDS = {
+    "object": {
+        "mass": Word("body_mass", least=1e-6, follow=(("body_inertia", 0, 3),)),
+        "ipos": Word("body_ipos", 3),
+        "friction": Word("geom_friction", 3, least=0.0, shared=1),
+        "solref": Word("geom_solref", 2),
+        "solimp": Word("geom_solimp", 5, least=0.0),
+        "rgba": Word("geom_rgba", 4, least=0.0, most=1.0, shared=3),
+        "damping": Word("dof_damping", least=0.0),
+        "frictionloss": Word("dof_frictionloss", least=0.0),
+        "armature": Word("dof_armature", least=0.0),
+        "stiffness": Word("jnt_stiffness", least=0.0),
+        "gains": Word("actuator_gainprm", least=1e-9, follow=(("actuator_biasprm", 1, 2),)),
+        "bias": Word("actuator_biasprm"),
+        "forcerange": Word("actuator_forcerange", 2),
+        "delay": Word("actuator_delay", least=0.0),
+    },
+    "light": {
+        **{word: Word(f"light_{word}", 3) for word in ("pos", "dir")},
+        **{word: Word(f"light_{word}", 3, least=0.0) for word in ("diffuse", "ambient", "specular")},
+        **{word: Word(f"light_{word}", least=0.0, most=1.0, form="choice") for word in ("castshadow", "active")},
+    },
+    "camera": {
+        "pos": Word("cam_pos", 3),
+        "quat": Word("cam_quat", 3, least=-180.0, most=180.0, form="add"),
+        "fovy": Word("cam_fovy", least=1.0, most=179.0),
+    },
+    "material": {
+        "rgba": Word("mat_rgba", 4, least=0.0, most=1.0, shared=3),
+        "texid": Word("mat_texid", first=1, least=0.0, form="choice"),
+        **{word: Word(f"mat_{word}", least=0.0) for word in ("specular", "shininess", "emission")},
+        "texrepeat": Word("mat_texrepeat", 2),
+    },
+    "scene": {"gravity": Word("gravity", 3), "wind": Word("wind", 3)},
 }
-LIGHT_WORDS = {
-    **{word: Word(f"light_{word}", 3) for word in ("pos", "dir")},
-    **{word: Word(f"light_{word}", 3, least=0.0) for word in ("diffuse", "ambient", "specular")},
-    **{word: Word(f"light_{word}", least=0.0, most=1.0, form="choice") for word in ("castshadow", "active")},
-}
-CAMERA_WORDS = {
-    "pos": Word("cam_pos", 3),
-    "quat": Word("cam_quat", 3, least=-180.0, most=180.0, form="add"),
-    "fovy": Word("cam_fovy", least=1.0, most=179.0),
-}
-MATERIAL_WORDS = {
-    "rgba": Word("mat_rgba", 4, least=0.0, most=1.0, shared=3),
-    "texid": Word("mat_texid", first=1, least=0.0, form="choice"),
-    **{word: Word(f"mat_{word}", least=0.0) for word in ("specular", "shininess", "emission")},
-    "texrepeat": Word("mat_texrepeat", 2),
-}
-SCENE_WORDS = {"gravity": Word("gravity", 3), "wind": Word("wind", 3)}
+"""The words of objects and robots, of lights, cameras and materials, and of the whole scene."""
 
 
 def _vector(value: Any) -> Any:
@@ -119,15 +122,6 @@ class DrawConfig(Section):
         """The parameters of the distribution: its ends, or mean and standard deviation."""
         return self.scale or self.add or self.abs or ((), ())
 
-    @property
-    def extremes(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The least and the greatest numbers that can be drawn."""
-        low, high = self.ends
-        if self.distribution != "normal":
-            return low, high
-        pairs = list(zip(low, high, strict=True))
-        return tuple(m - DEVIATIONS * s for m, s in pairs), tuple(m + DEVIATIONS * s for m, s in pairs)
-
     @model_validator(mode="after")
     def _can_be_drawn(self) -> DrawConfig:
         low, high = self.ends
@@ -144,19 +138,16 @@ class DrawConfig(Section):
         return self
 
 
-def _one_of(words: dict[str, Word]) -> AfterValidator:
+def _word(kind: str) -> AfterValidator:
     def check(name: str) -> str:
-        if name not in words:
-            raise wrong(f"should be one of {', '.join(words)}", name, words)
+        if name not in WORDS[kind]:
+            raise wrong(f"should be one of {', '.join(WORDS[kind])}", name, WORDS[kind])
         return name
 
     return AfterValidator(check)
 
 
-ObjectWord = Annotated[str, _one_of(OBJECT_WORDS)]
-_LightWord = Annotated[str, _one_of(LIGHT_WORDS)]
-_CameraWord = Annotated[str, _one_of(CAMERA_WORDS)]
-_MaterialWord = Annotated[str, _one_of(MATERIAL_WORDS)]
+ObjectWord = Annotated[str, _word("object")]
 
 
 class SceneDraws(Section):
@@ -164,6 +155,6 @@ class SceneDraws(Section):
 
     gravity: DrawConfig | None = None
     wind: DrawConfig | None = None
-    lights: dict[str, dict[_LightWord, DrawConfig]] = Field(default_factory=dict)
-    cameras: dict[str, dict[_CameraWord, DrawConfig]] = Field(default_factory=dict)
-    materials: dict[str, dict[_MaterialWord, DrawConfig]] = Field(default_factory=dict)
+    lights: dict[str, dict[Annotated[str, _word("light")], DrawConfig]] = Field(default_factory=dict)
+    cameras: dict[str, dict[Annotated[str, _word("camera")], DrawConfig]] = Field(default_factory=dict)
+    materials: dict[str, dict[Annotated[str, _word("material")], DrawConfig]] = Field(default_factory=dict)

@@ -85,7 +85,6 @@ class Fingers:
     def _grip(self, grasp: Grasp, geoms: list[int], pairs: list[list[tuple[int, int]]]) -> Grip:
         """Close the fingers until each side is `INSIDE` deep in the object."""
         shift, low, high = 0.0, 0.0, 1.0
-        gaps = np.zeros(2)
         for _ in range(_STEPS):
             share = 0.5 * (low + high)
             gaps = self._gaps(share, shift, grasp, geoms, pairs)

@@ -78,9 +78,10 @@ def attach_variants(
     for first in range(0, len(names), _AT_ONCE):
         some = mujoco.MjSpec()
         some.default.name, some.option, some.visual = str(first), spec.option, spec.visual
-        homes += [attach_object(some, name, members[name], where, owner) for name in names[first : first + _AT_ONCE]]
-        for body in () if bodies else tuple(some.worldbody.bodies):
-            some.delete(body)
+        for name in names[first : first + _AT_ONCE]:
+            homes.append(attach_object(some, name, members[name], where, owner))
+            if not bodies:
+                some.delete(some.body(name.removeprefix(f"{owner}/")))
         _keep_files_apart(spec, some, f"{owner}/{first}")
         spec.attach(some, prefix=f"{owner}/", frame=spec.worldbody.add_frame())
     return homes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -10,18 +11,10 @@ from typing import NoReturn
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.randomize import (
-    CAMERA_WORDS,
-    LIGHT_WORDS,
-    MATERIAL_WORDS,
-    OBJECT_WORDS,
-    SCENE_WORDS,
-    DrawConfig,
-    Word,
-)
+from sceniris_gym.config.randomize import DEVIATIONS, WORDS, DrawConfig, Word
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
-from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside, rows_named
+from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside
 from sceniris_gym.scene.support import subtree
 
 
@@ -65,10 +58,10 @@ def drawn_fields(draws: tuple[FieldDraw, ...]) -> list[str]:
 
 def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
     """Return the simple bodies whose centre of mass is drawn, so that MuJoCo has to keep a full mass matrix."""
-    bodies = [config.objects[name].body or name for name in config.objects if "ipos" in config.objects[name].randomize]
-    bodies += [robot.name for robot in config.all_robots.values() if "ipos" in robot.randomize]
-    inside = [b for name in bodies for b in subtree(mjm, mjm.body(name).id)]
-    return [mjm.body(b).name for b in inside if mjm.body_simple[b]]
+    parts = {part.body or name: part for name, part in config.objects.items()}
+    parts |= {robot.name: robot for robot in config.all_robots.values()}
+    drawn = [mjm.body(name).id for name, part in parts.items() if "ipos" in part.randomize]
+    return [mjm.body(b).name for body in drawn for b in subtree(mjm, body) if mjm.body_simple[b]]
 
 
 def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
@@ -103,22 +96,23 @@ def _written(
     """Yield the draws as written: name, place for messages, word, distribution, and rows of the field."""
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
-            word, where = OBJECT_WORDS[key], f"{config.where}: {config.key(name)}.randomize.{key}"
+            word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
             yield f"{name}.{key}", where, word, draw, rows_inside(mjm, word.field, bodies[name])
     if config.randomize is None:
         return
     where = f"{config.where}: randomize"
-    for key, word in SCENE_WORDS.items():
+    for key, word in WORDS["scene"].items():
         if (draw := getattr(config.randomize, key)) is not None:
             yield key, f"{where}.{key}", word, draw, [0]
-    for kind, words in (("light", LIGHT_WORDS), ("camera", CAMERA_WORDS), ("material", MATERIAL_WORDS)):
+    for kind in ("light", "camera", "material"):
         for pattern, draws in getattr(config.randomize, f"{kind}s").items():
-            rows = rows_named(mjm, kind, pattern)
+            rows = [i for name, i in elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
             if not rows:
-                names = [name for name, _ in elements(mjm, kind)]
+                names = (name for name, _ in elements(mjm, kind))
                 raise UnknownNameError(kind, pattern, f"{where}.{kind}s", filter(None, names))
             for key, draw in draws.items():
-                yield f"{kind}s.{pattern}.{key}", f"{where}.{kind}s.{pattern}.{key}", words[key], draw, rows
+                name = f"{kind}s.{pattern}.{key}"
+                yield name, f"{where}.{name}", WORDS[kind][key], draw, rows
 
 
 def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: DrawConfig, rows: list[int]) -> FieldDraw:
@@ -141,17 +135,20 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     count = given if given > 1 else (word.shared or word.width)
     needed = config.scale is not None or word.field in {"body_mass", "dof_frictionloss"}
     part = slice(word.first, word.first + word.width)
-    found = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
-    if not len(found):
+    kept = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
+    if not len(kept):
         zero = "it is 0 in the model. Change it there, or give it by 'abs'."
         _refuse(where, zero if rows else "nothing in the model has it, or it has no effect. Leave it out.")
     one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
-    numbers = np.broadcast_to(one, (len(found), count))
+    numbers = np.broadcast_to(one, (len(kept), count))
     if config.each:
-        numbers = numbers + len(one) * np.arange(len(found))[:, None]
-    draw = FieldDraw(name, word, config, found, word.first + np.arange(count), numbers, choice)
-    _check_range(draw, values, where)
-    simple = [mjm.body(int(row)).name for row in found if word.field == "body_ipos" and mjm.body_simple[row]]
+        numbers = numbers + len(one) * np.arange(len(kept))[:, None]
+    draw = FieldDraw(name, word, config, kept, word.first + np.arange(count), numbers, choice)
+    ends = _ends(draw, values)
+    if ends.min() < word.least or ends.max() > word.most:
+        found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
+        _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
+    simple = [mjm.body(int(row)).name for row in kept if word.field == "body_ipos" and mjm.body_simple[row]]
     if simple:
         _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, so that M has room.")
     return draw
@@ -186,18 +183,12 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
     return np.array(rows, float).reshape(len(rows), len(rows[0]) if rows else 0)
 
 
-def _check_range(draw: FieldDraw, values: np.ndarray, where: str) -> None:
-    """Refuse values beyond the bounds of the word; a single number is for all components."""
-    word, config, ends = draw.word, draw.config, _ends(draw, values)
-    if ends.min() < word.least or ends.max() > word.most:
-        found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
-        _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
-
-
 def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
     """Return the extreme values of a draw, shape (number of them, nrow or 1, ncomponent or 1); of a turn its angles."""
     config = draw.config
-    ends = draw.choice if config.choice is not None else np.array(config.extremes)
+    ends = draw.choice if config.choice is not None else np.array(config.ends)
+    if config.distribution == "normal":
+        ends = ends[0] + DEVIATIONS * np.array([-ends[1], ends[1]])
     now = values[draw.rows][:, draw.components % values.shape[1]]
     if config.scale is not None:
         return now * ends[:, None]

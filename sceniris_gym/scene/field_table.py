@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Iterator, Mapping
 
 import mujoco
@@ -39,7 +38,7 @@ _SELDOM_FULL = ("body_ipos", "body_iquat")
 """Fields that shape the mass matrix of a body which MuJoCo took for a simple one."""
 
 _ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-_KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "eq": "equality"}
+_KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "tex": "texture", "eq": "equality"}
 
 
 def fields_of(mjm: mujoco.MjModel) -> list[str]:
@@ -84,18 +83,16 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
         raise UnknownNameError("part of a field of the whole scene", name, f"{where} of '{field}'", ())
     prefix = field.partition("_")[0]
     kind = _KINDS.get(prefix, prefix)
-    names = [element for element, _ in elements(mjm, kind)]
-    ids = [i for element, i in elements(mjm, kind) if element == name] if name not in bodies else []
-    alone = bool(ids)
+    named = dict(elements(mjm, kind))
+    alone = prefix == "body"
+    if name in named and name not in bodies:
+        ids = np.flatnonzero(mjm.dof_jntid == named[name]).tolist() if prefix == "dof" else [named[name]]
+        alone = len(ids) == 1
+    else:
+        body = bodies.get(name, mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name))
+        ids = [] if body < 0 else [body] if alone else rows_inside(mjm, field, body)
     if not ids:
-        body = bodies[name] if name in bodies else mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name)
-        if body >= 0:
-            ids, alone = _inside(mjm, kind, body)
-    if prefix == "dof":
-        ids = [d for d, joint in enumerate(mjm.dof_jntid) if joint in ids]
-        alone = alone and len(ids) == 1
-    if not ids:
-        known = {*names, *bodies, *(mjm.body(i).name for i in range(1, mjm.nbody))}
+        known = {*named, *bodies, *(mjm.body(i).name for i in range(1, mjm.nbody))}
         raise UnknownNameError(kind, name, f"{where} of '{field}'", filter(None, known))
     if np.any(np.diff(ids) != 1):
         raise ArgumentError(
@@ -112,37 +109,20 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
 
 def elements(mjm: mujoco.MjModel, kind: str) -> Iterator[tuple[str, int]]:
     """Yield the names and the numbers of the elements of a kind."""
-    counts = {"camera": mjm.ncam, "material": mjm.nmat, "texture": mjm.ntex, "equality": mjm.neq, "joint": mjm.njnt}
-    count = counts.get(kind)
-    if count is None:
-        count = len(mjm.actuator_trntype) if kind == "actuator" else getattr(mjm, f"n{kind}")
-    return ((getattr(mjm, kind)(i).name, i) for i in range(count))
+    prefix = {of: prefix for prefix, of in _KINDS.items() if prefix != "dof"}.get(kind, kind)
+    return ((getattr(mjm, kind)(i).name, i) for i in range(len(getattr(mjm, f"name_{prefix}adr"))))
 
 
 def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
     """Return the rows of a field that belong to a body or to what is below it: all of its bodies, geoms or joints."""
-    prefix = field.partition("_")[0]
+    prefix, inside = field.partition("_")[0], subtree(mjm, body)
     if prefix == "body":
-        return subtree(mjm, body)
-    inside, _ = _inside(mjm, _KINDS.get(prefix, prefix), body)
-    return np.flatnonzero(np.isin(mjm.dof_jntid, inside)).tolist() if prefix == "dof" else inside
-
-
-def rows_named(mjm: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
-    """Return the numbers of the lights, cameras or materials whose names a pattern matches."""
-    return [i for name, i in elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
-
-
-def _inside(mjm: mujoco.MjModel, kind: str, body: int) -> tuple[list[int], bool]:
-    """Return the numbers of the elements of a kind inside of a body, and whether it is the body alone."""
-    if kind == "body":
-        return [body], True
-    if kind == "actuator":
+        return inside
+    if prefix == "actuator":
         bodies = [_actuator_body(mjm, i) for i in range(len(mjm.actuator_trntype))]
     else:
-        of = {"joint": mjm.jnt_bodyid, "geom": mjm.geom_bodyid, "camera": mjm.cam_bodyid, "light": mjm.light_bodyid}
-        bodies = of.get(kind, [])
-    return np.flatnonzero(np.isin(bodies, subtree(mjm, body))).tolist(), False
+        bodies = getattr(mjm, f"{prefix}_bodyid", [])
+    return np.flatnonzero(np.isin(bodies, inside)).tolist()
 
 
 def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:

@@ -1,273 +1,347 @@
-"""Updates of what follows from model fields that differ by world: subtree masses, reference poses, controls at rest."""
+"""Fields that follow from others, in worlds whose masses, centres of mass, armatures, gears, cameras or lights differ.
+
+MuJoCo computes them in `mj_setConst`. Inverse weights are the diagonal of J M^-1 J^T at qpos0, for the Jacobians J of
+bodies (at their centres of mass), joints and tendons, and the norm of M^-1 J^T for actuators. All worlds have the same
+poses at qpos0, so the Jacobians at the origins of bodies are found once, on the host. M couples degrees of freedom of
+one kinematic tree alone.
+"""
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from collections.abc import Container
 
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.transforms import quat_mat
-from sceniris_gym.scene.support import subtree
-from sceniris_gym.sim.inertia import LEAST, InverseWeights
-from sceniris_gym.sim.rest import RestMap, history_samples, rest_value
+from sceniris_gym.sim.derived_tables import Derived, derived_tables
 
 wp.set_module_options({"enable_backward": False})
 
-
-class Follower(Protocol):
-    """An update of fields that follow from others.
-
-    Attributes:
-        SOURCES: Fields that are read.
-        OUTPUTS: Fields that are written, which have a row for each world.
-    """
-
-    SOURCES: ClassVar[tuple[str, ...]]
-    OUTPUTS: ClassVar[tuple[str, ...]]
-
-    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, d: mjw.Data, rest: RestMap) -> None:
-        """Prepare for the worlds of `d`."""
-
-    def launch(self, mask: wp.array) -> None:
-        """Bring the fields of the masked worlds up to date; shape (nworld,), bool."""
+_LEAST = wp.constant(1.0e-15)
+"""The smallest value that MuJoCo divides by (mjMINVAL)."""
+_SLIDES = wp.constant(2)
+"""Value of `body_simple` for a lone body on slides, which MuJoCo weighs by its mass alone, without armature."""
+_LANES = 128
+"""Lanes that share a world."""
 
 
-def components(array: wp.array) -> wp.array:
-    """Return a view of an array of floats or vectors, shape (rows, n), as floats (rows, n, length)."""
-    length = array.strides[1] // 4 if array.shape[1] else 1
-    view = wp.array(ptr=array.ptr, dtype=float, shape=(*array.shape[:2], length), device=array.device)
-    view._kept = array  # it owns the memory
-    return view
+_INERTIA = (
+    *("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_armature", "tendon_armature"),
+    *("actuator_armature", "actuator_gear"),
+)
+_CENTERS = ("body_mass", "body_ipos")
+FOLLOWS = {
+    "body_subtreemass": ("body_mass",),
+    **dict.fromkeys(("body_invweight0", "dof_invweight0", "tendon_invweight0", "actuator_acc0"), _INERTIA),
+    **dict.fromkeys(("cam_pos0", "cam_poscom0", "cam_mat0"), ("cam_pos", "cam_quat", *_CENTERS)),
+    **dict.fromkeys(("light_pos0", "light_poscom0", "light_dir0"), ("light_pos", "light_dir", *_CENTERS)),
+}
+"""The fields that each field follows from; those with equal ones have a row for each world together."""
 
 
-@wp.kernel
-def _subtree_masses(
-    mask: wp.array[wp.bool],
-    # Model in:
-    body_end: wp.array[int],
-    body_mass: wp.array2d[float],
-    # Model out:
-    body_subtreemass_out: wp.array2d[float],
-):
-    worldid, bodyid = wp.tid()
-    if not mask[worldid]:
-        return
-    total = float(0.0)
-    for i in range(bodyid, body_end[bodyid]):
-        total += body_mass[worldid, i]
-    body_subtreemass_out[worldid, bodyid] = total
+@wp.struct
+class Row:
+    """Rows of a field: first elements of those that were made and those that are served, and their width."""
 
-
-class SubtreeMasses:
-    """Masses of bodies with all below them."""
-
-    SOURCES: ClassVar[tuple[str, ...]] = ("body_mass",)
-    OUTPUTS: ClassVar[tuple[str, ...]] = ("body_subtreemass",)
-
-    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, d: mjw.Data, rest: RestMap) -> None:
-        self._model, self._end = m, _ends(mjm, m)
-
-    def launch(self, mask: wp.array) -> None:
-        """See `Follower`."""
-        m = self._model
-        outputs = [m.body_subtreemass]
-        wp.launch(_subtree_masses, outputs[0].shape, [mask, self._end, m.body_mass], outputs, device=mask.device)
+    made: wp.uint64
+    served: wp.uint64
+    width: int
 
 
 @wp.func
-def _center(
-    worldid: int,
-    bodyid: int,
-    body_end: wp.array[int],
-    xpos: wp.array[wp.vec3],
-    xmat: wp.array[wp.mat33],
-    body_mass: wp.array2d[float],
-    body_ipos: wp.array2d[wp.vec3],
-) -> wp.vec3:
-    """Return the centre of mass of a body and all below it, at qpos0."""
+def _copy(row: Row, worldid: int, lane: int):
+    """Copy the row of a world."""
+    end = (worldid + 1) * row.width
+    made = wp.array(ptr=row.made, shape=(end,), dtype=float)
+    served = wp.array(ptr=row.served, shape=(end,), dtype=float)
+    for k in range(worldid * row.width + lane, end, wp.block_dim()):
+        served[k] = made[k]
+
+
+@wp.func
+def _mass(w: Derived, worldid: int, bodyid: int) -> float:
+    return w.body_mass[worldid % w.body_mass.shape[0], bodyid]
+
+
+@wp.func
+def _arm(w: Derived, worldid: int, bodyid: int) -> wp.vec3:
+    """Return the vector from a body's origin to its centre of mass, at qpos0."""
+    return w.xmat[bodyid] * w.body_ipos[worldid % w.body_ipos.shape[0], bodyid]
+
+
+@wp.func
+def _gear(w: Derived, worldid: int, transmission: int) -> wp.spatial_vector:
+    """Return the gear of a transmission; that of a tendon is 1."""
+    actuatorid = transmission - w.tendon_invweight0.shape[1]
+    if actuatorid < 0:
+        return wp.spatial_vector(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid]
+
+
+@wp.func
+def _armature(w: Derived, worldid: int, transmission: int) -> float:
+    """Return the armature of a tendon, or of an actuator in the units of what it moves."""
+    actuatorid = transmission - w.tendon_invweight0.shape[1]
+    if actuatorid < 0:
+        return w.tendon_armature[worldid % w.tendon_armature.shape[0], transmission]
+    gear = w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid][0]
+    return w.actuator_armature[worldid % w.actuator_armature.shape[0], actuatorid] * gear * gear
+
+
+@wp.func
+def _mass_matrix(w: Derived, worldid: int, pairid: int):
+    """Write an element of the lower half of M."""
+    i = w.pair[pairid][0]
+    j = w.pair[pairid][1]
+    lower = w.dof_bodyid[i]
+    total = float(0.0)
+    for bodyid in range(lower, w.body_end[lower]):  # of those that i moves; j, if it moves none of them, has zeros here
+        q = w.body_iquat[worldid % w.body_iquat.shape[0], bodyid]
+        inertia = w.body_inertia[worldid % w.body_inertia.shape[0], bodyid]
+        arm = _arm(w, worldid, bodyid)
+        turn = wp.transpose(w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
+        jacr_i = w.jacr[bodyid, i]
+        jacr_j = w.jacr[bodyid, j]
+        jacp = wp.dot(w.jacp[bodyid, i] + wp.cross(jacr_i, arm), w.jacp[bodyid, j] + wp.cross(jacr_j, arm))
+        total += _mass(w, worldid, bodyid) * jacp
+        total += wp.dot(wp.cw_mul(inertia, turn * jacr_i), turn * jacr_j)
+    if i == j:
+        total += w.dof_armature[worldid % w.dof_armature.shape[0], i]
+    has_place = lower < w.body_end[w.dof_bodyid[j]] and (i == j or w.body_simple[lower] == 0)
+    if has_place:  # in MuJoCo's sparse M
+        for k in range(w.geared.shape[0]):
+            square = wp.dot(w.moment[w.geared[k], i], w.moment[w.geared[k], j])
+            if square != 0.0:
+                total += square * _armature(w, worldid, w.geared[k])
+    w.factor[worldid, w.dof_row[i] + j] = total
+
+
+@wp.func
+def _factor(w: Derived, worldid: int, first: int):
+    """Replace the block of M of the tree with this first degree of freedom by its Cholesky factor."""
+    for i in range(first, w.dof_block[first][1]):
+        row = w.dof_row[i]
+        for j in range(first, i + 1):
+            total = w.factor[worldid, row + j]
+            for k in range(first, j):
+                total -= w.factor[worldid, row + k] * w.factor[worldid, w.dof_row[j] + k]
+            if i == j:
+                w.factor[worldid, row + i] = wp.sqrt(wp.max(total, _LEAST))
+            else:
+                w.factor[worldid, row + j] = total / w.factor[worldid, w.dof_row[j] + j]
+
+
+@wp.func
+def _invert(w: Derived, worldid: int, dofid: int):
+    """Write a row of the symmetric inverse of M, by forward and backward substitution in place."""
+    first = w.dof_block[dofid][0]
+    end = w.dof_block[dofid][1]
+    row = w.dof_row[dofid]
+    for i in range(first, end):
+        total = wp.where(i == dofid, 1.0, 0.0)
+        for k in range(first, i):
+            total -= w.factor[worldid, w.dof_row[i] + k] * w.inverse[worldid, row + k]
+        w.inverse[worldid, row + i] = total / w.factor[worldid, w.dof_row[i] + i]
+    for back in range(end - first):
+        i = end - 1 - back
+        total = w.inverse[worldid, row + i]
+        for k in range(i + 1, end):
+            total -= w.factor[worldid, w.dof_row[k] + i] * w.inverse[worldid, row + k]
+        w.inverse[worldid, row + i] = total / w.factor[worldid, w.dof_row[i] + i]
+
+
+@wp.func
+def _body_weight(w: Derived, worldid: int, bodyid: int):
+    if w.body_simple[bodyid] == _SLIDES:
+        w.body_invweight0[worldid, bodyid] = wp.vec2(1.0 / _mass(w, worldid, bodyid), 0.0)
+        return
+    first = w.body_block[bodyid][0]
+    end = w.body_block[bodyid][1]
+    arm = _arm(w, worldid, bodyid)
+    weight = wp.vec2(0.0)
+    for i in range(first, end):
+        jacr = w.jacr[bodyid, i]
+        jacp = w.jacp[bodyid, i] + wp.cross(jacr, arm)
+        for j in range(first, end):
+            other = w.jacp[bodyid, j] + wp.cross(w.jacr[bodyid, j], arm)
+            products = wp.vec2(wp.dot(jacp, other), wp.dot(jacr, w.jacr[bodyid, j]))
+            weight += w.inverse[worldid, w.dof_row[i] + j] * products
+    w.body_invweight0[worldid, bodyid] = weight / 3.0
+
+
+@wp.func
+def _dof_weight(w: Derived, worldid: int, dofid: int):
+    shared = w.dof_shared[dofid]
+    total = float(0.0)
+    for i in range(shared[0], shared[0] + shared[1]):
+        total += w.inverse[worldid, w.dof_row[i] + i]
+    bodyid = w.dof_bodyid[dofid]
+    if w.body_simple[bodyid] == _SLIDES:
+        total = 1.0 / _mass(w, worldid, bodyid)
+    w.dof_invweight0[worldid, dofid] = total / float(shared[1])
+
+
+@wp.func
+def _transmission_weight(w: Derived, worldid: int, transmission: int):
+    """Write J M^-1 J^T of a tendon, or the norm of M^-1 J^T of an actuator."""
+    gear = _gear(w, worldid, transmission)
+    ntendon = w.tendon_invweight0.shape[1]
+    weight = float(0.0)
+    square = float(0.0)
+    for k in range(w.moment.shape[1]):
+        acceleration = float(0.0)
+        for j in range(w.dof_block[k][0], w.dof_block[k][1]):
+            acceleration += w.inverse[worldid, w.dof_row[k] + j] * wp.dot(gear, w.moment[transmission, j])
+        weight += acceleration * wp.dot(gear, w.moment[transmission, k])
+        square += acceleration * acceleration
+    if transmission < ntendon:
+        w.tendon_invweight0[worldid, transmission] = weight
+    else:
+        w.actuator_acc0[worldid, transmission - ntendon] = wp.sqrt(square)
+
+
+@wp.func
+def _subtree(w: Derived, worldid: int, bodyid: int) -> wp.vec4:
+    """Return the centre of mass of a body and all below it, at qpos0, and their mass."""
     moment = wp.vec3(0.0)
     total = float(0.0)
-    for i in range(bodyid, body_end[bodyid]):
-        mass = body_mass[worldid % body_mass.shape[0], i]
-        moment += mass * (xpos[i] + xmat[i] * body_ipos[worldid % body_ipos.shape[0], i])
+    for i in range(bodyid, w.body_end[bodyid]):
+        mass = _mass(w, worldid, i)
+        moment += mass * (w.xpos[i] + _arm(w, worldid, i))
         total += mass
-    if total < LEAST:
-        return xpos[bodyid] + xmat[bodyid] * body_ipos[worldid % body_ipos.shape[0], bodyid]
-    return moment / total
-
-
-@wp.kernel
-def _reference_poses(
-    mask: wp.array[wp.bool],
-    # Bodies in:
-    body_end: wp.array[int],
-    xpos: wp.array[wp.vec3],
-    xmat: wp.array[wp.mat33],
-    body_mass: wp.array2d[float],
-    body_ipos: wp.array2d[wp.vec3],
-    # Cameras or lights in:
-    bodies: wp.array[wp.vec2i],
-    pos: wp.array2d[wp.vec3],
-    quat: wp.array2d[wp.quat],
-    dir: wp.array2d[wp.vec3],
-    # Out:
-    pos0_out: wp.array2d[wp.vec3],
-    poscom0_out: wp.array2d[wp.vec3],
-    mat0_out: wp.array2d[wp.mat33],
-    dir0_out: wp.array2d[wp.vec3],
-):
-    worldid, i = wp.tid()
-    if not mask[worldid]:
-        return
-    body = bodies[i][0]
-    offset = xmat[body] * pos[worldid % pos.shape[0], i]
-    pos0_out[worldid, i] = offset
-    center = _center(worldid, bodies[i][1], body_end, xpos, xmat, body_mass, body_ipos)
-    poscom0_out[worldid, i] = xpos[body] + offset - center
-    if quat:
-        q = quat[worldid % quat.shape[0], i]
-        mat0_out[worldid, i] = xmat[body] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3]))
-    if dir:
-        dir0_out[worldid, i] = wp.normalize(xmat[body] * dir[worldid % dir.shape[0], i])
-
-
-class _ReferencePoses:
-    """Poses of cameras or lights at qpos0."""
-
-    KIND: ClassVar[str]
-
-    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, d: mjw.Data, rest: RestMap) -> None:
-        data, kind = mujoco.MjData(mjm), self.KIND
-        mujoco.mj_kinematics(mjm, data)
-        body, target = (getattr(mjm, f"{kind}_{of}") for of in ("bodyid", "targetbodyid"))
-        bodies = np.stack([body, np.where(target >= 0, target, body)], axis=1)
-        self._model, self._nworld = m, d.nworld
-        with wp.ScopedDevice(m.qpos0.device):
-            xpos, xmat = wp.array(data.xpos, dtype=wp.vec3), wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
-            self._bodies = [_ends(mjm, m), xpos, xmat]
-            self._of = wp.array(bodies, dtype=wp.vec2i)
-
-    def launch(self, mask: wp.array) -> None:
-        """See `Follower`."""
-        m, kind = self._model, self.KIND
-        fields = (
-            getattr(m, f"{kind}_{name}", None) for name in ("pos", "quat", "dir", "pos0", "poscom0", "mat0", "dir0")
-        )
-        pos, quat, dir, *outputs = fields
-        inputs = [mask, *self._bodies, m.body_mass, m.body_ipos, self._of, pos, quat, dir]
-        wp.launch(_reference_poses, (self._nworld, len(self._of)), inputs, outputs, device=mask.device)
-
-
-class CameraReferences(_ReferencePoses):
-    """Poses of cameras at qpos0."""
-
-    KIND = "cam"
-    SOURCES: ClassVar[tuple[str, ...]] = ("cam_pos", "cam_quat", "body_mass", "body_ipos")
-    OUTPUTS: ClassVar[tuple[str, ...]] = ("cam_pos0", "cam_poscom0", "cam_mat0")
-
-
-class LightReferences(_ReferencePoses):
-    """Positions and directions of lights at qpos0."""
-
-    KIND = "light"
-    SOURCES: ClassVar[tuple[str, ...]] = ("light_pos", "light_dir", "body_mass", "body_ipos")
-    OUTPUTS: ClassVar[tuple[str, ...]] = ("light_pos0", "light_poscom0", "light_dir0")
+    center = w.xpos[bodyid] + _arm(w, worldid, bodyid)
+    if total >= _LEAST:
+        center = moment / total
+    return wp.vec4(center[0], center[1], center[2], total)
 
 
 @wp.func
-def _is(value: float, wanted: float) -> bool:
-    """Tell whether two controls are the same but for rounding."""
-    return wp.abs(value - wanted) <= 1.0e-6 * wp.max(1.0, wp.abs(wanted))
+def _from_center(w: Derived, worldid: int, bodyid: int, targetbodyid: int, offset: wp.vec3) -> wp.vec3:
+    """Return a point of a body relative to the centre of mass of a target, else of this body, and all below it."""
+    subtree = _subtree(w, worldid, wp.where(targetbodyid >= 0, targetbodyid, bodyid))
+    return w.xpos[bodyid] + offset - wp.vec3(subtree[0], subtree[1], subtree[2])
+
+
+@wp.func
+def _camera(w: Derived, worldid: int, camid: int):
+    bodyid = w.cam_bodyid[camid]
+    offset = w.xmat[bodyid] * w.cam_pos[worldid % w.cam_pos.shape[0], camid]
+    q = w.cam_quat[worldid % w.cam_quat.shape[0], camid]
+    w.cam_pos0[worldid, camid] = offset
+    w.cam_poscom0[worldid, camid] = _from_center(w, worldid, bodyid, w.cam_targetbodyid[camid], offset)
+    w.cam_mat0[worldid, camid] = w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3]))
+
+
+@wp.func
+def _light(w: Derived, worldid: int, lightid: int):
+    bodyid = w.light_bodyid[lightid]
+    offset = w.xmat[bodyid] * w.light_pos[worldid % w.light_pos.shape[0], lightid]
+    dir = w.xmat[bodyid] * w.light_dir[worldid % w.light_dir.shape[0], lightid]
+    w.light_pos0[worldid, lightid] = offset
+    w.light_poscom0[worldid, lightid] = _from_center(w, worldid, bodyid, w.light_targetbodyid[lightid], offset)
+    w.light_dir0[worldid, lightid] = wp.normalize(dir)
 
 
 @wp.kernel
-def _hold_anew(
+def _derive(
     mask: wp.array[wp.bool],
-    sampleadr: wp.array[int],
-    samples: wp.array[int],
-    rest: RestMap,
-    # Model in:
-    actuator_gainprm: wp.array3d[float],
-    actuator_biasprm: wp.array3d[float],
-    actuator_gear: wp.array2d[wp.spatial_vector],
-    # Data in:
-    qpos: wp.array2d[float],
-    # Data out:
-    ctrl_out: wp.array2d[float],
-    act_out: wp.array2d[float],
-    history_out: wp.array2d[float],
-    # Out:
-    coef_out: wp.array2d[float],
-    bias_out: wp.array2d[float],
+    in_place: wp.array[wp.bool],
+    written: wp.array[int],
+    rows: wp.array[Row],
+    # Derived in: body_end, body_block, dof_block, dof_shared, dof_row, xpos, xmat, jacp, jacr, pair, moment, geared,
+    #   factor, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
+    #   body_mass, body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear,
+    #   cam_pos, cam_quat, light_pos, light_dir
+    # Derived out: factor, inverse, body_subtreemass, body_invweight0, dof_invweight0, tendon_invweight0, actuator_acc0,
+    #   cam_pos0, cam_poscom0, cam_mat0, light_pos0, light_poscom0, light_dir0
+    w: Derived,
 ):
-    worldid, element = wp.tid()
-    actuatorid = rest.actuator[element]
-    if not mask[worldid] or actuatorid < 0:
+    worldid, lane = wp.tid()
+    if not mask[worldid]:
         return
-    before = rest_value(rest, worldid, element, qpos[worldid])
-    gain = actuator_gainprm[worldid % actuator_gainprm.shape[0], actuatorid, 0]
-    bias0 = actuator_biasprm[worldid % actuator_biasprm.shape[0], actuatorid, 0]
-    bias1 = actuator_biasprm[worldid % actuator_biasprm.shape[0], actuatorid, 1]
-    gear = actuator_gear[worldid % actuator_gear.shape[0], actuatorid][0]
-    if gain * bias1 >= 0.0:
+    if rows:
+        if not in_place[worldid] and written[0] == 0:
+            for i in range(rows.shape[0]):
+                _copy(rows[i], worldid, lane)
+            return
+    for i in range(lane, w.body_subtreemass.shape[1], wp.block_dim()):
+        w.body_subtreemass[worldid, i] = _subtree(w, worldid, i)[3]
+    for i in range(lane, w.cam_pos0.shape[1], wp.block_dim()):
+        _camera(w, worldid, i)
+    for i in range(lane, w.light_pos0.shape[1], wp.block_dim()):
+        _light(w, worldid, i)
+    if w.dof_invweight0.shape[1] == 0:
         return
-    bias_out[worldid, element] = -bias0 / gain
-    for term in range(rest.rowadr[element], rest.rowadr[element + 1]):
-        coef_out[worldid, term] = -bias1 / gain * (gear * rest.arm[term])
-    if not ctrl_out:
-        return
-    now = rest_value(rest, worldid, element, qpos[worldid])
-    # controls that hold the present pose follow; those that somebody else has set stay
-    nu = ctrl_out.shape[1]
-    if element < nu:
-        if _is(ctrl_out[worldid, element], before):
-            ctrl_out[worldid, element] = now
-    elif _is(act_out[worldid, element - nu], before):
-        act_out[worldid, element - nu] = now
-    for k in range(sampleadr[element], sampleadr[element + 1]):
-        if _is(history_out[worldid, samples[k]], before):
-            history_out[worldid, samples[k]] = now
+    for i in range(lane, w.pair.shape[0], wp.block_dim()):
+        _mass_matrix(w, worldid, i)
+    block_sync()
+    for i in range(lane, w.dof_block.shape[0], wp.block_dim()):
+        if w.dof_block[i][0] == i:
+            _factor(w, worldid, i)
+    block_sync()
+    for i in range(lane, w.dof_row.shape[0], wp.block_dim()):
+        _invert(w, worldid, i)
+    block_sync()
+    for i in range(lane, w.body_invweight0.shape[1], wp.block_dim()):
+        _body_weight(w, worldid, i)
+    for i in range(lane, w.dof_invweight0.shape[1], wp.block_dim()):
+        _dof_weight(w, worldid, i)
+    for i in range(wp.block_dim() - 1 - lane, w.moment.shape[0], wp.block_dim()):  # others than lanes with a body
+        _transmission_weight(w, worldid, i)
 
 
-class HoldingControls:
-    """Controls and activations that hold a pose; those that hold the present one are set anew."""
+class DerivedFields:
+    """Updates of fields that follow from others.
 
-    SOURCES: ClassVar[tuple[str, ...]] = ("actuator_gainprm", "actuator_biasprm", "actuator_gear")
-    OUTPUTS: ClassVar[tuple[str, ...]] = ()
+    Args:
+        mjm: The model.
+        m: The Model; its present arrays are used in place.
+        nworld: Number of worlds.
 
-    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, d: mjw.Data, rest: RestMap) -> None:
-        self._model, self._data, self._rest = m, d, rest
-        address, element = history_samples(mjm)
-        order, count = np.argsort(element, kind="stable"), np.bincount(element, minlength=mjm.nu + mjm.na)
+    Attributes:
+        written: 1 if what is made ahead does not count, as somebody else writes to what these fields follow from, shape
+            (1,), int32.
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, nworld: int) -> None:
+        self._model, self._nworld = m, nworld
+        self._ahead: list[wp.array | None] = [None, None, None]
         with wp.ScopedDevice(m.qpos0.device):
-            rest.coef, rest.bias = (
-                wp.array(np.repeat(values.numpy(), d.nworld, axis=0), dtype=float) for values in (rest.coef, rest.bias)
-            )
-            self._sampleadr = wp.array(np.concatenate([[0], np.cumsum(count)]), dtype=int)
-            self._samples = wp.array(address[order], dtype=int)
+            self.written = wp.zeros(1, dtype=int)
+            self._derived = derived_tables(mjm, nworld)
+            # MuJoCo has it in all versions, MuJoCo-Warp does not
+            self._derived.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
 
-    def launch(self, mask: wp.array) -> None:
-        """See `Follower`."""
-        m, d, rest = self._model, self._data, self._rest
-        gains = [components(m.actuator_gainprm), components(m.actuator_biasprm), m.actuator_gear]
-        inputs = [mask, self._sampleadr, self._samples, rest, *gains, d.qpos]
-        outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.coef, rest.bias]
-        wp.launch(_hold_anew, (d.nworld, rest.actuator.shape[0]), inputs, outputs, device=mask.device)
+    @property
+    def is_made_ahead(self) -> bool:
+        """True if launches can copy what was made ahead."""
+        return self._ahead[0] is not None
 
+    def copy_from(self, m: mjw.Model, names: list[str], in_place: wp.array) -> None:
+        """Make these fields ahead, in the arrays of another Model.
 
-FOLLOWERS: tuple[type[Follower], ...] = (
-    SubtreeMasses,
-    InverseWeights,
-    CameraReferences,
-    LightReferences,
-    HoldingControls,
-)
-"""All updates, in an order in which they can run."""
+        Args:
+            m: The Model.
+            names: The fields.
+            in_place: Worlds whose present layouts were not made ahead, shape (nworld,), bool.
+        """
+        pairs = [(getattr(m, name), getattr(self._model, name)) for name in names]
+        rows = [(made.ptr, served.ptr, served.strides[0] // 4) for made, served in pairs]
+        self._kept = pairs  # they own the memory
+        on_device = wp.array(np.array(rows, Row.numpy_dtype()), dtype=Row, device=in_place.device)
+        self._ahead = [in_place, self.written, on_device]
 
+    def launch(self, mask: wp.array, wide: Container[str], *, ahead: bool = False) -> None:
+        """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool.
 
-def _ends(mjm: mujoco.MjModel, m: mjw.Model) -> wp.array:
-    """Return the number behind the last body below each body, shape (nbody,)."""
-    return wp.array([subtree(mjm, b)[-1] + 1 for b in range(mjm.nbody)], dtype=int, device=m.qpos0.device)
+        With `ahead` those that were made ahead are copied.
+        """
+        for name in Derived.vars:
+            if (array := getattr(self._model, name, None)) is not None:
+                setattr(self._derived, name, None if name in FOLLOWS and name not in wide else array)
+        inputs = [mask, *(self._ahead if ahead else [None, None, None]), self._derived]
+        wp.launch_tiled(_derive, dim=[self._nworld], inputs=inputs, block_dim=_LANES, device=mask.device)

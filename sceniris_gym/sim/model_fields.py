@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from typing import Any
 
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.randomize import OBJECT_WORDS
-from sceniris_gym.device.sequence import repeat_launches
+from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
-from sceniris_gym.layout.field_drawer import FieldDrawer, MadeAhead
+from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
-from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWERS, Follower, HoldingControls, components
+from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
+from sceniris_gym.sim.holding import GAINS, HoldingControls, components
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -29,7 +28,6 @@ wp.set_module_options({"enable_backward": False})
 
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
-_WORDS = {word.field: word for word in OBJECT_WORDS.values()}
 
 
 @wp.kernel
@@ -72,13 +70,15 @@ class ModelFields:
         self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
-        self._followers: dict[type[Follower], Follower] = {}
-        self._ahead: MadeAhead | None = None
-        self._written = wp.zeros(1, dtype=int, device=m.qpos0.device)
-        self._closed, self._knobs = False, None
+        self._derived: DerivedFields | None = None
+        self._holding: HoldingControls | None = None
+        self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
-        self._drawer = self._make_drawer() if scene.draws else None
+        self._drawer = None
+        if scene.draws:
+            arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
+            self._drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
         for name in getattr(m, _NAMED, ()):
             self.ask(name, where="put_model")
 
@@ -103,26 +103,33 @@ class ModelFields:
                 "in Task.bind, or before the first reset."
             )
         array = self.wide(name, where)
-        for other, _, _ in _followers(name):
+        for other, _, _ in _word(name).follow:
             self.wide(other, where, name)
         self.asked.add(name)
-        if any(name in kind.SOURCES for kind in FOLLOWERS):
-            self._written.fill_(1)
+        if self._derived is not None and _outputs(name):
+            self._derived.written.fill_(1)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
         """Return the array of a field, with a row for each world; `source` is the field that it follows from."""
         if name not in self._nominal:
             array = getattr(owner(self._model, name), name)
-            made = wp.clone(array[:1]) if array.size else array
-            self._nominal[name] = self.varied.get(name, made)
-            self._widen(name, source or name, where)
+            if array.size and array.shape[0] != self._nworld and not self._grow:
+                raise SceneMismatchError(
+                    f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
+                    f'Make the Model by put_model(compiled, {self._nworld}, "{source or name}").'
+                )
+            made = self._nominal[name] = self.varied.get(name, wp.clone(array[:1]) if array.size else array)
+            if name == "geom_rgba" and not self.varied:  # relative to the colours that are seen
+                made.assign(nominal_values(self._scene.mjm, name)[None])
+            widen(self._model, name, self._nworld)
             self._known[name] = getattr(owner(self._model, name), name)
-            for kind in FOLLOWERS:
-                if name in kind.SOURCES and kind not in self._followers:
-                    for output in kind.OUTPUTS:
-                        self.wide(output, where, name)
-                    self._followers[kind] = kind(self._scene.mjm, self._model, self._data, self.rest)
+            for output in _outputs(name):
+                self.wide(output, where, name)
+            if self._derived is None and _outputs(name):
+                self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
+            if name in GAINS and self._holding is None:
+                self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
         return getattr(owner(self._model, name), name)
 
     def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
@@ -149,9 +156,8 @@ class ModelFields:
         factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
         rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
-        word = _WORDS.get(name)
-        own = (name, 0, None) if word is None else (name, word.first, word.shared or word.width)
-        for field, first, count in (own, *_followers(name)):
+        word = _word(name)
+        for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
             nominal, array = (components(each)[:, rows] for each in (self._nominal[field], self.wide(field)))
             dim = (self._nworld, array.shape[1], count or array.shape[2])
             wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
@@ -169,97 +175,62 @@ class ModelFields:
 
     def use_knobs(self, knobs: KnobTable | None) -> None:
         """Draw from intervals that knobs narrow, world by world."""
-        self._knobs = knobs
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
 
     def make_ahead(self, source: LayoutSource, split: str) -> None:
-        """Have what follows from the draws of the scene made ahead with the layouts of a source, if that can do so.
+        """Have the fields that follow from draws made ahead with the layouts of a source, if that can do so.
 
-        Variants are drawn in place, and so is what follows from a field that somebody asked for.
+        With variants they are found in the reset, and so they are if somebody asked for a field that they follow from.
 
         Args:
             source: The source.
             split: "train" or "eval".
         """
-        sources = {name for kind in FOLLOWERS for name in kind.SOURCES}
-        draws = tuple(draw for draw in self._scene.draws if sources & set(drawn_fields((draw,))))
-        if self._ahead is not None:  # two sources reset these worlds
-            self._written.fill_(1)
-        if not draws or self.varied or self._ahead is not None or sources & self.asked:
+        served = self._derived
+        draws = tuple(draw for draw in self._scene.draws if any(map(_outputs, drawn_fields((draw,)))))
+        if served is None or not draws or self.varied or any(map(_outputs, self.asked)):
+            return
+        if served.is_made_ahead:  # by another source that resets these worlds
+            served.written.fill_(1)
             return
 
         def make(mask: wp.array, layouts: Layouts) -> None:
-            twin.launch_draw(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
+            drawer.launch(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
+            derived.launch(mask, self._nominal)
 
         in_place = source.make_beside(make)
         if in_place is None:
             return
-        m, d = copy.copy(self._model), copy.copy(self._data)
-        m.opt = copy.copy(m.opt)
-        for name, values in self._nominal.items():
-            setattr(owner(m, name), name, wp.clone(values))
-        for name in ("ctrl", "act", "history"):
-            setattr(d, name, None)
-        twin = ModelFields(dataclasses.replace(self._scene, draws=draws), m, d, grow=True)
-        twin.use_knobs(self._knobs)
-        names = [name for kind in twin._followers for name in kind.OUTPUTS if getattr(m, name).size]
-        copied = [(getattr(self._model, name), getattr(m, name)) for name in names]
-        if HoldingControls in twin._followers:
-            copied += [(getattr(self.rest, name), getattr(twin.rest, name)) for name in ("coef", "bias")]
-        with wp.ScopedDevice(m.qpos0.device):
-            stale = wp.zeros(self._nworld, dtype=wp.bool)
-            self._ahead = MadeAhead(copied, in_place, self._written, stale, wp.zeros(1, dtype=int))
-        self._drawer = self._make_drawer()
-        self.use_knobs(self._knobs)
+        m, names = copy.copy(self._model), drawn_fields(draws)
+        outputs = [name for name in FOLLOWS if name in self._nominal and getattr(m, name).size]
+        for name in (*names, *outputs):
+            setattr(m, name, wp.clone(getattr(m, name)))
+        drawer = FieldDrawer(draws, {name: getattr(m, name) for name in names}, self._nominal, self._nworld)
+        derived = DerivedFields(self._scene.mjm, m, self._nworld)
+        drawer.use_knobs(source.layouts.knobs)
+        served.copy_from(m, outputs, in_place)
 
     def launch_draw(
-        self,
-        mask: wp.array,
-        seed: wp.array,
-        episode: wp.array,
-        split: str,
-        rows: wp.array | None = None,
-        knob: wp.array | None = None,
+        self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
     ) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
-        if self._drawer is None:
-            return
-        self._drawer.launch(mask, seed, episode, split, rows, knob)
-        if self._ahead is None or rows is not None:
-            self.launch_follow(mask)
-        else:
-            repeat_launches(self._ahead.left, self._launch_left, 1)
-
-    def _launch_left(self) -> None:
-        assert self._ahead is not None
-        self.launch_follow(self._ahead.stale)
-        self._ahead.left.zero_()
-
-    def _make_drawer(self) -> FieldDrawer:
-        """Return the drawer of the scene, and give all its fields a row for each world."""
-        draws, arrays = self._scene.draws, {}
-        for name in drawn_fields(draws):
-            arrays[name] = self.wide(name, "randomize")
-        if "geom_rgba" in arrays:  # relative to the colours that are seen
-            seen, nominal = nominal_values(self._scene.mjm, "geom_rgba"), self._nominal["geom_rgba"].numpy()
-            for draw in draws:
-                if draw.word.field == "geom_rgba":
-                    nominal[:, draw.rows] = seen[draw.rows]
-            self._nominal["geom_rgba"].assign(nominal)
-        return FieldDrawer(draws, arrays, self._nominal, self._nworld, self._ahead)
+        if self._drawer is not None:
+            self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
+            self.launch_follow(mask, ahead=rows is None)
 
     @property
     def rows(self) -> dict[str, wp.array]:
         """The arrays that have a row for each world, by name, with those of controls at rest if gains differ."""
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
-        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if HoldingControls in self._followers else {})
+        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
 
-    def launch_follow(self, mask: wp.array) -> None:
-        """Bring what follows from the fields up to date in the masked worlds, shape (nworld,), bool."""
-        for kind in FOLLOWERS:
-            if kind in self._followers:
-                self._followers[kind].launch(mask)
+    def launch_follow(self, mask: wp.array, *, ahead: bool = False) -> None:
+        """Bring what follows up to date in the masked worlds, shape (nworld,), bool; with what was made ahead if so."""
+        if self._holding is not None:
+            self._holding.launch(mask)
+        if self._derived is not None:
+            self._derived.launch(mask, self._nominal, ahead=ahead)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
@@ -280,15 +251,6 @@ class ModelFields:
             if getattr(owner(self._model, name), name) is not array:
                 raise FixedError("model", name, f"Write into its array: model_field('{name}').")
 
-    def _widen(self, name: str, source: str, where: str) -> None:
-        array = getattr(owner(self._model, name), name)
-        if array.size and array.shape[0] != self._nworld and not self._grow:
-            raise SceneMismatchError(
-                f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. Make "
-                f'the Model by put_model(compiled, {self._nworld}, "{source}").'
-            )
-        widen(self._model, name, self._nworld)
-
 
 def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
     """Return a mujoco_warp Model of a scene in which some fields have a row for each world.
@@ -303,7 +265,7 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
-    named = [*fields, *(other for name in fields for other, _, _ in _followers(name))]
+    named = [*fields, *(other for name in fields for other, _, _ in _word(name).follow)]
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.sim_mjm)
         for name in fields_of_variants() if compiled.config.variants else ():
@@ -311,16 +273,20 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         for name in (*drawn_fields(compiled.scene.sim.draws), *named):
             check_field(name, compiled.sim_mjm, "put_model")
             widen(m, name, nworld)
-            for kind in FOLLOWERS:
-                for output in kind.OUTPUTS if name in kind.SOURCES else ():
-                    widen(m, output, nworld)
+            for output in _outputs(name):
+                widen(m, output, nworld)
     setattr(m, _NAMED, fields)
     return m
 
 
-def _followers(name: str) -> tuple[tuple[str, int, int], ...]:
-    """Return the fields that keep their ratio to one that is scaled; see `Word.follow`."""
-    return _WORDS[name].follow if name in _WORDS else ()
+def _word(name: str) -> Word:
+    """Return how a field of objects is scaled: as by the word of a scene file if there is one, else all of it."""
+    return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
+
+
+def _outputs(name: str) -> list[str]:
+    """Return the fields that follow from one, however it is changed."""
+    return [output for output, sources in FOLLOWS.items() if name in sources]
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:

@@ -79,7 +79,7 @@ class ResetWriter:
         if self.variants is not None:
             poses, pose_rows = self.variants.launch(poses, layouts.present, rows), None
         self._contacts.launch_drop()
-        self._fields.launch_draw(self._mask, layouts.seed, layouts.episode, self._split, rows, knob)
+        self._fields.launch_draw(self._mask, layouts, self._split, knob, rows)
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)

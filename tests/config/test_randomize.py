@@ -20,21 +20,6 @@ def load(draws: Any = None, **scene: Any) -> SceneConfig:
 
 
 @pytest.mark.parametrize(
-    ("words", "extremes"),
-    [
-        ({"scale": [0.5, 2]}, ((0.5,), (2.0,))),
-        ({"abs": [[0, 0.1], [1, 0.2]]}, ((0.0, 0.1), (1.0, 0.2))),
-        ({"add": [1.0, 0.1], "distribution": "normal"}, ((0.7,), (1.3,))),
-        ({"choice": [1, 2, 3]}, ((), ())),
-    ],
-)
-def test_extremes_are_the_least_and_greatest_numbers(words: dict, extremes: tuple):
-    """Of a normal distribution they are three standard deviations from the mean."""
-    found = DrawConfig(**words).extremes
-    assert [pytest.approx(end) for end in found] == list(extremes)
-
-
-@pytest.mark.parametrize(
     ("randomize", "error"),
     [
         ({"mas": {"scale": [1, 2]}}, "objects.can.randomize.mas: 'mas' should be one of .* Did you mean 'mass'"),

@@ -13,6 +13,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields
@@ -82,8 +83,9 @@ def drawn(scene: SceneModel, seeds: Any, *, mask: Any = None, episode: Any = 0, 
         fields = ModelFields(scene, mjw.put_model(scene.mjm), mjw.make_data(scene.mjm, nworld), grow=True)
         given = np.ones(nworld, bool) if mask is None else mask
         episodes = np.broadcast_to(episode, nworld).astype(np.int32)
-        arrays = wp.array(given, dtype=wp.bool), wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
-        fields.launch_draw(*arrays, split)
+        layouts = LayoutsView()
+        layouts.seed, layouts.episode = wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
+        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts, split, None)
     return fields
 
 

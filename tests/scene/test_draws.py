@@ -12,7 +12,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.draws import FieldDraw
+from sceniris_gym.scene.draws import FieldDraw, drawn_bounds
 from sceniris_gym.scene.model import SceneModel
 from tests.versions import since_4
 
@@ -90,6 +90,23 @@ def test_a_word_has_its_elements_and_components(build, part, words, name, elemen
     of = {"body": scene.mjm.body, "dof": lambda i: scene.mjm.joint(scene.mjm.dof_jntid[i]), "geom": scene.mjm.geom}
     names = [of.get(kind, scene.mjm.actuator)(int(i)).name for i in draw.rows]
     assert (draw.name, names, draw.components.tolist(), draw.width) == (name, elements, components, width)
+
+
+@pytest.mark.parametrize(
+    ("words", "low", "high"),
+    [
+        ({"scale": [0.5, 2]}, [0.5, 0.005, 1e-4], [2.0, 0.005, 1e-4]),
+        ({"abs": [[0, 0.1, 0.1], [1, 0.2, 0.3]]}, [0.0, 0.1, 0.1], [1.0, 0.2, 0.3]),
+        ({"add": [0.0, 0.1], "distribution": "normal"}, [0.7, 0.005, 1e-4], [1.3, 0.005, 1e-4]),
+        ({"choice": [0.4, 0.9, 0.8]}, [0.4, 0.005, 1e-4], [0.9, 0.005, 1e-4]),
+    ],
+)
+def test_bounds_are_the_least_and_greatest_values(build, words: dict, low: list[float], high: list[float]):
+    """Of a normal distribution they are three standard deviations from the mean; of 1, 0.005 and 0.0001 here."""
+    scene = build(box={"friction": words})
+    geom = scene.mjm.body_geomadr[scene.bodies["box"]]
+    found = [bound[geom] for bound in drawn_bounds(scene.draws, scene.mjm, "geom_friction")]
+    np.testing.assert_allclose(found, [low, high], rtol=1e-6)
 
 
 def test_the_whole_scene_lights_and_materials(build):

@@ -13,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.sim.derived import FOLLOWERS
+from sceniris_gym.sim.derived import FOLLOWS
 from sceniris_gym.sim.model_fields import put_model, widen
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
@@ -61,10 +61,9 @@ def test_steps_read_what_is_written_and_all_else_follows(make, small_scene, grap
             getattr(mjm, name)[:] = getattr(m, name).numpy()[world]
         data = mujoco.MjData(mjm)
         mujoco.mj_setConst(mjm, data)
-        for kind in FOLLOWERS:
-            for name in kind.OUTPUTS:
-                found, wanted = getattr(m, name).numpy()[world], getattr(mjm, name)
-                np.testing.assert_allclose(found, wanted.reshape(found.shape), rtol=1e-5, atol=2e-6, err_msg=name)
+        for name in FOLLOWS:
+            found, wanted = getattr(m, name).numpy()[world], getattr(mjm, name)
+            np.testing.assert_allclose(found, wanted.reshape(found.shape), rtol=1e-5, atol=2e-6, err_msg=name)
         mujoco.mj_resetData(mjm, data)
         data.qpos[:], data.ctrl[:], data.act[:] = (array.numpy()[world] for array in (d.qpos, d.ctrl, d.act))
         data.mocap_pos[:], data.mocap_quat[:] = d.mocap_pos.numpy()[world], d.mocap_quat.numpy()[world]
@@ -81,7 +80,7 @@ def test_other_worlds_keep_every_bit_of_the_model(make):
     randomizer = make(*ALL)
     for name in ALL:
         randomizer.model_field(name)
-    mask, names = np.array([False, True, False, True, False]), {*ALL, *(n for kind in FOLLOWERS for n in kind.OUTPUTS)}
+    mask, names = np.array([False, True, False, True, False]), {*ALL, *FOLLOWS}
     for now in (np.ones(NWORLD, bool), mask):
         before = {name: getattr(randomizer.model, name).numpy().copy() for name in names}
         randomizer.reset(now)
@@ -98,7 +97,7 @@ def test_other_worlds_keep_every_bit_of_the_model(make):
 def test_values_are_those_of_seed_and_episode(make):
     """For another number of worlds, order and masks, with a graph and without: equal bits, derived fields too."""
     one, other = make(*ALL), make(*ALL, nworld=2, graph=False)
-    names = {*ALL, *(n for kind in FOLLOWERS for n in kind.OUTPUTS)}
+    names = {*ALL, *FOLLOWS}
     for randomizer, steps in ((one, [[0, 1, 2, 3, 4], [1, 4], [0]]), (other, [[0, 1], [0], [1]])):
         for name in ALL:
             randomizer.model_field(name)

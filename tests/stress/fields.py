@@ -19,7 +19,7 @@ import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.sim.derived import FOLLOWERS
+from sceniris_gym.sim.derived import FOLLOWS
 from sceniris_gym.sim.model_fields import ModelFields
 
 SCENES = ("tabletop_lift", "drawer_pick", "clutter_extract")
@@ -47,8 +47,8 @@ def redraw(mjm: mujoco.MjModel, rng: np.random.Generator, fields: list[str]) -> 
 def worst(scene: str, worlds: int, seed: int = 0) -> dict[str, float]:
     """Return the greatest relative error of each output."""
     built, rng = build_model(SceneConfig.load(scene)), np.random.default_rng(seed)
-    sources = sorted({name for kind in FOLLOWERS for name in kind.SOURCES if hasattr(built.mjm, name)})
-    outputs = [name for kind in FOLLOWERS for name in kind.OUTPUTS if getattr(built.mjm, name).size]
+    sources = sorted({name for names in FOLLOWS.values() for name in names if hasattr(built.mjm, name)})
+    outputs = [name for name in FOLLOWS if getattr(built.mjm, name).size]
     models = [redraw(built.mjm, rng, sources) for _ in range(worlds)]
     with wp.ScopedDevice("cpu"):
         m, d = mjw.put_model(built.mjm), mjw.make_data(built.mjm, worlds, nconmax=1, njmax=1)

@@ -5,7 +5,14 @@ import warp as wp
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import HELD, ReachSearch, ReachStep, reach_candidate_num, takes_step, tier_of
+from sceniris_gym.layout.reaching.search import (
+    IN_HAND,
+    ReachSearch,
+    ReachStep,
+    reach_candidate_num,
+    takes_step,
+    tier_of,
+)
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -23,7 +30,7 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
         return reach.arm_target[column]
     if step == ReachStep.SELF_AT_GRASP or step == ReachStep.SELF_AT_PREGRASP:
         return reach.arm_self[column]
-    if tier_of(reach, reach_search, row, column) == wp.static(HELD):
+    if tier_of(reach, reach_search, row, column) == wp.static(IN_HAND):
         return reach.arm_held[column]
     return reach.arm_scene[column]
 

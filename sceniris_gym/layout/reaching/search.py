@@ -24,7 +24,7 @@ STARTS = 8
 """Starts of the inverse kinematics for each grasp: the arm's present pose, witnesses of its map, then random joints."""
 MOST_AT_ONCE = 8 * STARTS
 """Most candidates of a row in a wave; a single lane goes through them at the end."""
-HELD = Tier.CLEAR + 1
+IN_HAND = Tier.CLEAR + 1
 """The tier of a target that is tested in the hand of a robot at its start, away from where it was placed."""
 
 

@@ -11,7 +11,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.poses import take_joints
 from sceniris_gym.layout.reaching.search import (
-    HELD,
+    IN_HAND,
     ReachSearch,
     queue_row,
     queue_target,
@@ -48,35 +48,13 @@ def _queue_starts(
     lifted = starts.pose[kind] >= StartPose.LIFTED
     for column in range(starts.target.shape[1]):
         if starts.target[kind, column] and layouts.grasp[row, column] >= 0:
-            reach_search.tier[row, column] = wp.where(lifted, wp.static(HELD), int(Tier.CLEAR))
+            reach_search.tier[row, column] = wp.where(lifted, wp.static(IN_HAND), int(Tier.CLEAR))
             queue_target(reach_search, row, column, wp.where(lifted, wp.static(TRIALS), 1))
 
 
 def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Queue the worlds whose restart is done and whose start has this arm at an object."""
     work.launch(_queue_starts, work.nworld, [reach, work.starts], work.layouts, work.search, reach_search)
-
-
-@wp.func
-def _keep(
-    program: Program,
-    reach: Reach,
-    layouts: LayoutsView,
-    row: int,
-    column: int,
-    reach_search: ReachSearch,
-    c: int,
-):
-    """Write a candidate that passed into its row, whose bodies stay posed as they were placed."""
-    take_joints(program, reach.arm_body, reach_search.qpos[c], layouts.qpos[row])
-    if reach_search.tier[row, column] < wp.static(HELD):
-        return
-    obj = reach.reach_obj[column]
-    root = program.obj_body[obj]
-    pos = reach_search.body_pos[c, root]
-    quat = reach_search.body_quat[c, root]
-    write_root(program, obj, pos, quat, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
-    keep_grasp(reach, layouts, reach_search, row, column, c)
 
 
 @wp.kernel(grid_stride=False)
@@ -100,7 +78,13 @@ def _accept(
         column = reach_search.column[row]
         found = first_passed(reach_search, row)
         if found >= 0:
-            _keep(program, reach, layouts, row, column, reach_search, found)
+            take_joints(program, reach.arm_body, reach_search.qpos[found], layouts.qpos[row])
+            if reach_search.tier[row, column] == wp.static(IN_HAND):
+                obj = reach.reach_obj[column]
+                pos = reach_search.body_pos[found, program.obj_body[obj]]
+                quat = reach_search.body_quat[found, program.obj_body[obj]]
+                write_root(program, obj, pos, quat, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
+                keep_grasp(reach, layouts, reach_search, row, column, found)
         elif reach_search.number[row] < reach_search.total[row]:
             queue_row(reach_search, row)
         else:
@@ -110,6 +94,9 @@ def _accept(
 
 
 def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep the first candidate of each row that passed. A row without one goes on; out of trials, it has failed."""
+    """Keep the first candidate of each row that passed. A row without one goes on; out of trials, it has failed.
+
+    The bodies of a row stay posed as they were placed.
+    """
     lanes = work.size.lanes
     work.launch(_accept, lanes, [work.program, reach, lanes], work.layouts, work.search, reach_search)

@@ -13,7 +13,7 @@ from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.reaching.search import HELD as IN_HAND
+from sceniris_gym.layout.reaching.search import IN_HAND
 from sceniris_gym.layout.reaching.start import launch_queue_starts
 from sceniris_gym.layout.reaching.start_poses import TRIALS
 from sceniris_gym.layout.wave.search import default_size

@@ -6,20 +6,19 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.sim.inertia_tables import inertia_tables
-from tests.sim.test_inertia import MACHINE
+from sceniris_gym.sim.derived_tables import derived_tables
+from tests.sim.test_derived import MACHINE
 
 
 def test_each_tree_has_a_block_of_its_own():
     """Of degrees of freedom that follow each other, and with a square of memory."""
     mjm = mujoco.MjModel.from_xml_string(MACHINE)
     with wp.ScopedDevice("cpu"):
-        tables = inertia_tables(mjm, 3)
-    block = tables.block.numpy()
-    np.testing.assert_array_equal(block[:, 0], mjm.tree_dofadr)
-    np.testing.assert_array_equal(block[:, 1], mjm.tree_dofnum)
-    assert tables.matrix.shape == (3, (block[:, 1] ** 2).sum())
-    np.testing.assert_array_equal(block[1:, 2] - block[:-1, 2], block[:-1, 1] ** 2)
+        tables = derived_tables(mjm, 3)
+    row = tables.dof_row.numpy()
+    places = [row[i] + j for i in range(mjm.nv) for j in np.flatnonzero(mjm.dof_treeid == mjm.dof_treeid[i])]
+    np.testing.assert_array_equal(places, np.arange((mjm.tree_dofnum**2).sum()))
+    assert tables.factor.shape == tables.inverse.shape == (3, len(places))
 
 
 def test_jacobians_of_tendons_are_those_of_mujoco():
@@ -29,5 +28,5 @@ def test_jacobians_of_tendons_are_those_of_mujoco():
     data.qvel[:] = np.random.default_rng(0).normal(size=mjm.nv)
     mujoco.mj_forward(mjm, data)
     with wp.ScopedDevice("cpu"):
-        tables = inertia_tables(mjm, 1)
-    np.testing.assert_allclose(tables.tendon_jac.numpy()[:, :, 0] @ data.qvel, data.ten_velocity, atol=1e-5)
+        tables = derived_tables(mjm, 1)
+    np.testing.assert_allclose(tables.moment.numpy()[: mjm.ntendon, :, 0] @ data.qvel, data.ten_velocity, atol=1e-5)

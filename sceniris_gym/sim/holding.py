@@ -1,0 +1,103 @@
+"""`HoldingControls`: controls and activations that hold a pose, in worlds whose gains differ."""
+
+from __future__ import annotations
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from sceniris_gym.sim.rest import RestMap, history_samples, rest_value
+
+wp.set_module_options({"enable_backward": False})
+
+GAINS = ("actuator_gainprm", "actuator_biasprm", "actuator_gear")
+"""Fields that these controls follow from."""
+
+
+def components(array: wp.array) -> wp.array:
+    """Return a view of an array of floats or vectors, shape (rows, n), as floats (rows, n, length)."""
+    length = array.strides[1] // 4 if array.shape[1] else 1
+    view = wp.array(ptr=array.ptr, dtype=float, shape=(*array.shape[:2], length), device=array.device)
+    view._kept = array  # it owns the memory
+    return view
+
+
+@wp.func
+def _follow(values: wp.array[float], at: int, before: float, now: float):
+    """Replace a control that held the pose, but for rounding."""
+    if wp.abs(values[at] - before) <= 1.0e-6 * wp.max(1.0, wp.abs(before)):
+        values[at] = now
+
+
+@wp.kernel
+def _hold_anew(
+    mask: wp.array[wp.bool],
+    sample_address: wp.array[int],
+    sample_element: wp.array[int],
+    rest: RestMap,
+    # Model in:
+    actuator_gainprm: wp.array3d[float],
+    actuator_biasprm: wp.array3d[float],
+    actuator_gear: wp.array2d[wp.spatial_vector],
+    # Data in:
+    qpos: wp.array2d[float],
+    # Data out:
+    ctrl_out: wp.array2d[float],
+    act_out: wp.array2d[float],
+    history_out: wp.array2d[float],
+    # Out:
+    coef_out: wp.array2d[float],
+    bias_out: wp.array2d[float],
+):
+    worldid, element = wp.tid()
+    actuatorid = rest.actuator[element]
+    if not mask[worldid] or actuatorid < 0:
+        return
+    before = rest_value(rest, worldid, element, qpos[worldid])
+    gain = actuator_gainprm[worldid % actuator_gainprm.shape[0], actuatorid, 0]
+    bias0 = actuator_biasprm[worldid % actuator_biasprm.shape[0], actuatorid, 0]
+    bias1 = actuator_biasprm[worldid % actuator_biasprm.shape[0], actuatorid, 1]
+    gear = actuator_gear[worldid % actuator_gear.shape[0], actuatorid][0]
+    if gain * bias1 >= 0.0:
+        return
+    bias_out[worldid, element] = -bias0 / gain
+    for term in range(rest.rowadr[element], rest.rowadr[element + 1]):
+        coef_out[worldid, term] = -bias1 / gain * (gear * rest.arm[term])
+    now = rest_value(rest, worldid, element, qpos[worldid])
+    # controls that hold the present pose follow; those that somebody else has set stay
+    nu = ctrl_out.shape[1]
+    if element < nu:
+        _follow(ctrl_out[worldid], element, before, now)
+    else:
+        _follow(act_out[worldid], element - nu, before, now)
+    for k in range(sample_address.shape[0]):
+        if sample_element[k] == element:
+            _follow(history_out[worldid], sample_address[k], before, now)
+
+
+class HoldingControls:
+    """Controls and activations that hold a pose; those that hold the present one are set anew.
+
+    Args:
+        mjm: The model.
+        m: The Model; its present arrays are used in place.
+        d: Data of the worlds.
+        rest: The controls at rest, which get a row for each world.
+    """
+
+    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, d: mjw.Data, rest: RestMap) -> None:
+        self._model, self._data, self._rest = m, d, rest
+        with wp.ScopedDevice(m.qpos0.device):
+            rest.coef, rest.bias = (
+                wp.array(np.repeat(values.numpy(), d.nworld, axis=0), dtype=float) for values in (rest.coef, rest.bias)
+            )
+            self._samples = [wp.array(each, dtype=int) for each in history_samples(mjm)]
+
+    def launch(self, mask: wp.array) -> None:
+        """Find the controls of the masked worlds, shape (nworld,), bool."""
+        m, d, rest = self._model, self._data, self._rest
+        gains = [components(m.actuator_gainprm), components(m.actuator_biasprm), m.actuator_gear]
+        inputs = [mask, *self._samples, rest, *gains, d.qpos]
+        outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.coef, rest.bias]
+        wp.launch(_hold_anew, (d.nworld, rest.actuator.shape[0]), inputs, outputs, device=mask.device)
