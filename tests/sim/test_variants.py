@@ -284,6 +284,18 @@ def test_draws_of_physics_are_relative_to_the_variant():
         assert 0.49 < ratio < 1.01
 
 
+def test_colours_of_others_are_relative_to_those_that_are_seen():
+    """A table with a material, beside things with variants: nothing is added to its colour."""
+    scene = words({"asset": list(THINGS)}, {"asset": list(STANDS)})
+    scene["objects"]["table"]["randomize"] = {"rgba": {"add": [0.0, 0.0]}}
+    compiled = compile_scene(scene, "cpu")
+    batch, _ = simulated(compiled, 2)
+    mjm, body = compiled.sim_mjm, compiled.scene.sim.bodies["table"]
+    geoms = np.flatnonzero((mjm.geom_bodyid == body) & (mjm.geom_matid >= 0))
+    wanted = np.broadcast_to(mjm.mat_rgba[mjm.geom_matid[geoms]], (2, len(geoms), 4))
+    np.testing.assert_allclose(batch.model.geom_rgba.numpy()[:, geoms], wanted, rtol=1e-6)
+
+
 def test_a_loop_with_one_model_for_all_worlds_is_refused(compiled: CompiledScene):
     """By adapters whose libraries write no fields of the model; a group of bodies does the same there."""
     group = r"groups: {stand: {of: \[tin, bowl\], count: 1}}\. Call place_on\(spec, scene\)"
