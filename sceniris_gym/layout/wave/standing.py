@@ -65,7 +65,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         level = Level()
         level.own = _centered(own)
         level.load = _centered(total)
-        level.sink = statics.obj_sink[obj]
+        level.sink = statics.obj_sink[obj] + statics.obj_give[obj] * level.load[0]
         level.gap = program.obj_gap[obj]
         level.foot = place[2] - level.gap - origin[2]
         level.law = statics.obj_law[obj]

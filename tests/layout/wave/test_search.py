@@ -11,7 +11,6 @@ import pytest
 import warp as wp
 
 from sceniris_gym.collide.boxes import collides_without_stack
-from sceniris_gym.collide.leaves import support_of
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CountError
 from sceniris_gym.layout.compile import compile_scene
@@ -233,7 +232,6 @@ def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.ar
         program,
         program.obj_broadadr[obj],
         program.obj_broadnum[obj],
-        support_of(program, obj),
         0,
         search.body_pos[c],
         search.body_quat[c],
