@@ -43,7 +43,7 @@ class Knob:
 
     @cached_property
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and the greatest value of each number."""
+        """The least and the greatest value of each number."""
         if self.half:
             return np.tile(self.default[: self.half], 2), np.tile(self.default[self.half :], 2)
         bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
