@@ -2,7 +2,7 @@
 
 Rows begin with a state: its positions, the poses of bodies that follow, as `mj_kinematics` has them, and what relations
 see of these. The poses of bodies in a state may be one step older than its positions, so they are not read. A state is
-a LayoutsView, of which seeds and episodes, starts, presence, positions and grasps are read.
+a LayoutsView, of which seeds and episodes, starts, presence and positions are read.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
 from sceniris_gym.device.transforms import quat_mat, quat_z
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_layout, layout_width
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of
@@ -138,11 +138,10 @@ def _read_state(
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
-    width: int,
-    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present
     state: LayoutsView,
     # Layouts in: status
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present
     layouts: LayoutsView,
     # Out:
     placed_out: wp.array[bool],
@@ -158,8 +157,14 @@ def _finish(
         placed_out[worldid] = True
         return
     layouts.status[worldid] = Status.KEPT
-    for i in range(width):
-        copy_layout(state, worldid, layouts, worldid, i)
+    # grasps are not those of `state`, which has columns for targets that are not redrawn
+    for i in range(layouts.present.shape[1]):
+        layouts.present[worldid, i] = state.present[worldid, i]
+    for i in range(layouts.qpos.shape[1]):
+        layouts.qpos[worldid, i] = state.qpos[worldid, i]
+    for i in range(state.mocap_pos.shape[1]):
+        layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
+        layouts.mocap_quat[worldid, i] = state.mocap_quat[worldid, i]
 
 
 class Redraw(StaysHere):
@@ -223,4 +228,4 @@ class Redraw(StaysHere):
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
         read = [self._program, mask, self._split, *self._given, number, origins, state]
         self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
-        wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed], device=device)
+        wp.launch(_finish, nworld, [mask, state, view], [self.placed], device=device)

@@ -145,7 +145,7 @@ def stances(
 def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, stance: Stance) -> bool:
     """Return whether an object stands anywhere, and its weight keeps it where it is whatever is put on it."""
     mjm, joints = scene.mjm, scene.moving_joints(o.name)
-    # what carries things sideways is left out; on what turns up nothing is placed
+    # a joint may not carry things sideways; one that tilts them does no harm, as nothing is placed on what it turns up
     tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _LEVEL for j in joints)
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
