@@ -43,9 +43,10 @@ class PlaceLayouts(ManagerTermBase):
     """Gives every environment that is reset a fresh layout at its origin, by the entities' own write functions.
 
     The scene is that of `PlaceLayoutsCfg`, on the model that mjlab has compiled. Free entities get a pose and come to
-    rest, entities with a mocap root get a pose, and drawn joints get a position. Nothing else is written. A layout is a
-    pure function of scene, split, seed and episode. It does not know of other events, so objects may start inside a
-    robot whose joints another event offsets. List this event after those that write the same entities.
+    rest, entities with a mocap root get a pose, and drawn joints get a position. Entities with variants get those of
+    the layout, in the model and in `env.sim.world_to_variant`. Nothing else is written. A layout is a pure function of
+    scene, split, seed and episode. It does not know of other events, so objects may start inside a robot whose joints
+    another event offsets. List this event after those that write the same entities.
 
     After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, `layout_fallback` (the layout came from
     the bank of valid ones), and `layout_start` if the scene has kinds of starts, each of shape (num_envs,);

@@ -6,7 +6,6 @@ function of mjlab, so that a world is simulated as if mjlab had chosen them.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -62,13 +61,11 @@ def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujo
     members = {name: tuple(_members(name, info)) for name, info in entities.items()}
     check_variants(spec, mjm, members, where)
     env.sim.cfg.mujoco.apply(mjm)
-    for name in entities:
-        slots = _geoms(theirs, _root(env, name).id)
-        for member in members[name]:
-            for (is_mesh, touches), own in _geoms(mjm, mjm.body(member).id).items():
-                for field in _CONTACT if is_mesh else _CONTACT + _SHAPE:  # which mjlab has the same in all worlds
-                    values = getattr(theirs, f"geom_{field}")[slots[is_mesh, touches][: len(own)]]
-                    getattr(mjm, f"geom_{field}")[own] = values
+    for name, info in entities.items():
+        for member, given in zip(members[name], info.variant_slot_specs, strict=True):
+            filled = [slot for slot, own in zip(info.slots, given, strict=True) if own is not None]
+            slots = [theirs.geom(f"{name}/{slot.template_geom_name}").id for slot in filled]
+            _touch_as_in_mjlab(mjm, mjm.body(member).id, theirs, slots, _geoms(theirs, _root(env, name).id)[1])
     return mjm
 
 
@@ -80,13 +77,22 @@ def _root(env: Any, name: str) -> Any:
     return env.sim.mj_model.body(env.scene.entities[name].indexing.root_body_id)
 
 
-def _geoms(mjm: mujoco.MjModel, body: int) -> dict[tuple[bool, bool], list[int]]:
-    """Return the geoms of a body by whether they are meshes and whether they touch: mjlab keeps the order of each."""
-    found = defaultdict(list)
-    for geom in (i for i in range(mjm.ngeom) if mjm.geom_bodyid[i] == body):
-        touches = bool(mjm.geom_contype[geom] | mjm.geom_conaffinity[geom])
-        found[bool(mjm.geom_type[geom] == MESH), touches].append(geom)
-    return found
+def _touch_as_in_mjlab(
+    mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, slots: list[int], primitives: list[int]
+) -> None:
+    """Give the geoms of a variant what mjlab's geoms for its meshes and primitives have the same in all worlds."""
+    meshes, others = _geoms(mjm, body)
+    for fields, own, sources in ((_CONTACT, meshes, slots), (_CONTACT + _SHAPE, others, primitives)):
+        for field in fields:
+            getattr(mjm, f"geom_{field}")[own] = getattr(theirs, f"geom_{field}")[sources]
+
+
+def _geoms(mjm: mujoco.MjModel, body: int) -> tuple[list[int], list[int]]:
+    """Return the meshes of a body, those that touch behind the others as mjlab orders them, and its primitives."""
+    own = np.flatnonzero(mjm.geom_bodyid == body).tolist()
+    meshes = [geom for geom in own if mjm.geom_type[geom] == MESH]
+    meshes.sort(key=lambda geom: bool(mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]))
+    return meshes, [geom for geom in own if mjm.geom_type[geom] != MESH]
 
 
 class VariantRows:

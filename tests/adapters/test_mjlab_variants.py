@@ -27,6 +27,7 @@ from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportM
 from mjlab.managers.scene_entity_config import SceneEntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.scene import Scene, SceneCfg  # pyright: ignore[reportMissingImports]
 from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
+from mjlab.utils.spec_config import CollisionCfg  # pyright: ignore[reportMissingImports]
 
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg
 from sceniris_gym.adapters.mjlab_commands import ReplaceObjectsCfg
@@ -179,7 +180,8 @@ def test_layouts_know_the_primitives_that_all_worlds_have():
     """In mjlab all variants have the primitives of the first one, and its contacts."""
     variants = {"large": thing(BOX, 0.01, knob=0.015), "less": thing(WEDGE, 0.01, knob=0.005)}
     scene = {"objects": {"thing": {"on": "terrain", "region": NEAR}}, "bank": 4}
-    env = ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants=variants)), "cpu")
+    rough = CollisionCfg((".*",), contype=1, conaffinity=1, condim=3, priority=0, friction=(0.7,))
+    env = ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants=variants, collisions=(rough,))), "cpu")
     mjm = env.event_manager.get_term_cfg("layouts").func.compiled.mjm
     assert mjm.body("thing/root").geomnum == 0
     for name in variants:
@@ -187,6 +189,7 @@ def test_layouts_know_the_primitives_that_all_worlds_have():
         ball = np.flatnonzero((mjm.geom_bodyid == body) & (mjm.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE))[0]
         assert mjm.geom_size[ball, 0] == mjm.geom_margin[ball] == 0.015
         assert mjm.geom_pos[ball, 2] == 0.03
+        assert (mjm.geom_friction[mjm.geom_bodyid == body, 0] == 0.7).all()
     env.close()
 
 
