@@ -54,7 +54,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "direction": around(DIRECTIONS),
         "obj_sink": sink * (not drawn),
         "obj_give": give * drawn,
-        "obj_law": np.reshape([s.law for s in known], (-1, 4)),
+        "variant_law": np.reshape([f.law for f in feet], (-1, 4)),
         "variant_radius": np.where(holds, radius, 1e30),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
