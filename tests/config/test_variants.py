@@ -72,6 +72,9 @@ def test_overrides_reach_a_single_variant():
     """By its full name, also after another override, and after the variants were written as a list."""
     config = SceneConfig.load(with_target({"asset": ["can", "mug"], "on": "table"}), {"objects.target/can.gap": 0.003})
     config = SceneConfig.load(config, {"objects.apple.gap": 0.002})
+    written = {**TABLE, "objects": {**TABLE["objects"], "target": TARGET}}
+    config_of_file = SceneConfig.load(written, {"objects.target/can.gap": 0.003, "objects.target.gap": 0.004})
+    assert [config_of_file.objects[name].gap for name in config.variants["target"]] == [0.003, 0.004]
     assert [config.objects[name].gap for name in (*config.variants["target"], "apple")] == [0.003, 0.0005, 0.002]
 
 
@@ -126,6 +129,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "two kinds": (
         {"objects.target.variants.mug.kind": "fixture"},
         r"objects\.target\.variants\.mug\.kind: .*the kind of",
+    ),
+    "two draws": (
+        {"objects.target.variants.mug.randomize": {"mass": {"scale": [0.5, 2]}}},
+        r"objects\.target\.variants\.mug\.randomize: .*the draws of",
     ),
     "in a heap": (
         {"heaps.pile": {"of": ["target"], "fill": "can"}},
