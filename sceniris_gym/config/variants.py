@@ -169,6 +169,8 @@ def _scaled(at: tuple[str, ...], variants: Mapping, shared: dict) -> dict[str, A
         if not isinstance(scales, list | tuple):
             found[name] = words
             continue
+        if not scales:
+            _refuse((*at, "scale"), "should be a number or a list of numbers", scales)
         for scale in scales:
             if isinstance(scale, bool) or not isinstance(scale, int | float):
                 _refuse((*at, "scale"), "should be a number or a list of numbers", scales)

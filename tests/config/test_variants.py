@@ -138,8 +138,14 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"heaps.pile": {"of": ["target"], "fill": "can"}},
         r"heaps\.pile\.of: 'target' has variants, so it cannot be in a heap",
     ),
-    "a negative weight": ({"objects.target.variants.can.weight": -1}, "at least 0"),
-    "no split": ({"objects.target.variants.can.split": "test"}, "should be 'train' or 'eval'"),
+    "a negative weight": (
+        {"objects.target.variants.can.weight": -1},
+        r": objects\.target/can\.weight: .*at least 0",
+    ),
+    "no split": (
+        {"objects.target.variants.can.split": "test"},
+        r": objects\.target/can\.split: .*should be 'train' or 'eval'",
+    ),
     "all in one split": ({"objects.target.holdout": 1}, r"objects\.target\.holdout: 1 should be above 0"),
     "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "not two variants"),
     "no place": ({"objects.other": {"asset": ["can", "mug"]}}, r"objects\.other: 'other/can' stays where"),
@@ -147,6 +153,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a name with a slash": ({"objects.target/x": {"asset": "can", "on": "table"}}, r"objects\.target/x.*letters"),
     "in a group": ({"groups.some": {"of": ["target"], "count": 1}}, r"groups\.some\.of: .*'target'"),
     "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
+    "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
     "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),
 }
 
