@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NoReturn
 
 from pydantic import ValidationError
@@ -94,8 +94,8 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
                 drawn[word][member] = words[word]
         own = {word: value for word, value in words.items() if word not in DRAWN}
         members[member] = merge({"objects": {name: shared}}, {"objects": {name: own}})["objects"][name]
-    _check_kinds(at, members)
-    splits = _held_out(at, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
+    _check_shared(at, members)
+    splits = held_out(name, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
     for split in SPLITS:
         drawable = [name for name in members if group["splits"].get(name, split) == split]
@@ -104,13 +104,14 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
     return members, {word: value for word, value in group.items() if value}
 
 
-def _check_kinds(at: tuple[str, ...], members: Mapping[str, dict]) -> None:
-    """Check that all variants are free objects, or all fixtures, as one body is all of them in the simulation."""
-    kinds = {member: words.get("kind", "free") for member, words in members.items()}
-    other = next((member for member, kind in kinds.items() if kind != next(iter(kinds.values()))), None)
-    if other is not None:
-        place = (*at, VARIANTS, other.partition("/")[2], "kind")
-        _refuse(place, "should be the kind of the other variants: one body is all of them", kinds[other])
+def _check_shared(at: tuple[str, ...], members: Mapping[str, dict]) -> None:
+    """Check that variants agree on their kind and their draws, as one body is all of them in the simulation."""
+    for word, default, what in (("kind", "free", "the kind"), ("randomize", {}, "the draws")):
+        values = {member: words.get(word, default) for member, words in members.items()}
+        other = next((member for member, value in values.items() if value != next(iter(values.values()))), None)
+        if other is not None:
+            place = (*at, VARIANTS, other.partition("/")[2], word)
+            _refuse(place, f"should be {what} of the other variants: one body is all of them", values[other])
 
 
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:
@@ -168,6 +169,8 @@ def _scaled(at: tuple[str, ...], variants: Mapping, shared: dict) -> dict[str, A
         if not isinstance(scales, list | tuple):
             found[name] = words
             continue
+        if not scales:
+            _refuse((*at, "scale"), "should be a number or a list of numbers", scales)
         for scale in scales:
             if isinstance(scale, bool) or not isinstance(scale, int | float):
                 _refuse((*at, "scale"), "should be a number or a list of numbers", scales)
@@ -178,8 +181,13 @@ def _scaled(at: tuple[str, ...], variants: Mapping, shared: dict) -> dict[str, A
     return found
 
 
-def _held_out(at: tuple[str, ...], share: Any, members: list[str]) -> dict[str, str]:
-    """Return the split of each member: a share of them, chosen by the hashes of their names, is only for `eval`."""
+def held_out(name: str, share: Any, members: Collection[str]) -> dict[str, str]:
+    """Return the split of each member of an object: a share of them, by the hashes of their names, is for `eval`.
+
+    Raises:
+        ValidationError: The share is none, or there is one member only.
+    """
+    at = ("objects", name)
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
         _refuse((*at, HOLDOUT), "should be above 0 and below 1", share)
     if len(members) < 2:

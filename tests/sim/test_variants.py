@@ -214,6 +214,12 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     own["objects"]["target"]["variants"]["c"] = {"asset": "mug"}
     with pytest.raises(SceneKeyError, match="need a contact bit"):
         build_model(SceneConfig.load(own))
+    taken = words({"asset": ["can", "mug"]}, {"asset": "tin"})
+    for name in ("target", "hulls_of_variants"):
+        text = f'<mujoco><worldbody><body name="{name}"/></worldbody></mujoco>'
+        (tmp_path / "model.xml").write_text(text)
+        with pytest.raises(SceneKeyError, match=f"variants need a body '{name}'"):
+            build_model(SceneConfig.load({**taken, "model": str(tmp_path / "model.xml")}))
 
 
 def test_pictures_show_the_variants(compiled: CompiledScene):
