@@ -33,7 +33,7 @@ from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig, with_chains
 from sceniris_gym.config.start import StartConfig, check_starts
 from sceniris_gym.config.validation import SceneNames, check_names
-from sceniris_gym.config.variants import held_out, owners_of, variants_of, with_members, with_variants
+from sceniris_gym.config.variants import check_shared, held_out, owners_of, variants_of, with_members, with_variants
 
 AUTO = "auto"
 """The value of `attempts` that lets `compile_scene` choose."""
@@ -275,6 +275,7 @@ class SceneConfig(Section):
     def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
         written = with_members(data)
         config = handler(written)
+        check_shared(config.variants, config.objects)
         if config.variants or config.stacks:
             config._written = data
         return config

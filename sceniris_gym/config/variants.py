@@ -18,6 +18,7 @@ from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.config.loader import HOLDOUT, TAGS, VARIANTS, merge
+from sceniris_gym.config.objects import ObjectConfig
 
 DRAWN = ("weight", "split")
 """Words of a variant about how it is drawn."""
@@ -63,6 +64,22 @@ def with_members(scene: Any) -> Any:
     return {**scene, "objects": written, "groups": groups}
 
 
+def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, ObjectConfig]) -> None:
+    """Check that variants agree on their kind and their draws, as one body is all of them in the simulation.
+
+    Raises:
+        ValidationError: They do not.
+    """
+    for name, members in variants.items():
+        for word, what in (("kind", "kind"), ("randomize", "draws")):
+            first, *others = (objects[member] for member in members)
+            for member, part in zip(members[1:], others, strict=True):
+                if getattr(part, word) != getattr(first, word):
+                    value = part.model_dump(include={word}, exclude_none=True)[word]
+                    place = ("objects", name, VARIANTS, member.partition("/")[2], word)
+                    _refuse(place, f"should be the {what} of the other variants: one body is all of them", value)
+
+
 def has_variants(part: Any) -> bool:
     """Return whether the words of an object name variants, at length or by a list."""
     return isinstance(part, Mapping) and (
@@ -94,7 +111,6 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
                 drawn[word][member] = words[word]
         own = {word: value for word, value in words.items() if word not in DRAWN}
         members[member] = merge({"objects": {name: shared}}, {"objects": {name: own}})["objects"][name]
-    _check_shared(at, members)
     splits = held_out(name, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
     for split in SPLITS:
@@ -102,16 +118,6 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
         if all(drawn["weight"].get(name) == 0 for name in drawable):
             _refuse((*at, VARIANTS), f"should have one of a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}
-
-
-def _check_shared(at: tuple[str, ...], members: Mapping[str, dict]) -> None:
-    """Check that variants agree on their kind and their draws, as one body is all of them in the simulation."""
-    for word, default, what in (("kind", "free", "the kind"), ("randomize", {}, "the draws")):
-        values = {member: words.get(word, default) for member, words in members.items()}
-        other = next((member for member, value in values.items() if value != next(iter(values.values()))), None)
-        if other is not None:
-            place = (*at, VARIANTS, other.partition("/")[2], word)
-            _refuse(place, f"should be {what} of the other variants: one body is all of them", values[other])
 
 
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:

@@ -138,7 +138,7 @@ def check_variants(
     """
     for name in (*variants, _HULLS):
         if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) >= 0:
-            raise SceneKeyError(f"{where}: objects: variants need a body '{name}'. Rename the one there is.")
+            raise SceneKeyError(f"{where}: objects.{name}: the model has a body of this name already.")
     named = [
         (kind, str(getattr(element, field, "") or ""))
         for kind, fields in _REFERENCES.items()

@@ -134,6 +134,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"objects.target.variants.mug.randomize": {"mass": {"scale": [0.5, 2]}}},
         r"objects\.target\.variants\.mug\.randomize: .*the draws of",
     ),
+    "two kinds by the names of variants": (
+        {"objects.target/mug.kind": "fixture"},
+        r"objects\.target\.variants\.mug\.kind: .*the kind of",
+    ),
     "in a heap": (
         {"heaps.pile": {"of": ["target"], "fill": "can"}},
         r"heaps\.pile\.of: 'target' has variants, so it cannot be in a heap",

@@ -218,7 +218,7 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     for name in ("target", "hulls_of_variants"):
         text = f'<mujoco><worldbody><body name="{name}"/></worldbody></mujoco>'
         (tmp_path / "model.xml").write_text(text)
-        with pytest.raises(SceneKeyError, match=f"variants need a body '{name}'"):
+        with pytest.raises(SceneKeyError, match=rf"objects\.{name}: the model has a body of this name"):
             build_model(SceneConfig.load({**taken, "model": str(tmp_path / "model.xml")}))
 
 
