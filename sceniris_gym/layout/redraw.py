@@ -19,7 +19,7 @@ from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
 from sceniris_gym.device.transforms import quat_mat, quat_z
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_poses, layout_width
 from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of
@@ -138,6 +138,7 @@ def _read_state(
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
+    width: int,
     # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present
     state: LayoutsView,
     # Layouts in: status
@@ -158,13 +159,8 @@ def _finish(
         return
     layouts.status[worldid] = Status.KEPT
     # grasps are not those of `state`, which has columns for targets that are not redrawn
-    for i in range(layouts.present.shape[1]):
-        layouts.present[worldid, i] = state.present[worldid, i]
-    for i in range(layouts.qpos.shape[1]):
-        layouts.qpos[worldid, i] = state.qpos[worldid, i]
-    for i in range(state.mocap_pos.shape[1]):
-        layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
-        layouts.mocap_quat[worldid, i] = state.mocap_quat[worldid, i]
+    for i in range(width):
+        copy_poses(state, worldid, layouts, worldid, i)
 
 
 class Redraw(StaysHere):
@@ -228,4 +224,4 @@ class Redraw(StaysHere):
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
         read = [self._program, mask, self._split, *self._given, number, origins, state]
         self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
-        wp.launch(_finish, nworld, [mask, state, view], [self.placed], device=device)
+        wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed], device=device)
