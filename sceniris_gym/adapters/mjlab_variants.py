@@ -141,6 +141,8 @@ class VariantRows:
 
     def write(self, layouts: Layouts, env_ids: Tensor) -> None:
         """Write the variants of the environments `env_ids`; the others keep every bit."""
+        if not self._entities:
+            return
         present = wp.to_torch(layouts.present)[env_ids]
         total = torch.full((len(env_ids),), self._total, dtype=torch.float32, device=env_ids.device)
         for name, table, mass, numbers in self._entities:
@@ -149,7 +151,7 @@ class VariantRows:
             for field, (own, rows) in table.items():
                 self._put(field, (env_ids[:, None], own), rows[chosen])
             total += mass[chosen]
-            self._put("body_subtreemass", (env_ids, 0), total)
+        self._put("body_subtreemass", (env_ids, 0), total)
 
     def _put(self, field: str, at: tuple, values: Tensor) -> None:
         getattr(self._sim.model, field)[at] = values
