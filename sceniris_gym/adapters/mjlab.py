@@ -12,6 +12,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.adapters.mjlab_variants import VariantRows, model_of_variants
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
@@ -20,6 +21,8 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import instead_of_variants
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
 from sceniris_gym.vector.arguments import as_chosen_layouts, fresh_seed
@@ -40,9 +43,10 @@ class PlaceLayouts(ManagerTermBase):
     """Gives every environment that is reset a fresh layout at its origin, by the entities' own write functions.
 
     The scene is that of `PlaceLayoutsCfg`, on the model that mjlab has compiled. Free entities get a pose and come to
-    rest, entities with a mocap root get a pose, and drawn joints get a position. Nothing else is written. A layout is a
-    pure function of scene, split, seed and episode. It does not know of other events, so objects may start inside a
-    robot whose joints another event offsets. List this event after those that write the same entities.
+    rest, entities with a mocap root get a pose, and drawn joints get a position. Entities with variants get those of
+    the layout, in the model and in `env.sim.world_to_variant`. Nothing else is written. A layout is a pure function of
+    scene, split, seed and episode. It does not know of other events, so objects may start inside a robot whose joints
+    another event offsets. List this event after those that write the same entities.
 
     After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, `layout_fallback` (the layout came from
     the bank of valid ones), and `layout_start` if the scene has kinds of starts, each of shape (num_envs,);
@@ -63,9 +67,8 @@ class PlaceLayouts(ManagerTermBase):
 
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
         super().__init__(env)
-        config = _as_config(cfg.scene, env)
-        _check_variants(config, env)
-        self.compiled: CompiledScene = compile_scene(config, env.device)
+        self.compiled: CompiledScene = compile_scene(_as_model(cfg.scene, env), env.device)
+        self._variants = VariantRows(self.compiled, env)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
         self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split, knobs=cfg.knobs)
@@ -85,11 +88,13 @@ class PlaceLayouts(ManagerTermBase):
         if not self._fits:
             model, data = env.sim.wp_model, env.sim.wp_data
             check_fit(self.compiled, model, data, self.layouts, env.sim.mj_model, where="PlaceLayouts", cure=_CURE)
+            self._variants.check()
             warn_of_origins(self.compiled.scene, env.scene.env_origins.cpu().numpy(), "PlaceLayouts")
             self._fits = True
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
         self._generator.generate(mask)
+        self._variants.write(self.layouts, ids)
         self._write(ids)
         self._tell()
         if not self._kept:
@@ -273,33 +278,41 @@ def _suspects(term: PlaceLayouts, env: Any) -> str:
     return " ".join(cures)
 
 
-def _as_config(scene: Any, env: Any) -> SceneConfig:
-    """Return the scene on the environment's model, in which objects named like entities are these entities."""
-    mjm = env.sim.mj_model
-    config = SceneConfig.load(scene, {"model": mjm})
-    has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
-    words = {"home": KEYFRAME} if has_key and config.home is None else {}
-    for name, part in config.objects.items():
-        if part.asset is None and part.body is None and name in env.scene.entities:
-            words[f"objects.{name}.body"] = mjm.body(env.scene.entities[name].indexing.root_body_id).name
-    return SceneConfig.load(config, {**words, "model": mjm})
+def _as_model(scene: Any, env: Any) -> SceneModel:
+    """Return the scene on the environment's model, in which objects named like entities are these entities.
 
-
-def _check_variants(config: SceneConfig, env: Any) -> None:
-    """Check that all environments have the same things, which mjlab chooses once, when it is built.
+    If some of them have variants, each variant is a body of its own there, and the environment's model is simulated.
 
     Raises:
-        NotSupportedError: An object has variants, or is an entity that has.
+        NotSupportedError: An object has variants, and is no entity that has some.
     """
-    entities = {name: entity.cfg for name, entity in env.scene.entities.items() if name in config.objects}
-    found = {name: list(cfg.variants) for name, cfg in entities.items() if hasattr(cfg, "variants")}
-    found |= {name: [m.partition("/")[2] for m in members] for name, members in config.variants.items()}
-    for name, variants in found.items():
-        raise NotSupportedError(
-            f"{config.where}: objects.{name}: has variants, and a layout would have to be made for the one that mjlab "
-            "has chosen. Take SceneVectorEnv for the scene, or an entity without variants (EntityCfg). "
-            f"{instead_of_variants(name, variants)} In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, scene)."
-        )
+    mjm, entities = env.sim.mj_model, env.scene.entities
+    config = SceneConfig.load(scene, {"model": mjm})
+    alone = config.with_shared_objects()
+    found = {prefix.removesuffix("/"): info for prefix, info in env.scene.collect_variant_info()}
+    several = {name: info for name, info in found.items() if name in alone.objects}
+    for name, members in config.variants.items():
+        if name not in several:
+            advice = instead_of_variants(name, [member.partition("/")[2] for member in members])
+            raise NotSupportedError(
+                f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
+                f"(VariantEntityCfg) to have them in mjlab. {advice} In mjlab: cfg.scene.spec_fn = lambda spec: "
+                "place_on(spec, scene)."
+            )
+    has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
+    words: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}
+    for name, part in alone.objects.items():
+        if part.asset is None and part.body is None and name in entities:
+            words[f"objects.{name}.body"] = mjm.body(entities[name].indexing.root_body_id).name
+    simulated = SceneConfig.load(alone, {**words, "model": mjm})
+    if not several:
+        return build_model(simulated)
+    for name, info in several.items():
+        words.pop(f"objects.{name}.body", None)
+        if name not in config.variants:
+            words[f"objects.{name}.variants"] = {variant: {} for variant in info.variant_names}
+    full = model_of_variants(env, several, config.where)
+    return build_model(SceneConfig.load(config, {**words, "model": full}), simulated)
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
@@ -308,7 +321,7 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
     Raises:
         SceneKeyError: An object that is no entity.
     """
-    config, scene = compiled.config, compiled.scene
+    config, scene = compiled.scene.sim.config, compiled.scene.sim
     entities = {e.indexing.root_body_id: e for e in env.scene.entities.values() if e.spec.bodies[1:]}
     for name, part in config.objects.items():
         if part.is_placed and scene.bodies[name] not in entities:

@@ -29,7 +29,7 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
         command: The number of redraws since the reset, shape (num_envs, 1), float32.
 
     Raises:
-        ArgumentError: There is no event `PlaceLayouts`.
+        ArgumentError: There is no event `PlaceLayouts`, or entities of its scene have variants.
         UnknownNameError, ArgumentError: Objects that cannot be redrawn, see `chosen_objects`; raised as the first timer
             runs out.
     """
@@ -37,8 +37,10 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
     def __init__(self, cfg: ReplaceObjectsCfg, env: Any) -> None:
         super().__init__(cfg, env)
         term = layouts_term(env)
-        if term is None:
-            raise ArgumentError("ReplaceObjects: cfg.events should have a PlaceLayoutsCfg with the scene.")
+        if term is None or term.compiled.config.variants:
+            raise ArgumentError(
+                "ReplaceObjects: cfg.events should have a PlaceLayoutsCfg, whose scene has no variants."
+            )
         self._replacer = Replacer(
             *(term.compiled, env.sim.wp_model, env.sim.wp_data, term.layouts, term.split),
             rest=scene_rest(term.compiled.scene, term.layouts.qpos.device),

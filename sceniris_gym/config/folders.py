@@ -56,6 +56,8 @@ def _tags(asset: Path) -> set[str]:
     path = asset.with_suffix("") / MANIFEST
     try:
         told = json.loads(path.read_text(encoding="utf-8")).get("tags", ())
+        if isinstance(told, str):
+            raise TypeError("'tags' should be a list")
         return {str(tag) for tag in told}
     except FileNotFoundError:
         return set()

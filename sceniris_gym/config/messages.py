@@ -62,6 +62,9 @@ def _told(error: ValidationError | UnicodeError, where: str) -> str:
 
 
 def _path(error: ErrorDetails) -> str:
+    match error["loc"]:
+        case ("groups", group, "weights" | "splits" as word, member) if str(member).startswith(f"{group}/"):
+            return f"objects.{member}.{word.removesuffix('s')}"  # where the weight of a variant is written
     return ".".join(str(key) for key in error["loc"] if not str(key).startswith("[")) or "scene"
 
 

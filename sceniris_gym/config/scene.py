@@ -24,7 +24,7 @@ from sceniris_gym.config.folders import is_pattern
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig, with_places
 from sceniris_gym.config.limits import MOST_ATTEMPTS
-from sceniris_gym.config.loader import override, read_scene
+from sceniris_gym.config.loader import HOLDOUT, override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.randomize import SceneDraws
@@ -33,7 +33,7 @@ from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig, with_chains
 from sceniris_gym.config.start import StartConfig, check_starts
 from sceniris_gym.config.validation import SceneNames, check_names
-from sceniris_gym.config.variants import owners_of, variants_of, with_members, with_variants
+from sceniris_gym.config.variants import check_shared, held_out, owners_of, variants_of, with_members, with_variants
 
 AUTO = "auto"
 """The value of `attempts` that lets `compile_scene` choose."""
@@ -41,6 +41,20 @@ DEFAULT_BANK = 64
 """Number of valid layouts that are kept for each split, for worlds that run out of restarts."""
 _FILES = ("asset", "model", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
+
+
+def _overridden(data: dict, overrides: Mapping[str, Any], where: str) -> dict:
+    """Return a scene updated with overrides, those of single variants last, as they reach them written out."""
+    single = {}
+    if isinstance(overrides, Mapping):
+        single = {key: value for key, value in overrides.items() if "/" in str(key).partition(".")[2].partition(".")[0]}
+        overrides = {key: value for key, value in overrides.items() if key not in single}
+    data = override(data, overrides, where)
+    if not single:
+        return data
+    with reading(where):
+        data = with_members(data)
+    return override(data, single, where)
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -112,14 +126,12 @@ class SceneConfig(Section):
             if overrides is None:
                 return scene
             data = dict(scene._written or scene.model_dump(by_alias=True, exclude_unset=True))
-            if any("/" in str(key).partition(".")[2].partition(".")[0] for key in overrides):  # of one variant
-                data = with_members(data)
             where, name = scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
         if overrides is not None:
-            data = override(data, overrides, where)
+            data = _overridden(data, overrides, where)
         with reading(where):
             config = cls.model_validate({"name": name, **data})
         config._where = where
@@ -197,7 +209,13 @@ class SceneConfig(Section):
 
     def without(self, members: Collection[str]) -> SceneConfig:
         """Return the scene without some of the variants of its objects."""
-        groups = {name: group.without(members) for name, group in self.groups.items()}
+        written = (self._written or {}).get("objects", {})
+        with reading(self.where):
+            groups = {}
+            for name, group in self.groups.items():
+                left, share = [m for m in group.of if m not in members], written.get(name, {}).get(HOLDOUT)
+                anew = len(left) < len(group.of) and share is not None
+                groups[name] = group.without(members, held_out(name, share, left) if anew else group.splits)
         known = owners_of(self.variants)
         named = {MemberName(name) if name in known else name: part for name, part in self.objects.items()}
         objects = {name: part for name, part in named.items() if name not in members}
@@ -257,6 +275,7 @@ class SceneConfig(Section):
     def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
         written = with_members(data)
         config = handler(written)
+        check_shared(config.variants, config.objects)
         if config.variants or config.stacks:
             config._written = data
         return config

@@ -105,7 +105,7 @@ def _check_object(name: str, objects: Iterable[str], absent: Container[str], whe
     if name not in objects:
         raise UnknownNameError("object", name, where, objects)
     if name in absent:
-        raise SceneKeyError(f"{where}: '{name}' may be absent, as it is in a group. Name another object.")
+        raise SceneKeyError(f"{where}: '{name}' may be absent, as one of a group or of variants. Name another object.")
 
 
 def _check_target(start: StartConfig, name: str, objects: Mapping[str, ObjectConfig], where: str) -> None:

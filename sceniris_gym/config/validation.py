@@ -182,8 +182,6 @@ def _check_groups(scene: SceneNames, where: str) -> None:
     """Check that members can be absent, and that the other objects can be placed without them."""
     group_of = {name: group for group, part in scene.groups.items() for name in part.of}
     for name, group in group_of.items():
-        if group in scene.variants and scene.objects[name].asset is None:
-            raise SceneKeyError(f"{where}: objects.{name}: should have an 'asset', as all variants do.")
         if not scene.objects[name].is_placed:
             path = f"objects.{group}" if group in scene.variants else f"groups.{group}.of"
             raise SceneKeyError(

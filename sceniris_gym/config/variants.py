@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NoReturn
 
 from pydantic import ValidationError
@@ -18,6 +18,7 @@ from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.config.loader import HOLDOUT, TAGS, VARIANTS, merge
+from sceniris_gym.config.objects import ObjectConfig
 
 DRAWN = ("weight", "split")
 """Words of a variant about how it is drawn."""
@@ -63,6 +64,22 @@ def with_members(scene: Any) -> Any:
     return {**scene, "objects": written, "groups": groups}
 
 
+def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, ObjectConfig]) -> None:
+    """Check that variants agree on their kind and their draws, as one body is all of them in the simulation.
+
+    Raises:
+        ValidationError: They do not.
+    """
+    for name, members in variants.items():
+        for word, what in (("kind", "kind"), ("randomize", "draws")):
+            first, *others = (objects[member] for member in members)
+            for member, part in zip(members[1:], others, strict=True):
+                if getattr(part, word) != getattr(first, word):
+                    value = part.model_dump(include={word}, exclude_none=True)[word]
+                    place = ("objects", name, VARIANTS, member.partition("/")[2], word)
+                    _refuse(place, f"should be the {what} of the other variants: one body is all of them", value)
+
+
 def has_variants(part: Any) -> bool:
     """Return whether the words of an object name variants, at length or by a list."""
     return isinstance(part, Mapping) and (
@@ -94,23 +111,13 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
                 drawn[word][member] = words[word]
         own = {word: value for word, value in words.items() if word not in DRAWN}
         members[member] = merge({"objects": {name: shared}}, {"objects": {name: own}})["objects"][name]
-    _check_kinds(at, members)
-    splits = _held_out(at, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
+    splits = held_out(name, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
     for split in SPLITS:
         drawable = [name for name in members if group["splits"].get(name, split) == split]
         if all(drawn["weight"].get(name) == 0 for name in drawable):
             _refuse((*at, VARIANTS), f"should have one of a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}
-
-
-def _check_kinds(at: tuple[str, ...], members: Mapping[str, dict]) -> None:
-    """Check that all variants are free objects, or all fixtures, as one body is all of them in the simulation."""
-    kinds = {member: words.get("kind", "free") for member, words in members.items()}
-    other = next((member for member, kind in kinds.items() if kind != next(iter(kinds.values()))), None)
-    if other is not None:
-        place = (*at, VARIANTS, other.partition("/")[2], "kind")
-        _refuse(place, "should be the kind of the other variants: one body is all of them", kinds[other])
 
 
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:
@@ -168,6 +175,8 @@ def _scaled(at: tuple[str, ...], variants: Mapping, shared: dict) -> dict[str, A
         if not isinstance(scales, list | tuple):
             found[name] = words
             continue
+        if not scales:
+            _refuse((*at, "scale"), "should be a number or a list of numbers", scales)
         for scale in scales:
             if isinstance(scale, bool) or not isinstance(scale, int | float):
                 _refuse((*at, "scale"), "should be a number or a list of numbers", scales)
@@ -178,8 +187,13 @@ def _scaled(at: tuple[str, ...], variants: Mapping, shared: dict) -> dict[str, A
     return found
 
 
-def _held_out(at: tuple[str, ...], share: Any, members: list[str]) -> dict[str, str]:
-    """Return the split of each member: a share of them, chosen by the hashes of their names, is only for `eval`."""
+def held_out(name: str, share: Any, members: Collection[str]) -> dict[str, str]:
+    """Return the split of each member of an object: a share of them, by the hashes of their names, is for `eval`.
+
+    Raises:
+        ValidationError: The share is none, or there is one member only.
+    """
+    at = ("objects", name)
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
         _refuse((*at, HOLDOUT), "should be above 0 and below 1", share)
     if len(members) < 2:

@@ -95,8 +95,8 @@ def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
 
 
 @wp.func
-def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy the element `i` of each part of a row's layout to a world: poses, start, present objects and grasps."""
+def copy_poses(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
+    """Copy the element `i` of each part of a row's layout but its grasps: poses, start and present objects."""
     if i == 0:
         layouts.start[worldid] = source.start[row]
     if i < layouts.qpos.shape[1]:
@@ -106,6 +106,12 @@ def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: in
         layouts.mocap_quat[worldid, i] = source.mocap_quat[row, i]
     if i < layouts.present.shape[1]:
         layouts.present[worldid, i] = source.present[row, i]
+
+
+@wp.func
+def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
+    """Copy the element `i` of each part of a row's layout to a world, grasps as well; see `copy_poses`."""
+    copy_poses(source, row, layouts, worldid, i)
     if i < source.grasp.shape[1]:
         layouts.grasp[worldid, i] = source.grasp[row, i]
         for j in range(source.grasp_qpos.shape[2]):

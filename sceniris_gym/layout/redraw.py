@@ -2,7 +2,7 @@
 
 Rows begin with a state: its positions, the poses of bodies that follow, as `mj_kinematics` has them, and what relations
 see of these. The poses of bodies in a state may be one step older than its positions, so they are not read. A state is
-a LayoutsView, of which seeds and episodes, starts, presence, positions and grasps are read.
+a LayoutsView, of which seeds and episodes, starts, presence and positions are read.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
 from sceniris_gym.device.transforms import quat_mat, quat_z
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_layout, layout_width
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_poses, layout_width
 from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of
@@ -139,10 +139,10 @@ def _read_state(
 def _finish(
     mask: wp.array[bool],
     width: int,
-    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present
     state: LayoutsView,
     # Layouts in: status
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present
     layouts: LayoutsView,
     # Out:
     placed_out: wp.array[bool],
@@ -158,8 +158,9 @@ def _finish(
         placed_out[worldid] = True
         return
     layouts.status[worldid] = Status.KEPT
+    # grasps are not those of `state`, which has columns for targets that are not redrawn
     for i in range(width):
-        copy_layout(state, worldid, layouts, worldid, i)
+        copy_poses(state, worldid, layouts, worldid, i)
 
 
 class Redraw(StaysHere):

@@ -43,7 +43,7 @@ class Knob:
 
     @cached_property
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and the greatest value of each number."""
+        """The least and the greatest value of each number."""
         if self.half:
             return np.tile(self.default[: self.half], 2), np.tile(self.default[self.half :], 2)
         bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
@@ -76,9 +76,11 @@ class Knob:
         least, most = self._limits
         fits = ((rows >= least) & (rows <= most)).all() and (low <= high[:, :half]).all()
         if not fits or (self.form == "box" and (low == high).any()):
-            ends = "low and high " if half else ""
-            limits = f"{least[-half:].tolist()} and {most[-half:].tolist()}, as the scene file has them"
-            raise ArgumentError(f"{self.name} should be {ends}within {limits}: {short(value)}.")
+            limits = f"from {least[0]:g} to {most[0]:g}"
+            if half:
+                ends = f"{least[:half].tolist()} and {most[half:].tolist()}"
+                limits = f"low and high within {ends}, as the scene file has them"
+            raise ArgumentError(f"{self.name} should be {limits}: {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
             raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
         if self.least and (np.count_nonzero(rows, axis=1) < self.least).any():

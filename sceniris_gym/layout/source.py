@@ -41,6 +41,8 @@ class LayoutSource(StaysHere):
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """Choose the next layouts of the masked worlds; their present ones keep their seeds and episodes.
 
+        Levels choose those of worlds whose episodes end through `layouts` itself.
+
         Args:
             seeds: Seeds on the device, shape (nworld,), uint64; None keeps those of the present layouts.
             mask: Which worlds, shape (nworld,), bool; all if None.

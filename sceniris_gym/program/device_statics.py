@@ -22,10 +22,11 @@ class Statics:
     # Objects in placement order, and the variants of `Program`.
     obj_leveladr: wp.array[int]
     obj_levelnum: wp.array[int]  # 0: it needs no test
-    obj_sink: wp.array[float]  # [m]
-    obj_law: wp.array[wp.vec4]  # see `Law`
+    obj_sink: wp.array[float]  # [m], under the greatest load; 0 where masses are drawn, then
+    obj_give: wp.array[float]  # sink for each kilogram of load [m/kg]
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
+    variant_law: wp.array[wp.vec4]  # see `Law`
     variant_radius: wp.array[float]  # of its foot around its pivot; 1e30 if that does not hold it by itself
     foot_corneradr: wp.array[int]  # a foot has convex parts
     foot_cornernum: wp.array[int]

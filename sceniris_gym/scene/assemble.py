@@ -13,7 +13,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
 from sceniris_gym.scene.number_check import check_numbers
@@ -24,6 +24,9 @@ _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
 
 MARK_GROUP = 4
 """Group of the geoms that show a marker: they appear in pictures, but are not part of the object that is placed."""
+
+_OF_JOINTS = ("actuators", "tendons", "equalities")
+"""What refers to joints, which variants lose."""
 
 _AT_ONCE = 24
 """Number of variants that are put into a model of their own first, about the root of the most that there are."""
@@ -73,6 +76,9 @@ def attach_variants(
 
     Without `bodies`, attach what they refer to alone, such as meshes. MuJoCo goes through a whole model whenever it
     attaches another or deletes a body, so some variants at a time are put into a model of their own first.
+
+    Raises:
+        NotSupportedError: Variants have actuators, tendons or equalities of joints that their kind drops.
     """
     homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):
@@ -83,7 +89,14 @@ def attach_variants(
             if not bodies:
                 some.delete(some.body(name.removeprefix(f"{owner}/")))
         _keep_files_apart(spec, some, f"{owner}/{first}")
+        wanted = {kind: len(getattr(spec, kind)) + len(getattr(some, kind)) for kind in _OF_JOINTS}
         spec.attach(some, prefix=f"{owner}/", frame=spec.worldbody.add_frame())
+        # MuJoCo leaves out what names a joint that is not there
+        if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
+            raise NotSupportedError(
+                f"{where}: objects.{owner}: variants of it have {' and '.join(lost)} of joints that are dropped, and "
+                "should be rigid bodies to share its place. Make them objects, in a group."
+            )
     return homes
 
 

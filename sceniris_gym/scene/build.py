@@ -39,7 +39,7 @@ from sceniris_gym.scene.tcp import tcp_site
 from sceniris_gym.scene.variants import SharedBodies, check_variants
 
 
-def build_model(config: SceneConfig) -> SceneModel:
+def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> SceneModel:
     """Compose the model of a scene and compile it.
 
     The root body of an object has the object's name, and everything inside it is `name/...`; inside `robot` the prefix
@@ -47,6 +47,11 @@ def build_model(config: SceneConfig) -> SceneModel:
     Fixtures and markers are mocap bodies. The user's own `model` keeps its names and options; objects without an asset
     are bodies of it. A model in memory is copied, and its bodies are not changed. Files of a folder that cannot be
     variants of an object are left out, with a ModelWarning that names them.
+
+    Args:
+        config: The scene.
+        simulated: The scene as it is simulated, where that is a MjModel of the user's own, in which one body has all
+            variants of an object. They are bodies of the MjModel of `config` then, by their names.
 
     Raises:
         ArgumentTypeError: `config` is no SceneConfig, which `SceneConfig.load` makes.
@@ -58,8 +63,14 @@ def build_model(config: SceneConfig) -> SceneModel:
         CycleError: Joints that equalities tie to each other in a cycle.
     """
     check_type(config, SceneConfig, "build_model: config")
+    for name in owners_of(config.variants) if simulated is None else ():
+        if config.objects[name].asset is None:
+            raise SceneKeyError(f"{config.where}: objects.{name}: should have an 'asset', as all variants do.")
     if isinstance(config.model, mujoco.MjModel):
-        return _taken(config, config.model)
+        scene = _taken(config, config.model)
+        if simulated is None:
+            return scene
+        return replace(scene, shared=replace(build_model(simulated), hash=scene.hash, apart=scene.apart))
     try:
         return _with_shared_bodies(config)
     except ScenirisError:

@@ -34,11 +34,11 @@ def without_broken(config: SceneConfig) -> SceneConfig:
         if len(broken) == len(members):
             raise SceneFileError(f"{where}: no file of the folder can be a variant. The first: {broken[members[0]]}")
         if broken:
-            config = config.without(broken)
             told = "\n".join(["", *list(broken.values())[:_TOLD]])
             more = f"\n{len(broken) - _TOLD} more" if len(broken) > _TOLD else ""
             message = f"{where}: {len(broken)} of {len(members)} files of the folder are left out:{told}{more}"
             warnings.warn(ModelWarning(message), stacklevel=3)
+            config = config.without(broken)
     return config
 
 

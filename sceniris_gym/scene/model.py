@@ -14,9 +14,7 @@ import numpy as np
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    UnknownNameError,
-)
+from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene import assemble
 from sceniris_gym.scene.couplings import Coupling, driven_by

@@ -133,8 +133,12 @@ def check_variants(
         where: The beginning of errors.
 
     Raises:
+        SceneKeyError: A body has the name of one that the simulation adds.
         NotSupportedError: A variant has joints or bodies of its own, or something of the model refers to it.
     """
+    for name in (*variants, _HULLS):
+        if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) >= 0:
+            raise SceneKeyError(f"{where}: objects.{name}: the model has a body of this name already.")
     named = [
         (kind, str(getattr(element, field, "") or ""))
         for kind, fields in _REFERENCES.items()

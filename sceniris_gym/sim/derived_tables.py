@@ -22,8 +22,8 @@ class Derived:
 
     Attributes:
         body_end: The number behind the last body below a body, shape (nbody,).
-        body_block, dof_block: First and last but one degree of freedom of the tree that one belongs to, shapes (nbody,)
-            and (nv,); (0, 0) for a body that no joint moves.
+        body_block, dof_block: First degree of freedom of the tree that one belongs to, and the number behind the last,
+            shapes (nbody,) and (nv,); (0, 0) for a body that no joint moves.
         dof_shared: First and number of the degrees of freedom that one shares its weight with, shape (nv,).
         dof_row: Place of a row of M in `factor` and `inverse`, from column 0 on, shape (nv,).
         xpos, xmat: Poses of bodies, shape (nbody,).

@@ -120,8 +120,8 @@ class ModelFields:
                     f'Make the Model by put_model(compiled, {self._nworld}, "{source or name}").'
                 )
             made = self._nominal[name] = self.varied.get(name, wp.clone(array[:1]) if array.size else array)
-            if name == "geom_rgba" and not self.varied:  # relative to the colours that are seen
-                made.assign(nominal_values(self._scene.mjm, name)[None])
+            if name == "geom_rgba":  # relative to the colours that are seen; resets write those of variants
+                made.assign(np.repeat(nominal_values(self._scene.mjm, name)[None], made.shape[0], axis=0))
             widen(self._model, name, self._nworld)
             self._known[name] = getattr(owner(self._model, name), name)
             for output in _outputs(name):

@@ -56,8 +56,8 @@ class TargetGrasps:
 
         Args:
             base: The frame of the pose.
-            xpos: Positions of all bodies [m], shape (num_envs, nbody, 3).
-            xquat: Their orientations (wxyz), shape (num_envs, nbody, 4).
+            xpos: Positions of all bodies in the world [m], shape (num_envs, nbody, 3).
+            xquat: Their orientations there (wxyz), shape (num_envs, nbody, 4).
         """
         own = self._grasp[:, self._columns]  # the number within the set of each variant, -1 for none
         chosen = torch.where(own >= 0, own + self._first, -1).amax(dim=1)

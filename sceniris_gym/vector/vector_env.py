@@ -301,7 +301,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         Raises:
             ResetNeeded: There was no reset yet.
-            UnknownNameError, ArgumentError, NotSupportedError, MaskTypeError, MaskError: As ResetRandomizer.replace.
+            UnknownNameError, ArgumentError, MaskTypeError, MaskError: As ResetRandomizer.replace.
         """
         self._check_ready("replace")
         with on_torch_stream(self.batch.device):

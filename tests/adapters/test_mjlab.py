@@ -18,7 +18,7 @@ import torch
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, SceneMismatchError
 
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
-from mjlab.entity import EntityCfg, VariantEntityCfg  # pyright: ignore[reportMissingImports]
+from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp  # pyright: ignore[reportMissingImports]
 from mjlab.envs.mdp import dr  # pyright: ignore[reportMissingImports]
 from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
@@ -115,13 +115,13 @@ def test_episodes_start_with_the_fingers_around_a_cube():
     env.close()
 
 
-def test_entities_with_variants_are_refused():
-    """Their variants are chosen by mjlab when the environment is built; the error says what redraws them."""
-    variants = {f"cube_{size}": get_cube_spec for size in (1, 2)}
-    scene = {"objects": {"thing": {"on": "terrain", "region": NEAR}}, "bank": 4}
-    group = r"groups: {thing: {of: \[cube_1, cube_2\], count: 1}}\. Call place_on\(spec, scene\)"
-    with pytest.raises(NotSupportedError, match=rf"objects\.thing: has variants.*SceneVectorEnv.*EntityCfg.*{group}"):
-        ManagerBasedRlEnv(plain_cfg(scene, thing=VariantEntityCfg(variants=variants)), "cpu")
+def test_variants_that_no_entity_has_are_refused():
+    """The model has one body for them only if the entity has them; the error says what redraws others."""
+    variants = {"can": {"asset": "can"}, "mug": {"asset": "mug"}}
+    scene = {"objects": {"cube_0": {"on": "terrain", "region": NEAR, "variants": variants}}, "bank": 4}
+    group = r"groups: {cube_0: {of: \[can, mug\], count: 1}}\. Call place_on\(spec, scene\)"
+    with pytest.raises(NotSupportedError, match=rf"objects\.cube_0: has variants.*VariantEntityCfg.*{group}"):
+        ManagerBasedRlEnv(plain_cfg(scene), "cpu")
 
 
 def test_a_group_of_entities_is_another_thing_at_every_reset():

@@ -49,6 +49,7 @@ def test_tags_that_choose_nothing_are_refused(tmp_path: Path):
             loaded({"asset": pattern, "tags": tags, "on": "table"})
     with pytest.raises(ScenirisError, match=r"tags: .* beside an 'asset' with a '\*'"):
         loaded({"asset": ["can", "mug"], "tags": ["red"], "on": "table"})
-    (tmp_path / "b" / "manifest.json").write_text("[")
-    with pytest.raises(ScenirisError, match=r"b/manifest\.json is none: "):
-        loaded({"asset": pattern, "tags": ["red"], "on": "table"})
+    for wrong in ("[", '{"tags": "red"}'):
+        (tmp_path / "b" / "manifest.json").write_text(wrong)
+        with pytest.raises(ScenirisError, match=r"b/manifest\.json is none: "):
+            loaded({"asset": pattern, "tags": ["red"], "on": "table"})

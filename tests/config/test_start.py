@@ -34,7 +34,7 @@ def test_a_target_with_variants_stands_for_all_of_them():
     scene = {"floor": {"size": [1, 1]}, "robot": {"asset": "panda"}, "objects": {"target": target}}
     config = SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target", "lift": [0.0, 0.1]}]})
     assert config.start[0].targets(config.groups) == ("target/block", "target/can")
-    with pytest.raises(SceneKeyError, match="may be absent"):
+    with pytest.raises(SceneKeyError, match="may be absent, as one of a group or of variants"):
         SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target/can"}]})
 
 

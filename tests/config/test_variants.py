@@ -72,6 +72,9 @@ def test_overrides_reach_a_single_variant():
     """By its full name, also after another override, and after the variants were written as a list."""
     config = SceneConfig.load(with_target({"asset": ["can", "mug"], "on": "table"}), {"objects.target/can.gap": 0.003})
     config = SceneConfig.load(config, {"objects.apple.gap": 0.002})
+    written = {**TABLE, "objects": {**TABLE["objects"], "target": TARGET}}
+    config_of_file = SceneConfig.load(written, {"objects.target/can.gap": 0.003, "objects.target.gap": 0.004})
+    assert [config_of_file.objects[name].gap for name in config.variants["target"]] == [0.003, 0.004]
     assert [config.objects[name].gap for name in (*config.variants["target"], "apple")] == [0.003, 0.0005, 0.002]
 
 
@@ -127,12 +130,26 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"objects.target.variants.mug.kind": "fixture"},
         r"objects\.target\.variants\.mug\.kind: .*the kind of",
     ),
+    "two draws": (
+        {"objects.target.variants.mug.randomize": {"mass": {"scale": [0.5, 2]}}},
+        r"objects\.target\.variants\.mug\.randomize: .*the draws of",
+    ),
+    "two kinds by the names of variants": (
+        {"objects.target/mug.kind": "fixture"},
+        r"objects\.target\.variants\.mug\.kind: .*the kind of",
+    ),
     "in a heap": (
         {"heaps.pile": {"of": ["target"], "fill": "can"}},
         r"heaps\.pile\.of: 'target' has variants, so it cannot be in a heap",
     ),
-    "a negative weight": ({"objects.target.variants.can.weight": -1}, "at least 0"),
-    "no split": ({"objects.target.variants.can.split": "test"}, "should be 'train' or 'eval'"),
+    "a negative weight": (
+        {"objects.target.variants.can.weight": -1},
+        r": objects\.target/can\.weight: .*at least 0",
+    ),
+    "no split": (
+        {"objects.target.variants.can.split": "test"},
+        r": objects\.target/can\.split: .*should be 'train' or 'eval'",
+    ),
     "all in one split": ({"objects.target.holdout": 1}, r"objects\.target\.holdout: 1 should be above 0"),
     "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "not two variants"),
     "no place": ({"objects.other": {"asset": ["can", "mug"]}}, r"objects\.other: 'other/can' stays where"),
@@ -140,6 +157,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a name with a slash": ({"objects.target/x": {"asset": "can", "on": "table"}}, r"objects\.target/x.*letters"),
     "in a group": ({"groups.some": {"of": ["target"], "count": 1}}, r"groups\.some\.of: .*'target'"),
     "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
+    "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
     "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),
 }
 

@@ -10,6 +10,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.program.compiled import CompiledScene
@@ -227,3 +228,18 @@ def test_layouts_to_extend_are_of_the_scene_and_keep_what_stands(room: CompiledS
         generator.extend(Layouts.create(room, 3), "a")
     with pytest.raises(ArgumentError, match="'tray' carries 'c'"):
         generator.extend(generator.layouts, "tray")
+
+
+def test_what_is_kept_leaves_grasps_alone():
+    """A redraw has columns for the targets that it redraws, fewer than the state, to which nothing else is written."""
+    compiled = compile_scene({"base": "tabletop_lift", "bank": 4}, "cpu")
+    generator, redrawn = LayoutGenerator(compiled, 3), make_redraw(compiled, ("can",), 3, "train")
+    generator.generate()
+    found = redrawn.layouts
+    assert found.grasp.shape[1] < generator.layouts.grasp.shape[1]
+    found.grasp.fill_(7)
+    redrawn._make = lambda mask, launch: found.view.status.zero_()  # nothing fits
+    redrawn.launch(generator.layouts.view, wp.ones(3, dtype=bool, device="cpu"), wp.zeros(3, dtype=int, device="cpu"))
+    assert (found.status.numpy() == Status.KEPT).all()
+    np.testing.assert_array_equal(found.qpos.numpy(), generator.layouts.qpos.numpy())
+    assert (found.grasp.numpy() == 7).all()

@@ -87,8 +87,20 @@ def test_flat_and_round_feet_have_laws_of_their_own(tmp_path: Path):
         "block": {"asset": "block", "on": "crate"},
     }
     stances = build_plan(scene_of(objects)).stances
-    assert [s.law for s in stances if s is not None] == [FLAT, FLAT, ROUND, FLAT]
+    assert [s.feet[0].law for s in stances if s is not None] == [FLAT, FLAT, ROUND, FLAT]
     assert stances[2] is not None and stances[2].feet[0].margin > 0.02
+
+
+def test_each_pose_has_the_law_of_its_foot(tmp_path: Path):
+    """A can is round where it stands upright, and not where it lies."""
+    crate = {"asset": box_mjcf(tmp_path, "crate", 0.3, 0.3, 0.05), "on": "floor"}
+    plan = build_plan(scene_of({"crate": crate, "can": {"asset": "can", "on": "crate", "orientation": "stable"}}))
+    stance = plan.stances[1]
+    assert stance is not None
+    is_round = [len(foot.parts[0]) > 8 for foot in stance.feet]
+    assert [foot.law == ROUND for foot in stance.feet] == is_round
+    assert any(is_round)
+    assert not all(is_round)
 
 
 WALLED = """<mujoco><worldbody><body name="tray" pos="0 0 1">

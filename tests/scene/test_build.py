@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    ArgumentTypeError,
-)
+from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.scene.build import build_model
 from tests.scene.assets import build, names
 

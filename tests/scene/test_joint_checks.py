@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sceniris_gym.errors import (
-    NotSupportedError,
-    SceneKeyError,
-)
+from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from tests.scene.assets import BALL, build
 
 

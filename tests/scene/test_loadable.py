@@ -48,6 +48,15 @@ def test_a_folder_without_a_sound_file_is_refused(tmp_path: Path):
         build_model(scene(tmp_path, BROKEN))
 
 
+@pytest.mark.parametrize("broken", ["b5", "b9"])
+def test_files_that_are_left_out_are_not_held_out(tmp_path: Path, broken: str):
+    """A share of the others is, as without the broken file: the first by hash, and the last."""
+    with pytest.warns(ModelWarning, match="1 of 3 files"):
+        found = build_model(scene(tmp_path, {"a": SOUND, "b": SOUND, broken: BROKEN["cut"]})).config
+    (tmp_path / f"{broken}.xml").unlink()
+    assert found.groups["thing"].splits == scene(tmp_path, {}).groups["thing"].splits
+
+
 def test_an_error_of_something_else_is_told(tmp_path: Path):
     """As it is, if all files of the folder are sound."""
     config = SceneConfig.load(

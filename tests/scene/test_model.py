@@ -9,12 +9,7 @@ from pathlib import Path
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    SceneFileError,
-    SceneKeyError,
-    ScenirisError,
-    UnknownNameError,
-)
+from sceniris_gym.errors import SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.scene.build import build_model
 from tests.scene.assets import TETRAHEDRON, build
 

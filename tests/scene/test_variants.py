@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.scene import assemble
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
@@ -117,3 +118,18 @@ def test_other_objects_are_where_they_were():
     plain = build_model(SceneConfig.load(TABLE))
     assert plain.sim is plain
     assert (plain.sim_bodies == np.arange(plain.mjm.nbody)).all()
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_bodies_of_a_model_are_no_variants(compiled: bool):
+    """One body has to be all of them, and a model of the user's own is not changed."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1])
+    for name in ("thing/cube", "thing/brick"):
+        body = spec.worldbody.add_body(name=name)
+        body.add_freejoint()
+        body.add_geom(size=[0.02, 0, 0])
+    words = {"thing": {"variants": {"cube": {}, "brick": {}}, "on": "table"}}
+    config = SceneConfig.load({"model": spec.compile() if compiled else spec, "objects": words})
+    with pytest.raises(SceneKeyError, match=r"objects\.thing/cube: should have an 'asset', as all variants do"):
+        build_model(config)

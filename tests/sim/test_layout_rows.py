@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import (
-    MaskError,
-    MaskTypeError,
-    SceneMismatchError,
-)
+from sceniris_gym.errors import MaskError, MaskTypeError, SceneMismatchError
 from tests.sim.stepping import DERIVED, STATE, snapshot, step
 
 

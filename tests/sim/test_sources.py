@@ -7,9 +7,7 @@ import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    SceneMismatchError,
-)
+from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.prepared import PreparedLayouts

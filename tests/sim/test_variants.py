@@ -196,7 +196,7 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
 
 
 def test_what_cannot_share_a_body_is_refused(tmp_path):
-    """Several bodies, sensors of its own, and a model whose geoms use every contact bit."""
+    """Several bodies, sensors or actuators of its own, and a model whose geoms use every contact bit."""
     own = words({"variants": {"a": {"asset": "can"}, "b": {"asset": "cabinet"}}}, {"asset": "tin"})
     with pytest.raises(NotSupportedError, match="target/b: has several bodies"):
         build_model(SceneConfig.load(own))
@@ -205,10 +205,21 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "thing", geom, sensor)
     with pytest.raises(NotSupportedError, match="named by one of the model's sensors"):
         build_model(SceneConfig.load(own))
+    slide, key = '<joint name="slide" type="slide"/>', '<keyframe><key name="home" qpos="0.1" ctrl="0.2"/></keyframe>'
+    motor = f'<actuator><motor joint="slide"/></actuator>{key}'
+    stand = {"variants": {"a": {"asset": "tin"}, "b": {"asset": write_mjcf(tmp_path, "driven", slide + geom, motor)}}}
+    with pytest.raises(NotSupportedError, match=r"objects\.stand: variants of it have actuators"):
+        build_model(SceneConfig.load(words({"asset": "can"}, stand)))
     own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "plain", geom)
     own["objects"]["target"]["variants"]["c"] = {"asset": "mug"}
     with pytest.raises(SceneKeyError, match="need a contact bit"):
         build_model(SceneConfig.load(own))
+    taken = words({"asset": ["can", "mug"]}, {"asset": "tin"})
+    for name in ("target", "hulls_of_variants"):
+        text = f'<mujoco><worldbody><body name="{name}"/></worldbody></mujoco>'
+        (tmp_path / "model.xml").write_text(text)
+        with pytest.raises(SceneKeyError, match=rf"objects\.{name}: the model has a body of this name"):
+            build_model(SceneConfig.load({**taken, "model": str(tmp_path / "model.xml")}))
 
 
 def test_pictures_show_the_variants(compiled: CompiledScene):
@@ -282,6 +293,18 @@ def test_draws_of_physics_are_relative_to_the_variant():
         theirs = np.flatnonzero(full.geom_bodyid == bodies[world])
         ratio = m.geom_friction.numpy()[world, used, 0].max() / full.geom_friction[theirs, 0].max()
         assert 0.49 < ratio < 1.01
+
+
+def test_colours_of_others_are_relative_to_those_that_are_seen():
+    """A table with a material, beside things with variants: nothing is added to its colour."""
+    scene = words({"asset": list(THINGS)}, {"asset": list(STANDS)})
+    scene["objects"]["table"]["randomize"] = {"rgba": {"add": [0.0, 0.0]}}
+    compiled = compile_scene(scene, "cpu")
+    batch, _ = simulated(compiled, 2)
+    mjm, body = compiled.sim_mjm, compiled.scene.sim.bodies["table"]
+    geoms = np.flatnonzero((mjm.geom_bodyid == body) & (mjm.geom_matid >= 0))
+    wanted = np.broadcast_to(mjm.mat_rgba[mjm.geom_matid[geoms]], (2, len(geoms), 4))
+    np.testing.assert_allclose(batch.model.geom_rgba.numpy()[:, geoms], wanted, rtol=1e-6)
 
 
 def test_a_loop_with_one_model_for_all_worlds_is_refused(compiled: CompiledScene):

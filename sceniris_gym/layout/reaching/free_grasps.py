@@ -176,12 +176,12 @@ def _test_hands(
             quat[body] = wp.normalize(mul_quat(turn, reach_search.hand_quat[early, body]))
         block_sync()
         adr, num = _pairs_of(program, reach, column, obj)
-        own_pos = search.body_pos[c]
-        own_quat = search.body_quat[c]
-        found = collides(program, adr, num, 0, -1, nodes, leaves, lane, pos, quat, own_pos, own_quat)
+        body_pos = search.body_pos[c]
+        body_quat = search.body_quat[c]
+        found = collides(program, adr, num, 0, -1, nodes, leaves, lane, pos, quat, body_pos, body_quat)
         hit = found == Cause.COLLISION
         if found == UNPROVEN:
-            hit = collides_without_stack(program, adr, num, lane, pos, quat, own_pos, own_quat)
+            hit = collides_without_stack(program, adr, num, lane, pos, quat, body_pos, body_quat)
         if lane == 0 and hit:
             search.free[c, early] = False
 

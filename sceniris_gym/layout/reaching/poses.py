@@ -79,7 +79,7 @@ def pose_hand(
 
 @wp.func
 def in_base(reach: Reach, layouts: LayoutsView, row: int, pos: wp.vec3, quat: wp.vec4):
-    """Return a pose of the TCP in the world, in the frame of the arm's base."""
+    """Return a pose of the TCP, which is given in the world, in the frame of the arm's base."""
     back = neg_quat(layouts.body_quat[row, reach.base_body])
     return rot_vec_quat(pos - layouts.body_pos[row, reach.base_body], back), wp.normalize(mul_quat(back, quat))
 

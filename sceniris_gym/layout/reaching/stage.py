@@ -16,7 +16,7 @@ from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
 from sceniris_gym.layout.reaching.start import launch_accept_starts, launch_queue_starts
-from sceniris_gym.layout.reaching.start_poses import launch_go_home, launch_pose_start
+from sceniris_gym.layout.reaching.start_poses import TRIALS, launch_go_home, launch_pose_start
 from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
@@ -39,9 +39,10 @@ class ReachStage:
         self._arms = [(one.view, number in asked) for number, one in enumerate(reaching.arms)]
         self.search = create_reach_search(compiled, work.nrow, work.size, work.search.free.shape[1])
         self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
-        # every wave either tries at least one start of each row, or is filled to its capacity
-        most, capacity = sum(STARTS * len(t.grasp_set.grasps) for t in reaching.targets), self.search.failed.shape[0]
-        self._most_waves = most + -(-work.nrow * most // capacity)
+        # every wave either tries at least one candidate of each row, or is filled to its capacity
+        most = sum(STARTS * len(t.grasp_set.grasps) for t in reaching.targets)
+        most = most if work.starts is None else max(most, TRIALS)
+        self._most_waves = most + -(-work.nrow * most // self.search.failed.shape[0])
 
     def launch_start(self) -> None:
         """Clear the queue of rows, which is not empty if earlier launches were interrupted."""

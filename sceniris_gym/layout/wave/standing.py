@@ -65,10 +65,10 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         level = Level()
         level.own = _centered(own)
         level.load = _centered(total)
-        level.sink = statics.obj_sink[obj]
+        level.sink = statics.obj_sink[obj] + statics.obj_give[obj] * level.load[0]
         level.gap = program.obj_gap[obj]
         level.foot = place[2] - level.gap - origin[2]
-        level.law = statics.obj_law[obj]
+        level.law = statics.variant_law[variant]
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - origin, layouts.body_quat[row, body])
         at = wp.vec2(place[0] - origin[0], place[1] - origin[1])

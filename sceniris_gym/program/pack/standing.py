@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import shapely
 
@@ -44,12 +45,16 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     owners = [s for o, s in zip(objects, known, strict=True) for _ in o.variants]
     holds = [f.margin > 0.0 and not s.is_shifted for f, s in zip(feet, owners, strict=True)]
     radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]
+    drawn = any(draw.word.field == "body_mass" for draw in plan.scene.draws)
+    sink = np.array([s.sink for s in known])
+    give = sink / np.maximum([s.load for s in known], mujoco.mjMINVAL)
     statics = Statics()
     arrays = {
         **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
         "direction": around(DIRECTIONS),
-        "obj_sink": np.array([s.sink for s in known]),
-        "obj_law": np.reshape([s.law for s in known], (-1, 4)),
+        "obj_sink": sink * (not drawn),
+        "obj_give": give * drawn,
+        "variant_law": np.reshape([f.law for f in feet], (-1, 4)),
         "variant_radius": np.where(holds, radius, 1e30),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),

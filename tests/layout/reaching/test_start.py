@@ -1,4 +1,4 @@
-"""The start stage: what is held stays in the hand, touches nothing else, and does not depend on the search's size."""
+"""Starts: what is held stays in the hand, touches nothing else, and does not depend on the search's size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses of the start stage: between the fingers, as MuJoCo C measures it, in any of the grasps that count."""
+"""Poses of starts: between the fingers, as MuJoCo C measures it, in any of the grasps that count."""
 
 from __future__ import annotations
 

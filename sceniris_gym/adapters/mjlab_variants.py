@@ -1,0 +1,159 @@
+"""Entities of mjlab with variants: layouts know a body for each variant, mjlab one for all, of another shape by world.
+
+mjlab chooses variants once, when it is built. `VariantRows` writes what it would have written for others, by the same
+function of mjlab, so that a world is simulated as if mjlab had chosen them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from sceniris_gym.errors import SceneMismatchError, import_extra
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene import assemble
+from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
+from sceniris_gym.scene.variants import MESH, check_variants
+
+_VARIANTS: Any = import_extra("mjlab.entity.variants", "mjlab", "mjlab")
+_FIELDS = ("geom_dataid", "geom_matid", *_VARIANTS.VARIANT_DEPENDENT_FIELDS)
+_DERIVED = ("body_subtreemass", "body_invweight0")
+"""Fields that mjlab works out anew for all bodies when an event has changed some masses."""
+_CONTACT = ("contype", "conaffinity", "condim", "priority", "solmix", "solref", "solimp", "friction", "margin", "gap")
+_SHAPE = ("size", "pos", "quat", "rbound", "aabb")
+
+
+def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujoco.MjModel:
+    """Return the model of an environment in which each variant of some entities is a body, 'entity/variant'.
+
+    The entities' own bodies stay, without geoms, so that all else in the model has the addresses that it has in mjlab.
+
+    Args:
+        env: The environment.
+        entities: Mjlab's `VariantMetadata` of the entities by name.
+        where: The beginning of errors.
+
+    Raises:
+        NotSupportedError: A variant has several bodies.
+    """
+    spec, theirs = env.scene.spec.copy(), env.sim.mj_model
+    for name, info in entities.items():
+        root = spec.body(_root(env, name).name)
+        root.explicitinertial, root.mass, root.inertia = True, 1.0, [1.0, 1.0, 1.0]
+        assets = [a for a in (*spec.meshes, *spec.materials, *spec.textures) if a.name.startswith(f"{name}/")]
+        for element in (*root.geoms, *assets):
+            spec.delete(element)
+        for member, source in zip(_members(name, info), info.variant_source_specs, strict=True):
+            body = assemble.attach(spec, source.copy(), member, spec.worldbody.add_frame(), where)
+            assemble.make_kind(spec, body, member, "free", where)
+    nobject = len(spec.bodies)  # at most
+    if not has_parking_ground(assemble.compile_spec(spec, where), nobject, where):
+        add_parking_ground(spec, nobject)
+    mjm = assemble.compile_spec(spec, where)
+    members = {name: tuple(_members(name, info)) for name, info in entities.items()}
+    check_variants(spec, mjm, members, where)
+    env.sim.cfg.mujoco.apply(mjm)
+    for name, info in entities.items():
+        for member, given in zip(members[name], info.variant_slot_specs, strict=True):
+            filled = [slot for slot, own in zip(info.slots, given, strict=True) if own is not None]
+            slots = [theirs.geom(f"{name}/{slot.template_geom_name}").id for slot in filled]
+            _touch_as_in_mjlab(mjm, mjm.body(member).id, theirs, slots, _geoms(theirs, _root(env, name).id)[1])
+    return mjm
+
+
+def _members(name: str, info: Any) -> list[str]:
+    return [f"{name}/{variant}" for variant in info.variant_names]
+
+
+def _root(env: Any, name: str) -> Any:
+    return env.sim.mj_model.body(env.scene.entities[name].indexing.root_body_id)
+
+
+def _touch_as_in_mjlab(
+    mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, slots: list[int], primitives: list[int]
+) -> None:
+    """Give the geoms of a variant what mjlab's geoms for its meshes and primitives have the same in all worlds."""
+    meshes, others = _geoms(mjm, body)
+    for fields, own, sources in ((_CONTACT, meshes, slots), (_CONTACT + _SHAPE, others, primitives)):
+        for field in fields:
+            getattr(mjm, f"geom_{field}")[own] = getattr(theirs, f"geom_{field}")[sources]
+
+
+def _geoms(mjm: mujoco.MjModel, body: int) -> tuple[list[int], list[int]]:
+    """Return the meshes of a body, those that touch behind the others as mjlab orders them, and its primitives."""
+    own = np.flatnonzero(mjm.geom_bodyid == body).tolist()
+    meshes = [geom for geom in own if mjm.geom_type[geom] == MESH]
+    meshes.sort(key=lambda geom: bool(mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]))
+    return meshes, [geom for geom in own if mjm.geom_type[geom] != MESH]
+
+
+class VariantRows:
+    """Writes the variants that layouts have into the model of mjlab, and the defaults that its `dr` starts from.
+
+    Args:
+        compiled: The scene; if no object has variants, nothing is written.
+        env: The environment, whose entities the objects are.
+    """
+
+    def __init__(self, compiled: CompiledScene, env: Any) -> None:
+        self._sim, self._total, self._entities = env.sim, env.sim.mj_model.body_subtreemass[0], []
+        for name, members in compiled.config.variants.items():
+            info, root = env.scene.entities[name].variant_metadata, _root(env, name)
+            every = _members(name, info)
+            with wp.ScopedDevice(env.device):
+                model = _VARIANTS.build_variant_model(
+                    *(env.scene.spec, len(every), [(f"{name}/", replace(info, assignment=range))]),
+                    configure_model=env.sim.cfg.mujoco.apply,
+                ).wp_model
+            geoms = np.flatnonzero(env.sim.mj_model.geom_bodyid == root.id)
+            table = {}
+            for field in _FIELDS:
+                own = torch.as_tensor(geoms if field.startswith("geom") else [root.id], device=env.device)
+                table[field] = own, wp.to_torch(getattr(model, field))[:, own].clone()
+            mass = [compiled.mjm.body(member).subtreemass.item() - root.subtreemass.item() for member in every]
+            numbers = [(every.index(member), compiled.slots.index(member)) for member in members]
+            tensors = (torch.tensor(values, device=env.device) for values in (mass, numbers))
+            self._entities.append((name, table, *tensors))
+
+    def check(self) -> None:
+        """Check that worlds have the variants that mjlab has chosen as it made them.
+
+        Raises:
+            SceneMismatchError: A startup event has changed one.
+        """
+        for name, table, _, _ in self._entities:
+            for field, (own, rows) in table.items():
+                held, made = getattr(self._sim.model, field)[:, own], rows[self._sim.world_to_variant[name]]
+                if field not in _DERIVED and not torch.equal(held, made):
+                    raise SceneMismatchError(
+                        f"PlaceLayouts: startup events should leave model.{field} of the entity '{name}' alone: it has "
+                        "variants, and resets write that of the next one. List such events after PlaceLayouts, in mode "
+                        "'reset'."
+                    )
+
+    def write(self, layouts: Layouts, env_ids: Tensor) -> None:
+        """Write the variants of the environments `env_ids`; the others keep every bit."""
+        if not self._entities:
+            return
+        present = wp.to_torch(layouts.present)[env_ids]
+        total = torch.full((len(env_ids),), self._total, dtype=torch.float32, device=env_ids.device)
+        for name, table, mass, numbers in self._entities:
+            chosen = numbers[present[:, numbers[:, 1]].argmax(dim=1), 0]
+            self._sim.world_to_variant[name][env_ids] = chosen
+            for field, (own, rows) in table.items():
+                self._put(field, (env_ids[:, None], own), rows[chosen])
+            total += mass[chosen]
+        self._put("body_subtreemass", (env_ids, 0), total)
+
+    def _put(self, field: str, at: tuple, values: Tensor) -> None:
+        getattr(self._sim.model, field)[at] = values
+        if field in self._sim.per_world_default_fields:
+            self._sim.default_model_fields[field][at] = values
