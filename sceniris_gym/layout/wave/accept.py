@@ -82,9 +82,7 @@ def place(
 @wp.func
 def _had_no_region(cause: int) -> bool:
     """Return True if a candidate was rejected because its region was empty, or no point of it held."""
-    if cause == Cause.EMPTY:
-        return True
-    return cause == Cause.REGION
+    return cause == Cause.EMPTY or cause == Cause.REGION
 
 
 @wp.func
@@ -105,22 +103,15 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
         return
     layouts.rejected_object[slot] = obj
     layouts.rejected_cause[slot] = search.cause[c]
+    qpos = layouts.rejected_qpos[slot]
+    pos = layouts.rejected_mocap_pos[slot]
+    quat = layouts.rejected_mocap_quat[slot]
     for i in range(layouts.qpos.shape[1]):
-        layouts.rejected_qpos[slot, i] = layouts.qpos[row, i]
+        qpos[i] = layouts.qpos[row, i]
     for i in range(layouts.mocap_pos.shape[1]):
-        layouts.rejected_mocap_pos[slot, i] = layouts.mocap_pos[row, i]
-        layouts.rejected_mocap_quat[slot, i] = layouts.mocap_quat[row, i]
-    _write_state(
-        program,
-        search,
-        c,
-        obj,
-        0,
-        1,
-        layouts.rejected_qpos[slot],
-        layouts.rejected_mocap_pos[slot],
-        layouts.rejected_mocap_quat[slot],
-    )
+        pos[i] = layouts.mocap_pos[row, i]
+        quat[i] = layouts.mocap_quat[row, i]
+    _write_state(program, search, c, obj, 0, 1, qpos, pos, quat)
 
 
 @wp.func

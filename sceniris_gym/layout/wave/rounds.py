@@ -123,8 +123,9 @@ def _open_rows(
     ahead: int,
     busy: int,
     lanes: int,
-    # Layouts in: qpos, present, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, present, grasp, row_rejections, place, bounds, body_pos, body_quat
+    # Layouts in: qpos, start, present, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, start, present, grasp, row_rejections, place, bounds, body_pos,
+    #   body_quat
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, row_trial, rows_left,
     #   restarts_at_once, source, rows, rows_before, opened
@@ -141,6 +142,7 @@ def _open_rows(
             continue
         row = row_of_restart(search, worldid, number)
         if row != worldid:
+            layouts.start[row] = layouts.start[worldid]
             for k in range(layouts.present.shape[1]):
                 layouts.present[row, k] = layouts.present[worldid, k]
             _clear_rejections(layouts, row)

@@ -6,7 +6,7 @@ The lanes of a block share the counts and the copy of a world's rows.
 import warp as wp
 
 from sceniris_gym.device.blocks import block_any
-from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.layouts import LayoutsView, Status, copy_layout, layout_width
 from sceniris_gym.layout.wave.bank import fall_back
 from sceniris_gym.layout.wave.rounds import NEVER, await_round, row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
@@ -30,22 +30,15 @@ def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int, lan
 
 
 @wp.func
-def _copy_row(layouts: LayoutsView, row: int, worldid: int, lane: int, lanes: int):
+def _copy_row(layouts: LayoutsView, row: int, worldid: int, width: int, lane: int, lanes: int):
     """Copy a finished row into the row of its world."""
-    for i in range(lane, layouts.qpos.shape[1], lanes):
-        layouts.qpos[worldid, i] = layouts.qpos[row, i]
-    for i in range(lane, layouts.mocap_pos.shape[1], lanes):
-        layouts.mocap_pos[worldid, i] = layouts.mocap_pos[row, i]
-        layouts.mocap_quat[worldid, i] = layouts.mocap_quat[row, i]
+    for i in range(lane, width, lanes):
+        copy_layout(layouts, row, layouts, worldid, i)
     for i in range(lane, layouts.place.shape[1], lanes):
         layouts.place[worldid, i] = layouts.place[row, i]
         layouts.bounds[worldid, i] = layouts.bounds[row, i]
-    for i in range(lane, layouts.grasp.shape[1], lanes):
-        layouts.grasp[worldid, i] = layouts.grasp[row, i]
+    for i in range(lane, layouts.variant.shape[1], lanes):
         layouts.variant[worldid, i] = layouts.variant[row, i]
-        for j in range(layouts.grasp_qpos.shape[2]):
-            layouts.grasp_qpos[worldid, i, j] = layouts.grasp_qpos[row, i, j]
-            layouts.pregrasp_qpos[worldid, i, j] = layouts.pregrasp_qpos[row, i, j]
     for i in range(lane, layouts.body_pos.shape[1], lanes):
         layouts.body_pos[worldid, i] = layouts.body_pos[row, i]
         layouts.body_quat[worldid, i] = layouts.body_quat[row, i]
@@ -57,8 +50,9 @@ def _settle(
     reach: Reach,
     bank_start: wp.array[int],  # the kinds of starts of the bank, if there are some
     split: wp.uint32,
+    width: int,
     blocks: int,
-    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, start, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
+    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, start, present, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
     #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
     #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
@@ -84,7 +78,7 @@ def _settle(
             _count_row(layouts, search, worldid, row, lane, lanes)
         unsound = block_any(int(placed and not is_sound(program, layouts, row, lane, lanes)))
         if placed and unsound == 0 and row != worldid:
-            _copy_row(layouts, row, worldid, lane, lanes)
+            _copy_row(layouts, row, worldid, width, lane, lanes)
         if lane > 0:
             continue
         for i in range(search.restarts_at_once[0]):
@@ -107,5 +101,5 @@ def _settle(
 def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
     bank_start = None if work.starts is None else work.starts.bank_start
-    inputs = [work.program, work.reach, bank_start, work.split, work.size.blocks]
+    inputs = [work.program, work.reach, bank_start, work.split, layout_width(work.layouts), work.size.blocks]
     work.launch_blocks(_settle, inputs, work.layouts, work.search)
