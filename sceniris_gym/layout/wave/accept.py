@@ -153,7 +153,8 @@ def _accept_first(
         return search.row_trial[row] + trials
     if search.cause[first + end] != Cause.NONE:
         return program.attempts
-    place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
+    if obj == search.row_object[row]:  # others are placed as they are drawn
+        place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
     return _PLACED
 
 

@@ -151,8 +151,8 @@ def _draw(
     lanes: int,
     # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, rows_left, source, rows, opened, row, obj, trial, cause, turn, heading, point,
-    #   qpos, body_pos, body_quat
+    # Search in: row_world, row_restart, row_first, rows_left, source, rows, opened, row, obj, trial, cause, turn,
+    #   heading, point, qpos, body_pos, body_quat
     # Search out: rows_left, source, rows, rows_before, candidates, cuts, narrow_pairs, enclosed, hands, any_overflowed,
     #   cause, turn, heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos,
     #   body_quat
@@ -161,7 +161,8 @@ def _draw(
     if wp.tid() == 0:
         begin_wave(search)
     for c in range(wp.tid(), wp.min(search.opened[0], search.cause.shape[0]), lanes):
-        draw_candidate(program, split, layouts, search, c)
+        if c >= search.row_first[search.row[c]]:  # others are drawn ahead
+            draw_candidate(program, split, layouts, search, c)
 
 
 def launch_draw(work: Workspace) -> None:
