@@ -73,15 +73,7 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
 
 
 @wp.func
-def _draw_from_heap(
-    program: Program,
-    layouts: LayoutsView,
-    search: Search,
-    c: int,
-    row: int,
-    obj: int,
-    u: float,
-):
+def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: float):
     """Pose an object of a heap as in one of the heap's settled arrangements, relative to its container.
 
     All objects of the heap take the same arrangement, which is drawn once per restart, not once per trial.

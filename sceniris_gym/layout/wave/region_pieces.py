@@ -103,13 +103,7 @@ def _is_surely_empty(program: Program, search: Search, c: int, obj: int, combina
 
 @wp.func
 def cut_triangle(
-    program: Program,
-    search: Search,
-    c: int,
-    obj: int,
-    combination: int,
-    t: Triangle,
-    polygon: wp.array[wp.vec2],
+    program: Program, search: Search, c: int, obj: int, combination: int, t: Triangle, polygon: wp.array[wp.vec2]
 ) -> int:
     """Clip a triangle to a combination: write `polygon`, and return the number of its corners."""
     num = set_triangle(polygon, t.a, t.b, t.c)
