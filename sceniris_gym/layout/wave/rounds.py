@@ -154,9 +154,9 @@ def _open_rows(
         if search.row_object[row] == program.nobject:
             finish_row(search, row, staged)
             continue
-        num = int(0)
-        for obj in range(1, ahead + 1):
-            if search.row_object[row] == 0 and num == obj - 1 and layouts.present[row, program.obj_slot[obj]] != 0:
+        num = int(0)  # of the objects ahead, as far as no object is absent
+        if search.row_object[row] == 0:
+            while num < ahead and layouts.present[row, program.obj_slot[num + 1]] != 0:
                 num += 1
         search.row_object[row] += num
         queue_row(program, search, row, num, busy)

@@ -135,8 +135,8 @@ def narrow_pair_num(search: Search) -> int:
 def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int):
     """Queue a row for the next wave, with candidates for the next trials of its object, as far as there is room.
 
-    They are more if few rows are left or the object usually needs more. A candidate of each of so many objects ahead
-    of the row's own is in front of them; what has no room is the row's own object.
+    There are more of them if few rows are left, or if the object usually needs more. In front of them is a candidate of
+    each of the `ahead` objects before it; the first of these without room is the row's object in its place.
     """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
     obj = search.row_object[row]
