@@ -106,8 +106,8 @@ class ReachAudit:
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
                 elif claim.tier.needs_map:
-                    base = frame(self.data.xpos[self.root], self.data.xquat[self.root])
-                    pose = np.linalg.inv(base) @ _matrix(claim.pose[row])
+                    base = frame(np.hstack([self.data.xpos[self.root], self.data.xquat[self.root]]))
+                    pose = np.linalg.inv(base) @ frame(claim.pose[row])
                     asked.append((Unreached(row, claim.name, "no joints found"), pose))
         if asked:
             poses = np.stack([pose for _, pose in asked])
@@ -122,14 +122,14 @@ class ReachAudit:
             return "no grasp"
         if self._distance(claim.name, pose[:3]) > _OFF:
             return "off the object"
-        if not self._is_chosen(claim, _matrix(pose)):
+        if not self._is_chosen(claim, frame(pose)):
             return "another grasp"
         if claim.tier.needs_map:
             return None
         self.data.qpos[claim.finger_adr] = claim.fingers[row]
-        cause = self._wrong_joints(claim, claim.qpos[row], _matrix(pose))
+        cause = self._wrong_joints(claim, claim.qpos[row], frame(pose))
         if cause is None and claim.tier == Tier.CLEAR:
-            before = _matrix(pose)
+            before = frame(pose)
             before[:3, 3] -= BACK * before[:3, 2]
             cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before, grasping=False)
             return None if cause is None else f"pre-grasp: {cause}"
@@ -201,9 +201,3 @@ class ReachAudit:
         away = np.linalg.norm(pose[:3, 3] - self.data.site_xpos[site])
         turn = self.data.site_xmat[site].reshape(3, 3).T @ pose[:3, :3]
         return bool(away <= POSITION and np.trace(turn) >= 1.0 + 2.0 * np.cos(ROTATION))
-
-
-def _matrix(pose: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and orientation (wxyz) of any length, as a matrix (4, 4)."""
-    quat = np.asarray(pose[3:], float)
-    return frame(pose[:3], quat / np.linalg.norm(quat))

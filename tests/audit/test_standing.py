@@ -1,7 +1,10 @@
 """Places of objects against the scene's words: off the edge, above and below it, under a roof, in a region."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.audit.judging import MJM, auditor, causes
 from tests.commands.scenes import GAP, layout, with_row
@@ -27,6 +30,19 @@ def test_the_shelf_carries_its_objects_wherever_it_stands():
     report = auditor().judge(rows)
     assert not report.misplaced
     assert not report.conflicts
+
+
+def test_a_shelf_that_leans_carries_nothing():
+    """Its board is level to 0.1 degree with the gem on it, or leans by more."""
+    rows, degrees = layout(MJM, 2), np.array([0.0999, 0.12])
+    lean = Rotation.from_euler("y", degrees[:, None], degrees=True)
+    quat = np.array(rows.mocap_quat)
+    quat[:, 0] = lean.as_quat(scalar_first=True)
+    qpos = np.array(rows.qpos)
+    gem = MJM.joint("gem/free").qposadr[0]
+    qpos[:, gem : gem + 3] = lean.apply([0, -0.04, 0.02]) + [0, 0, 2 * GAP]
+    rows = replace(rows, mocap_quat=quat, qpos=qpos)
+    assert [found for found in causes(rows) if found[1] == "gem"] == [(1, "gem", "support")]
 
 
 def test_the_roof_is_judged_by_the_word():
