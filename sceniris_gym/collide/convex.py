@@ -51,13 +51,7 @@ def piece_shape(program: Program, piece: int) -> Shape:
 @wp.func
 def segment_shape(half_length: float) -> Shape:
     """Return a segment along the x axis of its frame."""
-    s = Shape()
-    s.kind = PieceType.SEGMENT
-    s.size = wp.vec3(half_length, 0.0, 0.0)
-    s.vertadr = int(0)
-    s.vertnum = int(0)
-    s.radius = float(0.0)
-    return s
+    return Shape(kind=PieceType.SEGMENT, size=wp.vec3(half_length, 0.0, 0.0), vertadr=0, vertnum=0, radius=0.0)
 
 
 @wp.func

@@ -23,7 +23,7 @@ from sceniris_gym.placement.placed import (
     placed,
     turned,
 )
-from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2, half_plane
+from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program
 
 _PI = wp.constant(math.pi)
@@ -219,7 +219,7 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
     inner = s.low * unit_circle(0.5 * slice)[0]
-    everything = half_plane(wp.vec2(0.0, 0.0), s.apex, 0.0)
+    everything = HalfPlane(wp.vec2(0.0), s.apex, 0.0)
     for piece in range(pieces):
         adr = first + 4 * piece
         start = s.axis - s.half_angle + slice * float(piece)
@@ -228,13 +228,13 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
         sides[adr + 2] = everything
         sides[adr + 3] = everything
         if s.half_angle < _PI or pieces > 1:
-            sides[adr] = half_plane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
-            sides[adr + 1] = half_plane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
+            sides[adr] = HalfPlane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
+            sides[adr + 1] = HalfPlane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
         middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
         if s.low > 0.0:
-            sides[adr + 2] = half_plane(-middle, s.apex, -inner)
+            sides[adr + 2] = HalfPlane(-middle, s.apex, -inner)
         if s.high < _NO_LIMIT:
-            sides[adr + 3] = half_plane(middle, s.apex, s.high)
+            sides[adr + 3] = HalfPlane(middle, s.apex, s.high)
 
 
 @wp.func
@@ -257,15 +257,15 @@ def write_sides(
         for k in range(s.hullnum):
             a = hull[corner + k]
             edge = hull[corner + (k + 1) % s.hullnum] - a
-            sides[first + k] = half_plane(wp.vec2(edge[1], -edge[0]), a, 0.0)
+            sides[first + k] = HalfPlane(wp.vec2(edge[1], -edge[0]), a, 0.0)
     elif program.rel_type[rel] == RelationType.SECTOR:
         _slice_sides(program, rel, s, sides, first)
     else:
         across = wp.vec2(-s.along[1], s.along[0])
-        sides[first] = half_plane(s.along, s.apex, s.high)
-        sides[first + 1] = half_plane(-s.along, s.apex, -s.low)
-        sides[first + 2] = half_plane(across, s.apex, s.half)
-        sides[first + 3] = half_plane(-across, s.apex, s.half)
+        sides[first] = HalfPlane(s.along, s.apex, s.high)
+        sides[first + 1] = HalfPlane(-s.along, s.apex, -s.low)
+        sides[first + 2] = HalfPlane(across, s.apex, s.half)
+        sides[first + 3] = HalfPlane(-across, s.apex, s.half)
 
 
 @wp.func

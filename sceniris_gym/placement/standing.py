@@ -16,7 +16,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_FOOT, MAX_LEVELS
 from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
-from sceniris_gym.placement.polygons import area, clip, cross2, half_plane
+from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 
@@ -148,7 +148,7 @@ def find_patch(
         for s in range(statics.part_sidenum[part]):
             ends = _side(statics, statics.part_sideadr[part] + s, ground)
             outward = wp.vec2(ends[3] - ends[1], ends[0] - ends[2])
-            num = clip(points, num, half_plane(outward, wp.vec2(ends[0], ends[1]), 0.0))
+            num = clip(points, num, HalfPlane(outward, wp.vec2(ends[0], ends[1]), 0.0))
         if num > 0 and area(points, num) >= least:
             _widen(statics, points, num, best, patch)
     return best[0] > -1.0e30
