@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, weights
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
+from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import touch_distances
 from sceniris_gym.scene.draws import drawn_bounds
@@ -79,43 +79,38 @@ class Foot:
 
 @dataclass(frozen=True)
 class Stance:
-    """The feet, contacts and carrier of an object that has to stand.
+    """The feet, contacts and levels of an object that has to stand.
 
     Attributes:
-        carrier: The object that carries it, as its number in `Plan.objects`, if that is free; else None.
-        feet: Its foot in each of its variants.
+        levels: Itself, the free object that carries it, and so on down to one on what cannot move, as their numbers in
+            `Plan.objects`.
+        feet: Its foot in each of its variants; none if it does not collide with its support.
         load: The greatest weight [kg] of it and of all that may be put on it.
         sink: How deep four contacts of it are under that load, with the least masses that are drawn [m].
         is_whole: Whether all of its foot is on its support.
         is_shifted: Whether draws move its centre of mass.
-        meets: Whether it collides with its support at all.
     """
 
-    carrier: int | None
+    levels: list[int]
     feet: list[Foot]
     load: float
     sink: float
     is_whole: bool
     is_shifted: bool
-    meets: bool
 
     @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed, so that only what is put on it needs a test."""
-        certain = self.carrier is None and self.is_whole and not self.is_shifted
+        certain = len(self.levels) < 2 and self.is_whole and not self.is_shifted
         return certain and all(f.margin > 0.0 for f in self.feet)
 
 
-NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0)
-"""The foot of what does not collide with its support."""
-NO_STANCE = Stance(None, [], 0.0, 0.0, is_whole=True, is_shifted=False, meets=True)
+NO_STANCE = Stance([], [], 0.0, 0.0, is_whole=True, is_shifted=False)
 """The stance of what need not stand."""
 
 
-def stances(
-    scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData
-) -> list[Stance | None]:
-    """Return how each object of a plan stands, None for all that need not.
+def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData) -> list[Stance]:
+    """Return how each object of a plan stands.
 
     Args:
         scene: The scene.
@@ -123,20 +118,21 @@ def stances(
         pieces: All obstacles.
         home: MjData at the start pose.
     """
-    mjm, below = scene.mjm, [carrier_of(o, objects) for o in objects]
+    mjm, below = scene.mjm, carriers_of(objects)
     heaviest = drawn_bounds(scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
     load = np.array([(weights(mjm) * heaviest)[o.bodies].sum() for o in objects])
     for number, carrier in reversed(list(enumerate(below))):
         if carrier is not None:
             load[carrier] += load[number]
-    found: list[Stance | None] = []
-    for o, kg, carrier in zip(objects, load.tolist(), below, strict=True):
+    found: list[Stance] = []
+    for number, (o, carrier) in enumerate(zip(objects, below, strict=True)):
         if o.config is None or not o.config.has_to_stand or o.heap is not None:
-            found.append(None)
+            found.append(NO_STANCE)
             continue
-        base = None if carrier is None else found[carrier]
-        carries = base is not None and not _is_heavy(scene, objects[carrier or 0], pieces, home, base)
-        found.append(replace(_stance(scene, o, pieces, home, kg), carrier=carrier if carries else None))
+        levels = [number]
+        if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, home, found[carrier]):
+            levels += found[carrier].levels
+        found.append(_stance(scene, o, pieces, home, float(load[number]), levels))
     return found
 
 
@@ -148,28 +144,19 @@ def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: muj
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
     share = 1.0 - weights(mjm)[o.bodies].sum() / max(stance.load, mujoco.mjMINVAL)
-    return stance.is_certain and tilts and share * reach < _LIGHT * min(f.margin for f in stance.feet)
+    least = min((f.margin for f in stance.feet), default=0.0)
+    return stance.is_certain and tilts and share * reach < _LIGHT * least
 
 
-def levels_of(found: list[Stance | None], number: int) -> list[int]:
-    """Return the levels below an object, as numbers of objects, itself first; none if it need not stand."""
-    chain: list[int] = []
-    at: int | None = number
-    while at is not None and (stance := found[at]) is not None:
-        chain.append(at)
-        at = stance.carrier
-    return chain
+def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
+    """Return the number of the placed free object that carries each object, None where there is none."""
+    free = {o.name: i for i, o in enumerate(objects) if o.kind == ObjectKind.FREE}
+    return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
-def carrier_of(o: PlacedObject, objects: Iterable[PlacedObject]) -> int | None:
-    """Return the number of the placed free object that carries an object, None if there is none."""
-    owner = None if o.support is None else o.support.owner
-    return next(
-        (i for i, x in enumerate(objects) if x.name == owner and x.config is not None and x.config.kind == "free"), None
-    )
-
-
-def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, load: float) -> Stance:
+def _stance(
+    scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, load: float, levels: list[int]
+) -> Stance:
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     support, mjm = o.support, scene.mjm
     assert support is not None
@@ -178,6 +165,8 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoc
     found = [p for p in (pieces if is_physics else extract_pieces(mjm, "physics", set(o.bodies))) if p.body in o.bodies]
     touch = touch_distances(mjm, scene.contact_rules, found, support.body)
     own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]
+    if not own:
+        return replace(NO_STANCE, levels=levels)
     surfaces = [s for mine in o.surfaces for s in mine]
     there = [p for p in pieces if p.body == support.body]
     below = [
@@ -191,15 +180,14 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoc
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
-    feet = [_foot(shape, v, law) if own else NO_FOOT for v in o.variants]
+    feet = [_foot(shape, v, law) for v in o.variants]
     return Stance(
-        carrier=None,
+        levels=levels,
         feet=feet,
         load=load,
         sink=max((_sink(scene, load, a.geom, b.geom) for a in own for b in below), default=0.0),
         is_whole=whole or _cannot_leave(o, feet, walls),
         is_shifted=_is_shifted(scene, o),
-        meets=bool(own),
     )
 
 

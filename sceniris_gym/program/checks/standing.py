@@ -13,7 +13,7 @@ from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight
-from sceniris_gym.program.standing import Stance, levels_of
+from sceniris_gym.program.standing import Stance
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
@@ -37,21 +37,21 @@ def check_standing(plan: Plan) -> None:
         SceneKeyError: Gravity that does not point down, contacts that are switched off or too soft, an object that its
             support does not carry, too many objects on each other, or a joint that gives way.
     """
-    config, found = plan.scene.config, plan.stances
-    for number, (o, stance) in enumerate(zip(plan.objects, found, strict=True)):
-        if stance is None:
+    config = plan.scene.config
+    for o, stance in zip(plan.objects, plan.stances, strict=True):
+        if not stance.levels:
             continue
         assert o.config is not None and o.config.support is not None
         where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
         _check_gravity(plan.scene, where)
-        if not stance.meets:
+        if not stance.feet:
             raise SceneKeyError(
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
                 f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
             )
         check_weight(plan.scene.mjm, o.bodies, where)
         _check_foot(stance, f"{where}: '{o.name}'")
-        levels = len(levels_of(found, number))
+        levels = len(stance.levels)
         if levels > MAX_LEVELS:
             raise SceneKeyError(
                 f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
@@ -92,11 +92,10 @@ def _check_foot(stance: Stance, whose: str) -> None:
 
 def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all else held."""
-    mjm, surfaces = plan.scene.mjm, [s for own in o.surfaces for s in own]
+    mjm = plan.scene.mjm
     assert o.ground is not None
-    bounds = np.array([s.region.bounds for s in surfaces])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    places = [np.array([x, y, surfaces[0].height]) for x in (low[0], high[0]) for y in (low[1], high[1])]
+    low, high = o.corners.min(axis=0), o.corners.max(axis=0)
+    places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
     joints = sorted({joint for at in places for joint in _yielding(mjm, plan.home, o.ground, at)})
     if not joints:
         return
