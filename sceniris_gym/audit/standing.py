@@ -243,9 +243,6 @@ def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> 
 
 def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:
     """Return a mask of the rows of corners (n, k, 2) whose hull lies inside the area."""
-    whole = np.atleast_1d(inside(area, corners.reshape(-1, 2)).reshape(corners.shape[:2]).all(1))
-    if not shapely.equals(area, shapely.convex_hull(area)):
-        grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
-        for row in np.flatnonzero(whole):
-            whole[row] = shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners[row])))
-    return whole
+    grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
+    shapely.prepare(grown)
+    return shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners)))

@@ -67,13 +67,16 @@ def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) 
 
 
 @wp.func
+def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, reach: float) -> ResolvedRelation:
+    """Return the strip from `low` to `high` along `along` from `apex`, by `half` to both sides [m], as a region."""
+    return ResolvedRelation(True, 0, apex, 0.0, 0.0, along, low, high, half, reach)
+
+
+@wp.func
 def _between(
     width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2], first: int
 ) -> ResolvedRelation:
     """Resolve `between`: the hull of the anchors, or a strip if they lie on a line, or a square if at one point."""
-    s = ResolvedRelation()
-    s.active = num >= 2
-    s.reach = _NO_LIMIT
     a = int(0)
     b = int(0)
     longest = float(0.0)
@@ -84,16 +87,11 @@ def _between(
                 longest = length
                 a = i
                 b = j
-    s.apex = 0.5 * (points[a] + points[b])
-    s.half = 0.5 * width
-    s.along = wp.vec2(1.0, 0.0)
-    s.low = -s.half
-    s.high = s.half
+    half = 0.5 * width
+    s = _strip(0.5 * (points[a] + points[b]), wp.vec2(1.0, 0.0), -half, half, half, _NO_LIMIT)
     if longest > _THIN:
-        s.apex = points[a]
-        s.along = (points[b] - points[a]) / longest
-        s.low = 0.0
-        s.high = longest
+        s = _strip(points[a], (points[b] - points[a]) / longest, 0.0, longest, half, _NO_LIMIT)
+    s.active = num >= 2
     left = float(0.0)
     right = float(0.0)
     for i in range(num):
@@ -108,35 +106,23 @@ def _between(
 @wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
     """Resolve `beside`: the pivots with bounds `gap` apart, the narrower one within the span of the wider one."""
-    s = ResolvedRelation()
-    s.active = True
-    s.reach = _NO_LIMIT
     side = turned(wp.vec2(1.0, 0.0), axis)
-    s.along = wp.vec2(-side[1], side[0])
+    along = wp.vec2(-side[1], side[0])
     offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
-    wide = bounds_extent(anchor, s.along)
-    narrow = bounds_extent(own, s.along)
-    s.apex = anchor.at + side * offset
+    wide = bounds_extent(anchor, along)
+    narrow = bounds_extent(own, along)
     # extended at both ends as well: it is a point if both are equally wide
-    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
-    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
-    s.half = _LINE
-    return s
+    low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
+    high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
+    return _strip(anchor.at + side * offset, along, low, high, _LINE, _NO_LIMIT)
 
 
 @wp.func
 def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
     """Resolve `beside` at sites: the point of the pivot at which the two sites meet."""
-    s = ResolvedRelation()
-    s.active = True
     sites = program.rel_sites[rel]
-    s.apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
-    s.along = wp.vec2(1.0, 0.0)
-    s.low = -_LINE
-    s.high = _LINE
-    s.half = _LINE
-    s.reach = 2.0 * _LINE
-    return s
+    apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
+    return _strip(apex, wp.vec2(1.0, 0.0), -_LINE, _LINE, _LINE, 2.0 * _LINE)
 
 
 @wp.func
