@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
+from sceniris_gym.audit.contacts import deepest_contacts
 from sceniris_gym.audit.geometry import frame, home_of, subtree
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -111,8 +112,8 @@ class ReachAudit:
                     asked.append((Unreached(row, claim.name, "no joints found"), pose))
         if asked:
             poses = np.stack([pose for _, pose in asked])
-            _, ok = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
-            found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
+            joints = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
+            found += [unreached for (unreached, _), q in zip(asked, joints, strict=True) if np.isnan(q).any()]
         return found
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
@@ -154,16 +155,16 @@ class ReachAudit:
         if np.any(qpos < self.lower - _LIMIT) or np.any(qpos > self.upper + _LIMIT):
             return "limits"
         data.qpos[self.adr] = qpos
-        mujoco.mj_fwdPosition(mjm, data)
+        mujoco.mj_kinematics(mjm, data)
         if not self._meets(self.site, pose):
             return "another pose"
-        for contact in data.contact[: data.ncon]:
-            first, second = (int(mjm.geom_bodyid[g]) for g in contact.geom)
+        for geoms, (dist, _) in deepest_contacts(mjm, data).items():
+            first, second = (int(mjm.geom_bodyid[g]) for g in geoms)
             mine = (first in self._robot) + (second in self._robot)
-            if contact.dist > -_DEEP or not mine:
+            if dist > -_DEEP or not mine:
                 continue
             if mine == 2:
-                if contact.dist > self._at_home.get(frozenset(contact.geom.tolist()), 0.0) - _DEEP:
+                if dist > self._at_home.get(geoms, 0.0) - _DEEP:
                     continue
                 return "hits itself"
             if claim.tier < Tier.CLEAR:
@@ -174,18 +175,13 @@ class ReachAudit:
                 return "hits its target"
         return None
 
-    def _touching_at_home(self) -> dict[frozenset[int], float]:
+    def _touching_at_home(self) -> dict[tuple[int, int], float]:
         """Return pairs of the robot's geoms in contact at home -> their least distance [m]."""
         alone = copy(self.mjm)  # without the placed objects, which are at the origin at home
         others = ~np.isin(alone.geom_bodyid, list(self._robot))
         alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
-        data = home_of(alone)
-        mujoco.mj_collision(alone, data)
-        found: dict[frozenset[int], float] = {}
-        for contact in data.contact[: data.ncon]:
-            geoms = frozenset(contact.geom.tolist())
-            found[geoms] = min(float(contact.dist), found.get(geoms, 0.0))
-        return found
+        contacts = deepest_contacts(alone, home_of(alone))
+        return {geoms: min(dist, 0.0) for geoms, (dist, _) in contacts.items()}
 
     def _distance(self, name: str, point: np.ndarray) -> float:
         """Return the distance [m] from a point to the nearest box of an object's geoms; 0 for one without geoms."""

@@ -245,4 +245,4 @@ def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:
     """Return a mask of the rows of corners (n, k, 2) whose hull lies inside the area."""
     grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
     shapely.prepare(grown)
-    return shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners)))
+    return np.asarray(shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners))))
