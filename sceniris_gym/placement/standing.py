@@ -73,12 +73,12 @@ def weigh(
 
 
 @wp.func
-def _side(statics: Statics, number: int, ground: Pose) -> wp.vec4:
-    """Return an edge of a part of a surface: from x, y, to x, y."""
+def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
+    """Return the half-plane that an edge of a part of a surface bounds."""
     ends = statics.side[number]
     a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
     b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
-    return wp.vec4(a[0], a[1], b[0], b[1])
+    return HalfPlane(wp.vec2(b[1] - a[1], a[0] - b[0]), wp.vec2(a[0], a[1]), 0.0)
 
 
 @wp.func
@@ -88,23 +88,11 @@ def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, surface: int, gr
         part = statics.surface_partadr[surface] + i
         nearest = float(1.0e30)
         for s in range(statics.part_sidenum[part]):
-            ends = _side(statics, statics.part_sideadr[part] + s, ground)
-            a = wp.vec2(ends[0], ends[1])
-            nearest = wp.min(nearest, cross2(wp.normalize(wp.vec2(ends[2], ends[3]) - a), at - a))
+            side = _side(statics, statics.part_sideadr[part] + s, ground)
+            nearest = wp.min(nearest, wp.dot(wp.normalize(side.normal), side.origin - at))
         if nearest > statics.variant_radius[variant]:
             return True
     return False
-
-
-@wp.func
-def _widen(statics: Statics, points: wp.array[wp.vec2], num: int, best: wp.array[float], patch: wp.array[wp.vec2]):
-    """Take points into a patch: its corner in each direction is the one that is furthest along it."""
-    for i in range(DIRECTIONS):
-        for k in range(num):
-            far = wp.dot(points[k], statics.direction[i])
-            if far > best[i]:
-                best[i] = far
-                patch[i] = points[k]
 
 
 @wp.func
@@ -146,11 +134,15 @@ def find_patch(
         if feet > 1:
             least = _SLIVER * area(points, num)
         for s in range(statics.part_sidenum[part]):
-            ends = _side(statics, statics.part_sideadr[part] + s, ground)
-            outward = wp.vec2(ends[3] - ends[1], ends[0] - ends[2])
-            num = clip(points, num, HalfPlane(outward, wp.vec2(ends[0], ends[1]), 0.0))
+            num = clip(points, num, _side(statics, statics.part_sideadr[part] + s, ground))
         if num > 0 and area(points, num) >= least:
-            _widen(statics, points, num, best, patch)
+            # the corner in each direction is the one that is furthest along it
+            for d in range(DIRECTIONS):
+                for k in range(num):
+                    far = wp.dot(points[k], statics.direction[d])
+                    if far > best[d]:
+                        best[d] = far
+                        patch[d] = points[k]
     return best[0] > -1.0e30
 
 
