@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import shapely
@@ -56,6 +57,7 @@ class StandingAudit:
 
     Attributes:
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        surfaces: Returns the level surfaces of a support by the word and the carrier, in the frame of its body.
     """
 
     def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit) -> None:
@@ -64,7 +66,7 @@ class StandingAudit:
         ray = Solid(-1, Form.ROUNDED, np.array([[0, 0, 0], [0, 0, _HIGH]]), np.zeros((0, 3), int), 0.0, np.zeros(3))
         self._narrow = Narrow([*scene.solids, ray])
         self.hulls = scene.hulls(scene.solids)
-        self._levels: dict[tuple, list[LevelSurface]] = {}
+        self.surfaces = cache(self._surfaces)
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
         """Judge all placed objects in all rows.
@@ -133,7 +135,7 @@ class StandingAudit:
         root = self.scene.bodies[name]
         return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
-    def surfaces(self, word: str, carrier: Carrier) -> list[LevelSurface]:
+    def _surfaces(self, word: str, carrier: Carrier) -> list[LevelSurface]:
         """Return the level surfaces of a support, in the frame of its body."""
         body, geom = carrier.body, carrier.geom
         if carrier.is_ground:
@@ -142,13 +144,9 @@ class StandingAudit:
             return [LevelSurface(0.0, shapely.box(-x, -y, x, y))]
         # A support that never moves is open wherever there is room: a thing above it is an obstacle or not.
         open_above = word == "on" and carrier.owner is not None
-        key = body, geom, open_above
-        if key not in self._levels:
-            solids = self._triangles(body)
-            only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
-            found = level_surfaces([*solids.values()], open_above=open_above, only=only)
-            self._levels[key] = found + self._level_planes(carrier)
-        return self._levels[key]
+        solids = self._triangles(body)
+        only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
+        return level_surfaces([*solids.values()], open_above=open_above, only=only) + self._level_planes(carrier)
 
     def is_plane(self, carrier: Carrier) -> bool:
         """Return whether a plane carries, which goes on beyond the area that objects are placed on."""

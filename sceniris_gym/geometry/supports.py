@@ -97,12 +97,9 @@ def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndar
 def points_in_space(region: RegionConfig) -> list[SupportSurface]:
     """Return points in space as surfaces, one for each of their heights; the outlines are boxes seen from above."""
     assert region.points is not None
-    heights: dict[float, list[tuple[float, ...]]] = {}
-    for x, y, z in region.points:
-        heights.setdefault(z, []).append((x, y))
     found = []
-    for z, points in heights.items():
-        seen = MultiPoint(points)
+    for z in dict.fromkeys(z for *_, z in region.points):
+        seen = MultiPoint([point[:2] for point in region.points if point[2] == z])
         found.append(SupportSurface(0, z, MultiPolygon([box(*seen.buffer(_HALF_WIDTH).bounds)]), seen))
     return found
 
