@@ -8,7 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import shapely
-from shapely.geometry import MultiPoint, Point, Polygon
+from shapely.geometry import MultiPoint, Polygon
 
 from sceniris_gym.geometry.feet import foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
@@ -17,7 +17,7 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import PlacedObject
-from sceniris_gym.program.resting import touch_distances
+from sceniris_gym.program.resting import drawn_states, touch_distances
 from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
 
@@ -69,12 +69,15 @@ class Foot:
     Attributes:
         parts: Corners [m] of its convex parts; see `geometry.feet.foot`.
         law: The margin that the object needs on it.
-        margin: Distance [m] of the object's own centre of mass from the edge of its foot; negative outside.
+        margin: Least distance [m] of the object's own centre of mass from the edge of its foot in the states that its
+            joints are drawn in; negative outside.
+        most: The greatest one.
     """
 
     parts: list[np.ndarray]
     law: Law
     margin: float
+    most: float
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,8 @@ class Stance:
         feet: Its foot in each of its variants; none if it does not collide with its support.
         load: The greatest weight [kg] of it and of all that may be put on it.
         sink: How deep four contacts of it are under that load, with the least masses that are drawn [m].
+        touch: The distance from which on its support carries it [m]: 0 without contact margins.
+        friction: The greatest coefficient of sliding friction between them.
         is_whole: Whether all of its foot is on its support.
         is_shifted: Whether draws move its centre of mass.
     """
@@ -95,6 +100,8 @@ class Stance:
     feet: list[Foot]
     load: float
     sink: float
+    touch: float
+    friction: float
     is_whole: bool
     is_shifted: bool
 
@@ -105,7 +112,7 @@ class Stance:
         return certain and all(f.margin > 0.0 for f in self.feet)
 
 
-NO_STANCE = Stance([], [], 0.0, 0.0, is_whole=True, is_shifted=False)
+NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True, is_shifted=False)
 """The stance of what need not stand."""
 
 
@@ -176,16 +183,21 @@ def _stance(
         and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
     ]
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
-    shape = HomeShape(home, o.bodies[0], own)
+    shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
+    states = drawn_states(scene, home, {d.qposadr: d.intervals for d in o.joint_ranges}, o.followers)
+    centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in states)]
+    contacts = [_contact(mjm, a.geom, b.geom) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
-    feet = [_foot(shape, v, law) for v in o.variants]
+    feet = [_foot(shape, v, law, centers) for v in o.variants]
     return Stance(
         levels=levels,
         feet=feet,
         load=load,
-        sink=max((_sink(scene, load, a.geom, b.geom) for a in own for b in below), default=0.0),
+        sink=max((_sink(scene, load, contact) for contact in contacts), default=0.0),
+        touch=max(distance for distance in touch if distance is not None),
+        friction=max((contact.friction for contact in contacts), default=0.0),
         is_whole=whole or _cannot_leave(o, feet, walls),
         is_shifted=_is_shifted(scene, o),
     )
@@ -198,15 +210,16 @@ def _is_shifted(scene: SceneModel, o: PlacedObject) -> bool:
     return "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)
 
 
-def _foot(shape: HomeShape, variant: Variant, law: Law) -> Foot:
+def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray]) -> Foot:
     """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round."""
     turn = matrix(variant.quat).T
-    center = (shape.center_of_mass - variant.pivot) @ turn
-    parts, curved = foot([(points - variant.pivot) @ turn for points in shape.points()], float(center[2]))
+    ends = [(center - variant.pivot) @ turn for center in centers]
+    parts, curved = foot([(points - variant.pivot) @ turn for points in shape.points()], float(ends[0][2]))
     if len(parts) == 1 and len(parts[0]) > _FEW_CORNERS:
         law = CURVED if curved else ROUND
-    hull, at = MultiPoint(np.concatenate(parts)).convex_hull, Point(center[:2])
-    return Foot(parts, law, hull.boundary.distance(at) if hull.contains(at) else -hull.distance(at))
+    hull, at = MultiPoint(np.concatenate(parts)).convex_hull, shapely.points(np.array(ends)[:, :2])
+    margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at))
+    return Foot(parts, law, float(margins.min()), float(margins.max()))
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
@@ -234,23 +247,44 @@ def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bo
     return solid.buffer(1e-5).covers(around.difference(inside))
 
 
-def _sink(scene: SceneModel, load: float, a: int, b: int) -> float:
+class _Contact(NamedTuple):
+    """The properties of the contacts of two geoms, by the mixing of the chapter "Computation" of MuJoCo's manual."""
+
+    geoms: list[int]
+    solref: np.ndarray
+    solimp: np.ndarray
+    friction: float
+
+
+def _contact(mjm: mujoco.MjModel, a: int, b: int) -> _Contact:
+    """Return how two geoms touch: by an explicit pair, by the geom of higher priority, or by both."""
+    rank, both = mjm.geom_priority, [a, b]
+    share = mjm.geom_solmix[a] / max(mjm.geom_solmix[both].sum(), mujoco.mjMINVAL)
+    if rank[a] != rank[b]:
+        share, both = float(rank[a] > rank[b]), [a if rank[a] > rank[b] else b]
+    friction = mjm.geom_friction[both, 0].max() * (mjm.geom_condim[both].max() > 1)
+    ref, imp = (share * x[a] + (1.0 - share) * x[b] for x in (mjm.geom_solref, mjm.geom_solimp))
+    if 0.0 < share < 1.0 and min(mjm.geom_solref[a][0], mjm.geom_solref[b][0]) <= 0.0:
+        ref = np.minimum(mjm.geom_solref[a], mjm.geom_solref[b])
+    for pair in np.flatnonzero(np.isin(mjm.pair_geom1, (a, b)) & np.isin(mjm.pair_geom2, (a, b))):
+        ref, imp = mjm.pair_solref[pair], mjm.pair_solimp[pair]
+        friction = mjm.pair_friction[pair, 0] * (mjm.pair_dim[pair] > 1)
+    if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+        ref, imp, friction = mjm.opt.o_solref, mjm.opt.o_solimp, mjm.opt.o_friction[0]
+    return _Contact([a, b], ref, imp, float(friction))
+
+
+def _sink(scene: SceneModel, load: float, contact: _Contact) -> float:
     """Return the depth [m] at which four contacts of two geoms carry a load [kg].
 
     At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
     weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax, by
-    the mixing and the impedance of the chapter "Computation" of MuJoCo's manual.
+    the impedance of that chapter.
     """
-    mjm = scene.mjm
-    share = mjm.geom_solmix[a] / max(mjm.geom_solmix[a] + mjm.geom_solmix[b], mujoco.mjMINVAL)
-    if mjm.geom_priority[a] != mjm.geom_priority[b]:
-        share = float(mjm.geom_priority[a] > mjm.geom_priority[b])
-    ref, imp = (share * x[a] + (1.0 - share) * x[b] for x in (mjm.geom_solref, mjm.geom_solimp))
-    if 0.0 < share < 1.0 and min(mjm.geom_solref[a][0], mjm.geom_solref[b][0]) <= 0.0:
-        ref = np.minimum(mjm.geom_solref[a], mjm.geom_solref[b])
-    if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
-        ref, imp = mjm.opt.o_solref, mjm.opt.o_solimp
-    least, most = np.clip(imp[:2], mujoco.mjMINIMP, mujoco.mjMAXIMP)
+    mjm, ref = scene.mjm, contact.solref
+    lower = [mujoco.mjMINIMP, mujoco.mjMINIMP, mujoco.mjMINVAL, mujoco.mjMINIMP, 1.0]
+    upper = [mujoco.mjMAXIMP, mujoco.mjMAXIMP, np.inf, mujoco.mjMAXIMP, np.inf]
+    least, most, width, middle, power = np.clip(contact.solimp, lower, upper)
     stiff = -ref[0] / most**2
     if ref[0] > 0.0:
         is_safe = not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
@@ -258,10 +292,11 @@ def _sink(scene: SceneModel, load: float, a: int, b: int) -> float:
     gravity = np.max(np.abs(drawn_bounds(scene.draws, mjm, "gravity")), axis=0)
     lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
     inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
-    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[mjm.geom_bodyid[[a, b]]].sum()
+    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[mjm.geom_bodyid[contact.geoms]].sum()
     depth = 0.0
     for _ in range(_PASSES):
-        x = min(depth / max(imp[2], mujoco.mjMINVAL), 1.0)
-        d = least + (2.0 * x * x if x < 0.5 else 1.0 - 2.0 * (1.0 - x) ** 2) * (most - least)
+        x = min(depth / width, 1.0)
+        below, above = middle ** (1.0 - power) * x**power, 1.0 - (1.0 - middle) ** (1.0 - power) * (1.0 - x) ** power
+        d = least + (below if x < middle else above) * (most - least)
         depth = 0.5 * (depth + force / max(stiff, mujoco.mjMINVAL) * (1.0 - d) / d**2)
     return float(depth)

@@ -19,7 +19,7 @@ from sceniris_gym.program.standing import CURVED, Foot, carriers_of
 
 _ENDLESS = np.zeros((0, 4))
 """The edges of a surface that no foot can leave."""
-_NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0)
+_NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0, most=0.0)
 """The foot of what need not stand."""
 
 
@@ -53,6 +53,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "direction": around(DIRECTIONS),
         "obj_sink": sink * (not drawn),
         "obj_give": give * drawn,
+        "obj_touch": np.array([s.touch for s in found]),
         "variant_law": np.reshape([f.law for f in feet], (-1, 4)),
         "variant_radius": np.where(holds, radius, 1e30),
         "corner": np.reshape(corner, (-1, 2)),
