@@ -103,7 +103,8 @@ class BalanceAudit:
         lowest = np.min([points[:, :, 2].min(1) for points in ground], axis=0)
         over = np.zeros(len(center), bool)
         for surface in standing.surfaces("in", carrier):
-            level = np.flatnonzero(np.abs(lowest - surface.height - part.gap) <= 2 * HEIGHT_TOLERANCE)
+            off = np.abs(lowest - surface.height - standing.gap(name, carrier))
+            level = np.flatnonzero(off <= 2 * HEIGHT_TOLERANCE)
             area = _ENDLESS if standing.is_plane(carrier) else surface.area
             touching = [shapely.intersection(_feet(points[level], lowest[level]), area) for points in ground]
             pieces = [shapely.geometrycollections(list(piece)) for piece in zip(*touching, strict=True)]

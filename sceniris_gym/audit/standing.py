@@ -12,6 +12,7 @@ from sceniris_gym.audit.distance import Narrow
 from sceniris_gym.audit.geometry import Form, Poses, Solid
 from sceniris_gym.audit.heaps import HeapAudit
 from sceniris_gym.audit.outlines import Outlines
+from sceniris_gym.audit.pairs import Judged
 from sceniris_gym.audit.scene import Carrier, JudgedScene
 from sceniris_gym.audit.supports import (
     EDGE_TOLERANCE,
@@ -23,6 +24,7 @@ from sceniris_gym.audit.supports import (
     plane_surface,
     surface_of,
 )
+from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 
 _HIGH = 10.0  # m; what is higher above a point does not cover it
@@ -54,19 +56,25 @@ class StandingAudit:
         scene: The scene.
         outlines: Outlines of the objects.
         heaps: The judge of heaps.
+        pairs: The pairs of solids that must be apart.
 
     Attributes:
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
         surfaces: Returns the level surfaces of a support by the word and the carrier, in the frame of its body.
     """
 
-    def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit) -> None:
+    def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit, pairs: list[Judged]) -> None:
         self.scene, self.outlines, self._heaps = scene, outlines, heaps
         self._planes = [s.geom for s in scene.solids if s.form is Form.HALFSPACE]
         ray = Solid(-1, Form.ROUNDED, np.array([[0, 0, 0], [0, 0, _HIGH]]), np.zeros((0, 3), int), 0.0, np.zeros(3))
         self._narrow = Narrow([*scene.solids, ray])
         self.hulls = scene.hulls(scene.solids)
         self.surfaces = cache(self._surfaces)
+        self._touch: dict[tuple[str, int], float] = {}  # (object, body) -> distance from which on that carries it
+        for pair, ends in ((p, ends) for p in pairs for ends in ((p.first, p.second), (p.second, p.first))):
+            one, other = (scene.solids[i] for i in ends)
+            key = scene.owner(one), int(scene.mjm.geom_bodyid[other.geom])
+            self._touch[key] = max(pair.margin, self._touch.get(key, 0.0))
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
         """Judge all placed objects in all rows.
@@ -117,13 +125,19 @@ class StandingAudit:
         surfaces = self.surfaces(part.support.word, carrier)
         bounds = shapely.total_bounds([surface.area for surface in surfaces])
         for surface in surfaces:
-            level = np.flatnonzero(np.abs(local[:, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE)
+            off = np.abs(local[:, 2] - surface.height - self.gap(name, carrier))
+            level = np.flatnonzero(off <= HEIGHT_TOLERANCE)
             allowed = inside(surface.area, local[level, :2], erosion[level])
             allowed &= _in_region(surface.area, bounds, part, local[level, :2])
             on = level[allowed]
             body[on] = ground
             stands[on] = not whole or _all_inside(surface.area, corners[on])
         return body, stands
+
+    def gap(self, name: str, carrier: Carrier) -> float:
+        """Return the height [m] at which an object is put down: the scene's, or more where MuJoCo acts from there."""
+        touch = self._touch.get((name, carrier.body), 0.0)
+        return max(self.scene.placed[name].gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
     def in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
         """Return world points (nrow, n, 3) in the frame of a body; NaN in rows in which that leans."""

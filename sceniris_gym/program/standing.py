@@ -32,7 +32,8 @@ _LIGHT = 0.25
 # Axes are level if they are inclined by less than this.
 _LEVEL = 1.0e-3
 _CONTACTS = 4
-_PASSES = 6
+# Number of depths at which the impedance of a contact is looked up.
+_GRID = 1001
 
 
 class Law(NamedTuple):
@@ -293,10 +294,9 @@ def _sink(scene: SceneModel, load: float, contact: _Contact) -> float:
     lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
     inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
     force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[mjm.geom_bodyid[contact.geoms]].sum()
-    depth = 0.0
-    for _ in range(_PASSES):
-        x = min(depth / width, 1.0)
-        below, above = middle ** (1.0 - power) * x**power, 1.0 - (1.0 - middle) ** (1.0 - power) * (1.0 - x) ** power
-        d = least + (below if x < middle else above) * (most - least)
-        depth = 0.5 * (depth + force / max(stiff, mujoco.mjMINVAL) * (1.0 - d) / d**2)
-    return float(depth)
+    x = np.linspace(0.0, 1.0, _GRID)
+    early, late = middle ** (1.0 - power) * x**power, 1.0 - (1.0 - middle) ** (1.0 - power) * (1.0 - x) ** power
+    d = least + np.where(x < middle, early, late) * (most - least)
+    share = force / max(stiff, mujoco.mjMINVAL)
+    depth = np.interp(share, width * x * d**2 / (1.0 - d), width * x)
+    return max(float(depth), share * (1.0 - most) / most**2)  # below the width nothing gets stiffer

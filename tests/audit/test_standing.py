@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sceniris_gym.audit.auditor import Auditor
 from tests.audit.judging import MJM, auditor, causes
-from tests.commands.scenes import GAP, layout, with_row
+from tests.commands.scenes import GAP, MODEL, bodies, layout, small_config, with_row
 
 
 def test_objects_off_their_support_are_misplaced():
@@ -93,3 +95,13 @@ def test_points_are_exact():
     assert causes(rows, gem=in_space) == wrong
     in_space["region"] = {"points": [[0.05, -0.04, top + 1e-4]]}
     assert len(causes(rows, gem=in_space)) == 3
+
+
+def test_what_touches_from_afar_is_put_down_as_high():
+    """With contact margins of 2 mm a gem stands 20 um above them; as high as others it would be pushed up."""
+    spec = mujoco.MjSpec.from_string(MODEL)
+    spec.geom("gem").margin = 0.002
+    mjm = spec.compile()
+    rows = with_row(layout(mjm, 2), 1, layout(mjm, gem=(0, -0.04, GAP + 0.02 + 0.00202, 0.3)))
+    report = Auditor(mjm, small_config(), bodies(mjm)).judge(rows)
+    assert [(m.row, m.name, m.cause) for m in report.misplaced] == [(0, "gem", "support")]

@@ -52,7 +52,8 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
                 f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
             )
-        leans = len(stance.levels) > 1 or plan.scene.mjm.opt.gravity[:2].any()
+        pulls = np.array(drawn_bounds(plan.scene.draws, plan.scene.mjm, "gravity"))
+        leans = len(stance.levels) > 1 or pulls[..., :2].any()
         if leans and stance.friction < _FRICTION:
             raise SceneKeyError(
                 f"{where}: '{o.name}' slides off '{o.config.support.parent}', as the friction between them is "
