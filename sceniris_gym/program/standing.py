@@ -71,7 +71,7 @@ class Foot:
         parts: Corners [m] of its convex parts; see `geometry.feet.foot`.
         law: The margin that the object needs on it.
         margin: Least distance [m] of the object's own centre of mass from the edge of its foot in the states that its
-            joints are drawn in; negative outside.
+            joints are drawn in; negative outside, and -inf where draws of masses move it.
         most: The greatest one.
     """
 
@@ -94,7 +94,6 @@ class Stance:
         touch: The distance from which on its support carries it [m]: 0 without contact margins.
         friction: The greatest coefficient of sliding friction between them.
         is_whole: Whether all of its foot is on its support.
-        is_shifted: Whether draws move its centre of mass.
     """
 
     levels: list[int]
@@ -104,16 +103,14 @@ class Stance:
     touch: float
     friction: float
     is_whole: bool
-    is_shifted: bool
 
     @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed, so that only what is put on it needs a test."""
-        certain = len(self.levels) < 2 and self.is_whole and not self.is_shifted
-        return certain and all(f.margin > 0.0 for f in self.feet)
+        return len(self.levels) < 2 and self.is_whole and all(f.margin > 0.0 for f in self.feet)
 
 
-NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True, is_shifted=False)
+NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 """The stance of what need not stand."""
 
 
@@ -187,20 +184,19 @@ def _stance(
     shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
     states = drawn_states(scene, home, {d.qposadr: d.intervals for d in o.joint_ranges}, o.followers)
     centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in states)]
-    contacts = [_contact(mjm, a.geom, b.geom) for a in own for b in below]
+    contacts = [([a.body, b.body], *_contact(mjm, a.geom, b.geom)) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
-    feet = [_foot(shape, v, law, centers) for v in o.variants]
+    feet = [_foot(shape, v, law, centers, _is_shifted(scene, o)) for v in o.variants]
     return Stance(
         levels=levels,
         feet=feet,
         load=load,
-        sink=max((_sink(scene, load, contact) for contact in contacts), default=0.0),
+        sink=max((_sink(scene, load, *contact[:3]) for contact in contacts), default=0.0),
         touch=max(distance for distance in touch if distance is not None),
-        friction=max((contact.friction for contact in contacts), default=0.0),
+        friction=max((friction for *_, friction in contacts), default=0.0),
         is_whole=whole or _cannot_leave(o, feet, walls),
-        is_shifted=_is_shifted(scene, o),
     )
 
 
@@ -211,7 +207,7 @@ def _is_shifted(scene: SceneModel, o: PlacedObject) -> bool:
     return "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)
 
 
-def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray]) -> Foot:
+def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray], is_shifted: bool) -> Foot:
     """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round."""
     turn = matrix(variant.quat).T
     ends = [(center - variant.pivot) @ turn for center in centers]
@@ -220,7 +216,7 @@ def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray
         law = CURVED if curved else ROUND
     hull, at = MultiPoint(np.concatenate(parts)).convex_hull, shapely.points(np.array(ends)[:, :2])
     margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at))
-    return Foot(parts, law, float(margins.min()), float(margins.max()))
+    return Foot(parts, law, -np.inf if is_shifted else float(margins.min()), float(margins.max()))
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
@@ -248,17 +244,11 @@ def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bo
     return solid.buffer(1e-5).covers(around.difference(inside))
 
 
-class _Contact(NamedTuple):
-    """The properties of the contacts of two geoms, by the mixing of the chapter "Computation" of MuJoCo's manual."""
+def _contact(mjm: mujoco.MjModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return `solref`, `solimp` and sliding friction of two geoms, as the chapter "Computation" of MuJoCo's manual says.
 
-    geoms: list[int]
-    solref: np.ndarray
-    solimp: np.ndarray
-    friction: float
-
-
-def _contact(mjm: mujoco.MjModel, a: int, b: int) -> _Contact:
-    """Return how two geoms touch: by an explicit pair, by the geom of higher priority, or by both."""
+    They are those of an explicit pair, of the geom of higher priority, or mixed.
+    """
     rank, both = mjm.geom_priority, [a, b]
     share = mjm.geom_solmix[a] / max(mjm.geom_solmix[both].sum(), mujoco.mjMINVAL)
     if rank[a] != rank[b]:
@@ -272,20 +262,20 @@ def _contact(mjm: mujoco.MjModel, a: int, b: int) -> _Contact:
         friction = mjm.pair_friction[pair, 0] * (mjm.pair_dim[pair] > 1)
     if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         ref, imp, friction = mjm.opt.o_solref, mjm.opt.o_solimp, mjm.opt.o_friction[0]
-    return _Contact([a, b], ref, imp, float(friction))
+    return ref, imp, float(friction)
 
 
-def _sink(scene: SceneModel, load: float, contact: _Contact) -> float:
-    """Return the depth [m] at which four contacts of two geoms carry a load [kg].
+def _sink(scene: SceneModel, load: float, bodies: list[int], ref: np.ndarray, imp: np.ndarray) -> float:
+    """Return the depth [m] at which four contacts of two bodies carry a load [kg].
 
     At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
     weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax, by
     the impedance of that chapter.
     """
-    mjm, ref = scene.mjm, contact.solref
+    mjm = scene.mjm
     lower = [mujoco.mjMINIMP, mujoco.mjMINIMP, mujoco.mjMINVAL, mujoco.mjMINIMP, 1.0]
     upper = [mujoco.mjMAXIMP, mujoco.mjMAXIMP, np.inf, mujoco.mjMAXIMP, np.inf]
-    least, most, width, middle, power = np.clip(contact.solimp, lower, upper)
+    least, most, width, middle, power = np.clip(imp, lower, upper)
     stiff = -ref[0] / most**2
     if ref[0] > 0.0:
         is_safe = not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
@@ -293,7 +283,7 @@ def _sink(scene: SceneModel, load: float, contact: _Contact) -> float:
     gravity = np.max(np.abs(drawn_bounds(scene.draws, mjm, "gravity")), axis=0)
     lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
     inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
-    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[mjm.geom_bodyid[contact.geoms]].sum()
+    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[bodies].sum()
     x = np.linspace(0.0, 1.0, _GRID)
     early, late = middle ** (1.0 - power) * x**power, 1.0 - (1.0 - middle) ** (1.0 - power) * (1.0 - x) ** power
     d = least + np.where(x < middle, early, late) * (most - least)

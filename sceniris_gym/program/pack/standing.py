@@ -41,9 +41,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "surface_part", ([_ENDLESS] if id(x) in whole else _convex_parts(x) for x in surfaces)
     )
     side, of_parts = addressed("part_side", parts)
-    owners = [s for o, s in zip(objects, found, strict=True) for _ in o.variants]
-    holds = [f.margin > 0.0 and not s.is_shifted for f, s in zip(feet, owners, strict=True)]
-    radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]
+    radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() if f.margin > 0.0 else 1e30 for f in feet]
     drawn = any(draw.word.field == "body_mass" for draw in plan.scene.draws)
     sink = np.array([s.sink for s in found])
     give = sink / np.maximum([s.load for s in found], mujoco.mjMINVAL)
@@ -55,7 +53,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_give": give * drawn,
         "obj_touch": np.array([s.touch for s in found]),
         "variant_law": np.reshape([f.law for f in feet], (-1, 4)),
-        "variant_radius": np.where(holds, radius, 1e30),
+        "variant_radius": np.array(radius, float),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),
