@@ -245,7 +245,7 @@ def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bo
 
 
 def _contact(mjm: mujoco.MjModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return `solref`, `solimp` and sliding friction of two geoms, as the chapter "Computation" of MuJoCo's manual says.
+    """Return `solref`, `solimp` and sliding friction of two geoms as in the chapter "Computation" of MuJoCo's manual.
 
     They are those of an explicit pair, of the geom of higher priority, or mixed.
     """
