@@ -153,18 +153,14 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
     middle = wp.vec2(0.0)
     for i in range(DIRECTIONS):
         middle += patch[i] / float(DIRECTIONS)
-    xx = float(0.0)
-    xy = float(0.0)
-    yy = float(0.0)
+    spread = wp.mat22(0.0)
     margin = float(1.0e30)
     inner = float(1.0e30)
     before = patch[DIRECTIONS - 1]
     for i in range(DIRECTIONS):
         after = patch[i]
         r = after - middle
-        xx += r[0] * r[0]
-        xy += r[0] * r[1]
-        yy += r[1] * r[1]
+        spread += wp.outer(r, r)
         side = after - before
         if wp.length_sq(side) > 1.0e-12:
             side = wp.normalize(side)
@@ -176,8 +172,8 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
         margin = -1.0
     level.middle = middle
     level.margin = margin
-    size = level.law[2] * float(DIRECTIONS) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
-    level.softness = size * wp.mat22(yy, -xy, -xy, xx)
+    size = level.law[2] * float(DIRECTIONS) * level.sink / wp.max(wp.determinant(spread), 1.0e-30)
+    level.softness = size * wp.mat22(spread[1, 1], -spread[0, 1], -spread[0, 1], spread[0, 0])
     return level
 
 
