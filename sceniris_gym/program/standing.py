@@ -92,7 +92,7 @@ class Stance:
         load: The greatest weight [kg] of it and of all that may be put on it.
         sink: How deep four contacts of it are under that load, with the least masses that are drawn [m].
         touch: The distance from which on its support carries it [m]: 0 without contact margins.
-        friction: The greatest coefficient of sliding friction between them.
+        friction: The greatest coefficient of sliding friction between them, with the least that is drawn.
         is_whole: Whether all of its foot is on its support.
     """
 
@@ -184,7 +184,7 @@ def _stance(
     shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
     states = drawn_states(scene, home, {d.qposadr: d.intervals for d in o.joint_ranges}, o.followers)
     centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in states)]
-    contacts = [([a.body, b.body], *_contact(mjm, a.geom, b.geom)) for a in own for b in below]
+    contacts = [([a.body, b.body], *_contact(scene, a.geom, b.geom)) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
@@ -244,16 +244,17 @@ def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bo
     return solid.buffer(1e-5).covers(around.difference(inside))
 
 
-def _contact(mjm: mujoco.MjModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
+def _contact(scene: SceneModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Return `solref`, `solimp` and sliding friction of two geoms as in the chapter "Computation" of MuJoCo's manual.
 
     They are those of an explicit pair, of the geom of higher priority, or mixed.
     """
-    rank, both = mjm.geom_priority, [a, b]
+    mjm, both = scene.mjm, [a, b]
+    rank, sliding = mjm.geom_priority, drawn_bounds(scene.draws, mjm, "geom_friction")[0][:, 0]
     share = mjm.geom_solmix[a] / max(mjm.geom_solmix[both].sum(), mujoco.mjMINVAL)
     if rank[a] != rank[b]:
         share, both = float(rank[a] > rank[b]), [a if rank[a] > rank[b] else b]
-    friction = mjm.geom_friction[both, 0].max() * (mjm.geom_condim[both].max() > 1)
+    friction = sliding[both].max() * (mjm.geom_condim[both].max() > 1)
     ref, imp = (share * x[a] + (1.0 - share) * x[b] for x in (mjm.geom_solref, mjm.geom_solimp))
     if 0.0 < share < 1.0 and min(mjm.geom_solref[a][0], mjm.geom_solref[b][0]) <= 0.0:
         ref = np.minimum(mjm.geom_solref[a], mjm.geom_solref[b])
