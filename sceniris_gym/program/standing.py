@@ -249,15 +249,14 @@ def _contact(scene: SceneModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray,
 
     They are those of an explicit pair, of the geom of higher priority, or mixed.
     """
-    mjm, both = scene.mjm, [a, b]
-    rank, sliding = mjm.geom_priority, drawn_bounds(scene.draws, mjm, "geom_friction")[0][:, 0]
-    share = mjm.geom_solmix[a] / max(mjm.geom_solmix[both].sum(), mujoco.mjMINVAL)
-    if rank[a] != rank[b]:
-        share, both = float(rank[a] > rank[b]), [a if rank[a] > rank[b] else b]
-    friction = sliding[both].max() * (mjm.geom_condim[both].max() > 1)
-    ref, imp = (share * x[a] + (1.0 - share) * x[b] for x in (mjm.geom_solref, mjm.geom_solimp))
-    if 0.0 < share < 1.0 and min(mjm.geom_solref[a][0], mjm.geom_solref[b][0]) <= 0.0:
-        ref = np.minimum(mjm.geom_solref[a], mjm.geom_solref[b])
+    mjm, sliding = scene.mjm, drawn_bounds(scene.draws, scene.mjm, "geom_friction")[0][:, 0]
+    rank = mjm.geom_priority[[a, b]]
+    first = np.array([a, b])[rank == rank.max()]
+    mix = np.maximum(mjm.geom_solmix[first], mujoco.mjMINVAL)
+    ref, imp = (np.average(x[first], axis=0, weights=mix) for x in (mjm.geom_solref, mjm.geom_solimp))
+    if mjm.geom_solref[first, 0].min() <= 0.0:
+        ref = mjm.geom_solref[first].min(axis=0)
+    friction = sliding[first].max() * (mjm.geom_condim[first].max() > 1)
     for pair in np.flatnonzero(np.isin(mjm.pair_geom1, (a, b)) & np.isin(mjm.pair_geom2, (a, b))):
         ref, imp = mjm.pair_solref[pair], mjm.pair_solimp[pair]
         friction = mjm.pair_friction[pair, 0] * (mjm.pair_dim[pair] > 1)

@@ -132,12 +132,11 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
             mujoco.mj_step(model, data, round(_SECONDS / _LOOKS / model.opt.timestep))
             fall = max(fall, float((start - _point(data, o.ground, at))[2]))
         if fall > _GIVES:
-            by = f", by joint {' and '.join(repr(mjm.joint(j).name) for j in joints)}"
-            cure = "Hold that by its frictionloss, stiffness, limits or actuator"
-            if is_loose:
-                by, cure = "", "It is free where the model has it: place it, too, so that it is tested in each layout"
+            names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
+            held = f"joint {names}. Hold that by its frictionloss, stiffness, limits or actuator"
+            by = f"free body '{mjm.body(root).name}'. Place that, too" if is_loose else held
             raise SceneKeyError(
-                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg{by}. {cure}, {_ANYWAY}."
+                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by {by}, {_ANYWAY}."
             )
 
 

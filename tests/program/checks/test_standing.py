@@ -57,7 +57,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"gravity": ".1 0 -9.8", "geom": 'condim="1" priority="1"'},
         "'crate' slides off 'bench'",
     ),
-    "a loose stool": ({"on": "stool"}, r"crate\.on: its support gives way by [0-9.]+ mm under 1 kg\. It is free where"),
+    "a loose stool": (
+        {"on": "stool"},
+        r"gives way by [0-9.]+ mm under 1 kg, by free body 'stool'\. Place",
+    ),
     "a seesaw": ({"on": "stand/board"}, r"its support gives way by [0-9.]+ mm under 1 kg, by joint 'turn'"),
     "weak friction": ({"on": "stand/board", "joint": 'frictionloss=".5"'}, "gives way"),
 }
