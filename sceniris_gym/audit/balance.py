@@ -31,9 +31,7 @@ class BalanceAudit:
 
     def __init__(self, scene: JudgedScene, standing: StandingAudit) -> None:
         self._scene, self._standing = scene, standing
-        self._surface = {
-            s.geom: surface_of(s)[0] for s in solids_of(scene.mjm, "physics") if s.form is not Form.HALFSPACE
-        }
+        self._solids = [s for s in solids_of(scene.mjm, "physics") if s.form is not Form.HALFSPACE]
         filling = {name for heap in scene.config.heaps.values() for name in heap.of}
         objects = {n: p for n, p in scene.placed.items() if p.support is not None and n in scene.config.objects}
         self._owner = {n: self._carrier(p).owner for n, p in objects.items() if p.has_to_stand or n in filling}
@@ -94,9 +92,9 @@ class BalanceAudit:
         carrier = self._carrier(part)
         bodies = subtree(mjm, self._scene.bodies[name])
         parts = [
-            vertices @ poses.geom_xmat[:, geom].transpose(0, 2, 1) + poses.geom_xpos[:, geom, None]
-            for geom, vertices in self._surface.items()
-            if int(mjm.geom_bodyid[geom]) in bodies
+            surface_of(s)[0] @ poses.geom_xmat[:, s.geom].transpose(0, 2, 1) + poses.geom_xpos[:, s.geom, None]
+            for s in self._solids
+            if int(mjm.geom_bodyid[s.geom]) in bodies
         ]
         ground = [standing.in_frame(carrier.body, poses, points) for points in parts]
         at = standing.in_frame(carrier.body, poses, center[:, None])[:, 0, :2]

@@ -123,9 +123,8 @@ def crop(
         _check_points(surfaces, points, kept[erosion], erosion, where)
     elif not any(kept.values()):
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
-        said = f"erosion by {erosion:.4g} m" if erosion > 0.0 else ""
-        said += " and " if said and region is not None else ""
-        said += "cropping to its region" if region is not None else ""
+        cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to its region": region is not None}
+        said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
         raise ErodedSupportError(
             f"{where}: nothing is left of the support after {said}; its surface spans [{x0:.4g}, {x1:.4g}] x "
             f"[{y0:.4g}, {y1:.4g}] m. Use a smaller ratio_on_support, a region that overlaps it, or a larger support."
