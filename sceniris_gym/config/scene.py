@@ -14,17 +14,19 @@ from pydantic import (
     ModelWrapValidatorHandler,
     PrivateAttr,
     Strict,
+    TypeAdapter,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
 
 from sceniris_gym.config.cameras import CameraConfig
-from sceniris_gym.config.fields import ROBOT, Extents2, MemberName, Model, ObjectName, PartName, in_memory, wrong
+from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, PartName, in_memory, wrong
 from sceniris_gym.config.folders import is_pattern
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig, with_places
 from sceniris_gym.config.limits import MOST_ATTEMPTS
-from sceniris_gym.config.loader import HOLDOUT, override, read_scene
+from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.randomize import SceneDraws
@@ -33,7 +35,7 @@ from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig, with_chains
 from sceniris_gym.config.start import StartConfig, check_starts
 from sceniris_gym.config.validation import SceneNames, check_names
-from sceniris_gym.config.variants import check_shared, held_out, owners_of, variants_of, with_members, with_variants
+from sceniris_gym.config.variants import check_shared, owners_of, variants_of, with_members, with_variants
 
 AUTO = "auto"
 """The value of `attempts` that lets `compile_scene` choose."""
@@ -41,20 +43,8 @@ DEFAULT_BANK = 64
 """Number of valid layouts that are kept for each split, for worlds that run out of restarts."""
 _FILES = ("asset", "model", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
-
-
-def _overridden(data: dict, overrides: Mapping[str, Any], where: str) -> dict:
-    """Return a scene updated with overrides, those of single variants last, as they reach them written out."""
-    single = {}
-    if isinstance(overrides, Mapping):
-        single = {key: value for key, value in overrides.items() if "/" in str(key).partition(".")[2].partition(".")[0]}
-        overrides = {key: value for key, value in overrides.items() if key not in single}
-    data = override(data, overrides, where)
-    if not single:
-        return data
-    with reading(where):
-        data = with_members(data)
-    return override(data, single, where)
+_WRITTEN = TypeAdapter(dict[str, Any])
+"""The words of a scene, some of which may be parts made in Python."""
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -105,7 +95,7 @@ class SceneConfig(Section):
     home: str | None = None
     randomize: SceneDraws | None = None
     _where: str = PrivateAttr("SceneConfig")
-    _written: Mapping[str, Any] | None = PrivateAttr(None)
+    _written: dict[str, Any] | None = PrivateAttr(None)
 
     @classmethod
     def load(cls, scene: str | Path | Mapping | SceneConfig, overrides: Mapping[str, Any] | None = None) -> SceneConfig:
@@ -125,13 +115,15 @@ class SceneConfig(Section):
         if isinstance(scene, SceneConfig):
             if overrides is None:
                 return scene
-            data = dict(scene._written or scene.model_dump(by_alias=True, exclude_unset=True))
+            data = scene.model_dump(by_alias=True, exclude_unset=True)
+            if scene._written:
+                data = _WRITTEN.dump_python(scene._written, by_alias=True, exclude_unset=True)
             where, name = scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
         if overrides is not None:
-            data = _overridden(data, overrides, where)
+            data = override(data, overrides, where)
         with reading(where):
             config = cls.model_validate({"name": name, **data})
         config._where = where
@@ -192,7 +184,7 @@ class SceneConfig(Section):
 
     def with_shared_objects(self) -> SceneConfig:
         """Return the scene in which an object with variants is one object, in the words of its first variant."""
-        variant = {member: name for name, members in self.variants.items() for member in members}
+        variant = owners_of(self.variants)
         objects = {variant.get(name, name): part for name, part in reversed(self.objects.items())}
         groups = {name: group for name, group in self.groups.items() if name not in self.variants}
         fields = {name: getattr(self, name) for name in self.model_fields_set}
@@ -209,20 +201,9 @@ class SceneConfig(Section):
 
     def without(self, members: Collection[str]) -> SceneConfig:
         """Return the scene without some of the variants of its objects."""
-        written = (self._written or {}).get("objects", {})
         with reading(self.where):
-            groups = {}
-            for name, group in self.groups.items():
-                left, share = [m for m in group.of if m not in members], written.get(name, {}).get(HOLDOUT)
-                anew = len(left) < len(group.of) and share is not None
-                groups[name] = group.without(members, held_out(name, share, left) if anew else group.splits)
-        known = owners_of(self.variants)
-        named = {MemberName(name) if name in known else name: part for name, part in self.objects.items()}
-        objects = {name: part for name, part in named.items() if name not in members}
-        fields = {name: getattr(self, name) for name in self.model_fields_set}
-        with reading(self.where):
-            config = SceneConfig(**fields | {"objects": objects, "groups": groups})
-        config._where, config._written = self.where, self._written
+            config = SceneConfig.model_validate({"name": self.name, **(self._written or {})}, context=members)
+        config._where = self.where
         return config
 
     @property
@@ -272,9 +253,10 @@ class SceneConfig(Section):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
-        written = with_members(data)
-        config = handler(written)
+    def _variants_are_members(
+        cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig], info: ValidationInfo
+    ) -> SceneConfig:
+        config = handler(with_members(data, info.context or ()))
         check_shared(config.variants, config.objects)
         if config.variants or config.stacks:
             config._written = data

@@ -13,7 +13,7 @@ from sceniris_gym.config.heaps import PLACING, HeapConfig
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.config.stacks import StackConfig
-from sceniris_gym.config.variants import variants_of, with_variants
+from sceniris_gym.config.variants import owners_of, variants_of, with_variants
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
 
 
@@ -42,6 +42,12 @@ class SceneNames:
     def variants(self) -> dict[str, tuple[str, ...]]:
         """The objects with variants: names of their members."""
         return variants_of(self.groups)
+
+    @cached_property
+    def without_variants(self) -> list[str]:
+        """The objects that are no variants of others."""
+        owners = owners_of(self.variants)
+        return [name for name in self.objects if name not in owners]
 
     @property
     def placed(self) -> list[tuple[str, str, ObjectConfig]]:
@@ -137,7 +143,7 @@ def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None
         raise SceneKeyError(
             f"{where}: '{owner}' has variants, and nothing can be placed on any of them. Name another support."
         )
-    others = [other for other, part in scene.objects.items() if other != name and part.kind != "marker"]
+    others = [n for n in scene.without_variants if n != name and scene.objects[n].kind != "marker"]
     if owner not in scene.objects and scene.has_model and (parent != FLOOR or not scene.has_floor):
         return  # a geom or a body of the model, which is not loaded yet
     if parent == FLOOR and not scene.has_floor:
@@ -154,8 +160,8 @@ def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> No
     known = [*scene.objects, *scene.robots, *scene.variants]
     if other not in known:
         is_frame = where.endswith(".frame")
-        valid = [*(FRAMES if is_frame else ()), *(n for n in known if n != name)]
-        raise UnknownNameError("frame" if is_frame else "object", other, where, valid)
+        valid = (*scene.without_variants, *scene.robots, *scene.variants, *(FRAMES if is_frame else ()))
+        raise UnknownNameError("frame" if is_frame else "object", other, where, [n for n in valid if n != name])
     if other in (name, name.partition("/")[0]):
         raise SceneKeyError(f"{where}: '{other}' should be a different object from the one that is placed.")
 
@@ -170,7 +176,7 @@ def _check_members(scene: SceneNames, where: str) -> None:
                 if name in scene.variants and label != name:
                     raise SceneKeyError(f"{path}: '{name}' has variants, so it cannot be in a {kind}. Leave it out.")
                 if name not in scene.objects:
-                    raise UnknownNameError("object", name, path, scene.objects)
+                    raise UnknownNameError("object", name, path, scene.without_variants)
                 if name in owners:
                     raise SceneKeyError(
                         f"{path}: '{name}' is also in the {owners[name]}. It should be in one of them at most."
