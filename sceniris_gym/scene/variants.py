@@ -151,11 +151,12 @@ def check_variants(
         if len(subtree(mjm, body)) > 1:
             raise NotSupportedError(f"{at}: has several bodies, and {cure}.")
         geoms = _geoms(mjm, body)
-        if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]):
-            raise NotSupportedError(f"{at}: has geoms with plugins or fluid forces, and {cure}.")
+        height_fields = mjm.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_HFIELD
+        if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]) or np.any(height_fields):
+            raise NotSupportedError(f"{at}: has geoms with plugins, height fields or fluid forces, and {cure}.")
         for kind, other in named:
             if other == name or other.startswith(f"{name}/"):
-                raise NotSupportedError(f"{at}: '{other}' is named by one of the model's {kind}, and {cure}.")
+                raise NotSupportedError(f"{at}: is named as '{other}' by one of the model's {kind}, and {cure}.")
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
