@@ -123,14 +123,16 @@ def _members(
         _refuse((*at, VARIANTS), "should have at least one variant", variants)
     members: dict[str, dict] = {}
     drawn: dict[str, dict[str, Any]] = {word: {} for word in DRAWN}
-    for member, words in ((MemberName(f"{name}/{variant}"), words) for variant, words in variants.items()):
+    for variant, words in variants.items():
+        member = MemberName(f"{name}/{variant}")
+        if member in left_out:
+            continue
         if not isinstance(single.get(member, {}), Mapping):
             _refuse(("objects", member), "should be a mapping of keys to values", single[member])
         own = merge(words, single.get(member, {}), at)
         for word in own.keys() & drawn.keys():
             drawn[word][member] = own.pop(word)
         members[member] = merge(shared, own, at)
-    members = {member: words for member, words in members.items() if member not in left_out}
     splits = _held_out(at, part[HOLDOUT], members) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
     for split in SPLITS:
