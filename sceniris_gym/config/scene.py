@@ -124,8 +124,13 @@ class SceneConfig(Section):
             data, where, name = raw.data, raw.where, raw.name
         if overrides is not None:
             data = override(data, overrides, where)
+        return cls._made({"name": name, **data}, where)
+
+    @classmethod
+    def _made(cls, words: Mapping[str, Any], where: str, left_out: Collection[str] = ()) -> SceneConfig:
+        """Return the scene of some words, without some of the variants of its objects; errors begin with `where`."""
         with reading(where):
-            config = cls.model_validate({"name": name, **data})
+            config = cls.model_validate(words, context=left_out)
         config._where = where
         return config
 
@@ -149,6 +154,11 @@ class SceneConfig(Section):
     def variants(self) -> dict[str, tuple[str, ...]]:
         """The objects with variants, as others refer to them, and the names of their members in `objects`."""
         return variants_of(self.groups)
+
+    @cached_property
+    def owners(self) -> dict[str, str]:
+        """The object that each member of an object with variants is a variant of."""
+        return owners_of(self.variants)
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the names placed before an object or a robot: those it refers to, and its robot with a drawn base.
@@ -184,14 +194,10 @@ class SceneConfig(Section):
 
     def with_shared_objects(self) -> SceneConfig:
         """Return the scene in which an object with variants is one object, in the words of its first variant."""
-        variant = owners_of(self.variants)
-        objects = {variant.get(name, name): part for name, part in reversed(self.objects.items())}
+        objects = {self.owners.get(name, name): part for name, part in reversed(self.objects.items())}
         groups = {name: group for name, group in self.groups.items() if name not in self.variants}
         fields = {name: getattr(self, name) for name in self.model_fields_set}
-        with reading(self.where):
-            config = SceneConfig(**fields | {"objects": dict(reversed(objects.items())), "groups": groups})
-        config._where = self.where
-        return config
+        return self._made(fields | {"objects": dict(reversed(objects.items())), "groups": groups}, self.where)
 
     @property
     def folders(self) -> dict[str, tuple[str, ...]]:
@@ -201,10 +207,7 @@ class SceneConfig(Section):
 
     def without(self, members: Collection[str]) -> SceneConfig:
         """Return the scene without some of the variants of its objects."""
-        with reading(self.where):
-            config = SceneConfig.model_validate({"name": self.name, **(self._written or {})}, context=members)
-        config._where = self.where
-        return config
+        return self._made({"name": self.name, **(self._written or {})}, self.where, members)
 
     @property
     def is_randomized(self) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.variants import owners_of, with_variants
+from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
 from sceniris_gym.scene.support import is_static
@@ -38,8 +38,7 @@ def chosen_objects(
     config = compiled.config
     names = with_variants([objects] if isinstance(objects, str) else objects, config.variants)
     valid = [name for name in compiled.placed if name in config.objects]
-    owners = owners_of(config.variants)
-    named = list(dict.fromkeys(owners.get(name, name) for name in valid))
+    named = list(dict.fromkeys(config.owners.get(name, name) for name in valid))
     for name in names:
         if name not in valid:
             raise UnknownNameError("placed object", str(name), where, named)
