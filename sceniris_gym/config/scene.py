@@ -4,69 +4,35 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
-from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 from pydantic import (
-    BeforeValidator,
-    Field,
     ModelWrapValidatorHandler,
     PrivateAttr,
-    Strict,
     TypeAdapter,
     ValidationInfo,
-    field_validator,
     model_validator,
 )
 
-from sceniris_gym.config.cameras import CameraConfig
-from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, PartName, in_memory, wrong
+from sceniris_gym.config.fields import in_memory, wrong
 from sceniris_gym.config.folders import is_pattern
-from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import HeapConfig, with_places
-from sceniris_gym.config.limits import MOST_ATTEMPTS
+from sceniris_gym.config.heaps import with_places
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
-from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.randomize import SceneDraws
-from sceniris_gym.config.robot import RobotConfig
-from sceniris_gym.config.section import Section
-from sceniris_gym.config.stacks import StackConfig, with_chains
-from sceniris_gym.config.start import StartConfig, check_starts
-from sceniris_gym.config.validation import SceneNames, check_names
-from sceniris_gym.config.variants import check_shared, owners_of, variants_of, with_members, with_variants
+from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.stacks import with_chains
+from sceniris_gym.config.start import check_starts
+from sceniris_gym.config.validation import check_names
+from sceniris_gym.config.variants import check_shared, with_members, with_variants
 
-AUTO = "auto"
-"""The value of `attempts` that lets `compile_scene` choose."""
-DEFAULT_BANK = 64
-"""Number of valid layouts that are kept for each split, for worlds that run out of restarts."""
 _FILES = ("asset", "model", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
 _WRITTEN = TypeAdapter(dict[str, Any])
 """The words of a scene, some of which may be parts made in Python."""
 
 
-def _count_or_auto(value: Any) -> Any:
-    if isinstance(value, str) and value != AUTO:
-        raise wrong(f"should be a whole number or '{AUTO}'", value, [AUTO])
-    if value != AUTO and (isinstance(value, bool) or not isinstance(value, int)):
-        raise wrong(f"should be a whole number or '{AUTO}'")
-    if value != AUTO and not 1 <= value <= MOST_ATTEMPTS:
-        raise wrong("should be at least 1" if value < 1 else f"should be at most {MOST_ATTEMPTS}")
-    return value
-
-
-Attempts = Annotated[int | Literal["auto"], BeforeValidator(_count_or_auto)]
-
-
-class Floor(Section):
-    """The ground workspace: a rectangle around the world's origin with the full extents `size` = (x, y) [m]."""
-
-    size: Extents2
-
-
-class SceneConfig(Section):
+class SceneConfig(SceneWords):
     """A whole scene, validated. Made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
 
     `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`; None for a scene of assets alone.
@@ -77,23 +43,6 @@ class SceneConfig(Section):
         CycleError: Objects that are placed relative to each other.
     """
 
-    name: str = "scene"
-    floor: Floor | None = None
-    robot: RobotConfig | None = None
-    robots: dict[ObjectName, RobotConfig] = Field(default_factory=dict)
-    objects: dict[PartName, ObjectConfig] = Field(default_factory=dict)
-    groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
-    heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
-    stacks: dict[ObjectName, StackConfig] = Field(default_factory=dict)
-    cameras: dict[ObjectName, CameraConfig] = Field(default_factory=dict)
-    start: tuple[StartConfig, ...] = ()
-    geometry: Literal["physics", "visual"] = "physics"
-    attempts: Attempts = 10
-    restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
-    bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
-    model: Model = None
-    home: str | None = None
-    randomize: SceneDraws | None = None
     _where: str = PrivateAttr("SceneConfig")
     _written: dict[str, Any] | None = PrivateAttr(None)
 
@@ -139,27 +88,6 @@ class SceneConfig(Section):
         """The file that the scene was read from, for messages."""
         return self._where
 
-    @property
-    def all_robots(self) -> dict[str, RobotConfig]:
-        """The robots by the names that objects refer to: those of `robots`, or the one of `robot` as 'robot'."""
-        return self.robots if self.robot is None else {ROBOT: self.robot}
-
-    @cached_property
-    def parts(self) -> dict[str, ObjectConfig]:
-        """The objects, followed by the robots whose base is drawn, in the words of objects."""
-        drawn = {name: robot.placing for name, robot in self.all_robots.items()}
-        return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
-
-    @cached_property
-    def variants(self) -> dict[str, tuple[str, ...]]:
-        """The objects with variants, as others refer to them, and the names of their members in `objects`."""
-        return variants_of(self.groups)
-
-    @cached_property
-    def owners(self) -> dict[str, str]:
-        """The object that each member of an object with variants is a variant of."""
-        return owners_of(self.variants)
-
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the names placed before an object or a robot: those it refers to, and its robot with a drawn base.
 
@@ -186,11 +114,6 @@ class SceneConfig(Section):
         """Return the robot that has to reach an object: the one it names, by default the only one."""
         by = self.objects[name].by
         return by if by in self.all_robots else next(iter(self.all_robots))
-
-    def key(self, name: str) -> str:
-        """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'."""
-        robot = self.all_robots.get(name)
-        return f"objects.{name}" if robot is None else robot.section
 
     def with_shared_objects(self) -> SceneConfig:
         """Return the scene in which an object with variants is one object, in the words of its first variant."""
@@ -232,11 +155,6 @@ class SceneConfig(Section):
                 part.pop(word, None)
         return json.dumps(data, separators=(",", ":"))
 
-    @field_validator("robots")
-    @classmethod
-    def _know_their_names(cls, robots: dict[str, RobotConfig]) -> dict[str, RobotConfig]:
-        return {name: robot.called(name) for name, robot in robots.items()}
-
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> SceneConfig:
         if self.robot is not None and self.robots:
@@ -272,16 +190,7 @@ class SceneConfig(Section):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:
-        names = SceneNames(
-            self.objects,
-            self.groups,
-            {name: robot.placing for name, robot in self.all_robots.items()},
-            self.heaps,
-            self.stacks,
-            has_floor=self.floor is not None,
-            has_model=self.model is not None,
-        )
         where = where_now.get() or type(self).__name__
-        check_names(names, where)
+        check_names(self, where)
         check_starts(self.start, self.objects, self.groups, where)
         return self

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.scene import Floor, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.errors import ScenirisError
 from tests.config.scenes import TABLE
 
