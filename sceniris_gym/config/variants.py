@@ -7,7 +7,8 @@ words of both levels, and a group `target` of which one member is present. All e
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -157,8 +158,13 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
         )
         _refuse((*at, "asset"), advice, assets)
     del shared["asset"]
+    if is_pattern(assets):
+        with _at((*at, "asset"), assets):
+            files = files_of(assets)
+        with _at((*at, TAGS), part.get(TAGS)):
+            assets = [str(path) for path in (with_tags(files, part[TAGS]) if TAGS in part else files)]
     variants: dict[str, Mapping] = {}
-    for asset in _found(at, assets, part) if is_pattern(assets) else assets:
+    for asset in assets:
         stem = _stem(asset)
         if stem in variants:
             _refuse((*at, "asset"), f"should name each thing once, but has two of the name '{stem}'", assets)
@@ -174,24 +180,9 @@ def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
         place = (*at, VARIANTS, str(name))
         if not isinstance(words, Mapping):
             _refuse(place, "should be a mapping of keys to values", words)
-        try:
+        with _at(place, name):
             object_name(str(name))
-        except PydanticCustomError as error:
-            _refuse_as(place, error, name)
     return variants
-
-
-def _found(at: tuple[str, ...], pattern: str, part: Mapping) -> list[str]:
-    """Return the files that a pattern matches, those with the object's `tags` if it has some."""
-    word = "asset"
-    try:
-        files = files_of(pattern)
-        if TAGS in part:
-            word = TAGS
-            files = with_tags(files, part[TAGS])
-    except PydanticCustomError as error:
-        _refuse_as((*at, word), error, part[word])
-    return [str(path) for path in files]
 
 
 def _stem(asset: Any) -> str:
@@ -233,9 +224,18 @@ def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict
     return {name: "eval" if name in ranked[:count] else "train" for name in members}
 
 
+@contextmanager
+def _at(place: tuple[str, ...], value: Any) -> Iterator[None]:
+    """Give errors about a value their place in the scene."""
+    try:
+        yield
+    except PydanticCustomError as error:
+        raise _located(place, error, value) from None
+
+
 def _refuse(place: tuple[str, ...], advice: str, value: Any) -> NoReturn:
-    _refuse_as(place, wrong(advice), value)
+    raise _located(place, wrong(advice), value)
 
 
-def _refuse_as(place: tuple[str, ...], error: PydanticCustomError, value: Any) -> NoReturn:
-    raise ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=place, input=value)])
+def _located(place: tuple[str, ...], error: PydanticCustomError, value: Any) -> ValidationError:
+    return ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=place, input=value)])

@@ -69,7 +69,8 @@ class Boxes:
     def __init__(self, view: VariantView, bodies: Sequence[int], where: str) -> None:
         self._view, names = view, {view.scene.sim.bodies[name]: name for name in view.names}
         self._names = [names.get(body) for body in bodies]
-        found = [[_corners(view.scene, one, where) for one in _simulated_as(view.scene, body)] for body in bodies]
+        members = [np.flatnonzero(view.scene.sim_bodies == body).tolist() for body in bodies]
+        found = [[_corners(view.scene, member, where) for member in of] for of in members]
         most = max((len(corners) for corners in found), default=1)
         table = np.array([[corners[min(i, len(corners) - 1)] for i in range(most)] for corners in found])
         self._table = torch.tensor(np.reshape(table, (-1, most, 2, 3)), dtype=torch.float32, device=view.device)
@@ -81,11 +82,6 @@ class Boxes:
         """
         lower, upper = self._view.chosen(self._table, self._names).unbind(dim=-2)
         return lower, upper
-
-
-def _simulated_as(scene: SceneModel, body: int) -> list[int]:
-    """Return the bodies that are simulated as one."""
-    return np.flatnonzero(scene.sim_bodies == body).tolist()
 
 
 def _corners(scene: SceneModel, body: int, where: str) -> tuple[np.ndarray, np.ndarray]:
