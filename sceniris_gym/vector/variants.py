@@ -30,25 +30,11 @@ class VariantView:
         self.scene, self.names, self.device = scene, tuple(scene.config.variants), device
         self._variant = torch.zeros(1, 0, dtype=torch.int32, device=device) if variant is None else variant
 
-    def index(self, name: str) -> Tensor:
-        """Return the number of the variant of an object that is present, shape (num_envs,), int64."""
+    def index(self, name: str | None) -> Tensor:
+        """Return the number of the variant of an object that is present, 0 without a name, shape (num_envs,), int64."""
+        if name is None:
+            return torch.zeros(len(self._variant), dtype=torch.int64, device=self.device)
         return self._variant[:, self.names.index(name)].long()
-
-    def chosen(self, table: Tensor, names: Sequence[str | None]) -> Tensor:
-        """Return one row of each table: that of the present variant.
-
-        Args:
-            table: Values of the variants of several objects, shape (number of objects, most variants, ...).
-            names: The objects with variants, None for others, which have the first row.
-
-        Returns:
-            Shape (num_envs, number of objects, ...), without the first dimension if no object has variants.
-        """
-        if not any(names):
-            return table[:, 0]
-        first = torch.zeros_like(self._variant[:, 0]).long()
-        rows = torch.stack([first if name is None else self.index(name) for name in names], dim=1)
-        return table[torch.arange(len(names), device=self.device), rows]
 
 
 class Boxes:
@@ -80,7 +66,11 @@ class Boxes:
 
         They have no dimension of worlds if no body has variants.
         """
-        lower, upper = self._view.chosen(self._table, self._names).unbind(dim=-2)
+        boxes = self._table[:, 0]
+        if any(self._names):
+            chosen = torch.stack([self._view.index(name) for name in self._names], dim=1)
+            boxes = self._table[torch.arange(len(self._names), device=boxes.device), chosen]
+        lower, upper = boxes.unbind(dim=-2)
         return lower, upper
 
 
