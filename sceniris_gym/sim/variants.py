@@ -255,9 +255,7 @@ class VariantWriter:
         others = [np.flatnonzero(~np.isin(of(full), variants)) for of in (owners_of_qpos, mocap_bodies)]
         qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
         qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
-        firsts = np.flatnonzero((qpos_shared >= 0) & np.append(True, qpos_shared[1:] != qpos_shared[:-1]))
-        for first in firsts:
-            qpos_adr[first : first + 7] = range(7)
+        qpos_adr[qpos_shared >= 0] = np.resize(range(7), (qpos_shared >= 0).sum())  # each has a freejoint alone
         joints = full.body_jntadr[variants]
         source = np.where(joints >= 0, full.jnt_qposadr[joints], full.body_mocapid[variants])
         values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
