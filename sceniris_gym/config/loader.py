@@ -129,10 +129,9 @@ def _check_there(parts: Any, keys: list[str], where: str) -> None:
         return
     if name not in parts and name.partition("/")[0] not in parts:  # a variant has the name of its object before its own
         raise UnknownNameError(keys[0].removesuffix("s"), name, where, parts)
-    match keys, parts.get(name):
-        case ["objects", _, _, variant, _, *_], {"variants": Mapping() as known} if keys[2] == VARIANTS:
-            if variant not in known:
-                raise UnknownNameError("variant", variant, where, map(str, known))
+    known = parts[name].get(VARIANTS) if isinstance(parts.get(name), Mapping) else None
+    if keys[2] == VARIANTS and len(keys) > 4 and isinstance(known, Mapping) and keys[3] not in known:
+        raise UnknownNameError("variant", keys[3], where, map(str, known))
 
 
 def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ _SHOULD = {
     ADVICE: "{advice}",
 }
 """Advice by the type of pydantic's error, with the keys of its context."""
-_VARIANT = re.compile(r"(objects\.[^/]*)/[^.]*")
+_VARIANT = re.compile(r"^(objects\.[^./]*)/[^.]*")
 
 
 @contextmanager

@@ -94,6 +94,12 @@ def test_a_wrong_word_of_all_variants_is_told_once():
         with_target(objects__target__gap=-1, objects__target__variants__can__clearance=-1)
     places = [line.split(": ")[1] for line in str(told.value).splitlines()]
     assert sorted(places) == ["objects.target.gap", "objects.target/can.clearance"]
+    with pytest.raises(ScenirisError) as told:
+        with_target(objects__apple__joints={"box/lid": {"vale": 1}, "box/door": {"vale": 1}})
+    assert [line.split(": ")[1] for line in str(told.value).splitlines()] == [
+        "objects.apple.joints.box/lid.vale",
+        "objects.apple.joints.box/door.vale",
+    ]
 
 
 def test_weights_and_splits_are_those_of_the_group():
