@@ -10,6 +10,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.program.plan import slot_names
@@ -20,12 +21,8 @@ from sceniris_gym.sim.write import Poses
 
 wp.set_module_options({"enable_backward": False})
 
-
-def lanes_on(device: wp.Device) -> int:
-    """Return the number of threads that read or write a world: on a GPU each waits for memory once a word."""
-    return 512 if device.is_cuda else 1
-
-
+LANES = 512
+"""Lanes that read or write a world: each waits for memory once a word."""
 _BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
 _DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
 _GEOM = (
@@ -44,28 +41,11 @@ def fields_of_variants() -> tuple[str, ...]:
 
 
 @wp.kernel
-def _find_variants(
-    # In:
+def _write_variants(
+    # Variants in layouts:
     column: wp.array[int],
     shared: wp.array[int],
     number: wp.array[int],
-    mask: wp.array[wp.bool],
-    rows: wp.array[int],
-    present: wp.array2d[int],
-    # Out:
-    variant_out: wp.array2d[int],
-):
-    worldid, i = wp.tid()
-    if not mask[worldid]:
-        return
-    row = row_of(worldid, rows)
-    if present[row, column[i]] != 0:
-        variant_out[worldid, shared[i]] = number[i]
-
-
-@wp.kernel
-def _write_variants(
-    lanes: int,
     # Words of the model:
     table: wp.array[int],
     word_shared: wp.array[int],
@@ -85,11 +65,12 @@ def _write_variants(
     # In:
     mask: wp.array[wp.bool],
     rows: wp.array[int],
-    variant: wp.array2d[int],
+    present: wp.array2d[int],
     qpos_in: wp.array2d[float],
     mocap_pos_in: wp.array2d[wp.vec3],
     mocap_quat_in: wp.array2d[wp.quat],
     # Out:
+    variant: wp.array2d[int],
     qpos_out: wp.array2d[float],
     mocap_pos_out: wp.array2d[wp.vec3],
     mocap_quat_out: wp.array2d[wp.quat],
@@ -99,18 +80,23 @@ def _write_variants(
     if not mask[worldid]:
         return
     row = row_of(worldid, rows)
-    for i in range(lane, qpos_adr.shape[0], lanes):
+    if present:
+        for i in range(lane, column.shape[0], wp.block_dim()):
+            if present[row, column[i]] != 0:
+                variant[worldid, shared[i]] = number[i]
+        block_sync()
+    for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
         adr = qpos_adr[i]
         if qpos_shared[i] >= 0:
             adr += source[first[qpos_shared[i]] + variant[worldid, qpos_shared[i]]]
         qpos_out[worldid, i] = qpos_in[row, adr]
-    for i in range(lane, mocap_adr.shape[0], lanes):
+    for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
         mocapid = mocap_adr[i]
         if mocap_shared[i] >= 0:
             mocapid = source[first[mocap_shared[i]] + variant[worldid, mocap_shared[i]]]
         mocap_pos_out[worldid, i] = mocap_pos_in[row, mocapid]
         mocap_quat_out[worldid, i] = mocap_quat_in[row, mocapid]
-    for i in range(lane, address.shape[0], lanes):
+    for i in range(lane, address.shape[0], wp.block_dim()):
         at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
         word = wp.array(ptr=at, shape=(1,), dtype=int)
         word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
@@ -187,15 +173,7 @@ class VariantWriter:
             present: Which objects are present, shape (nrow, nslot), int32.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
-        nworld = self.variant.shape[0]
-        wp.launch(
-            _find_variants,
-            (nworld, self._members[0].shape[0]),
-            inputs=[*self._members, self._mask, rows, present],
-            outputs=[self.variant],
-            device=self._device,
-        )
-        return self._launch_write(self._table, self._mask, rows, poses, self._subtreemass)
+        return self._launch_write(self._table, self._mask, rows, present, poses, self._subtreemass)
 
     def launch_poses(self, poses: Poses, mask: wp.array) -> Poses:
         """Return the poses of all worlds as simulated, with those of the masked ones from layouts of their variants.
@@ -204,19 +182,20 @@ class VariantWriter:
             poses: Poses of the scene with all variants, one row a world.
             mask: Which worlds, shape (nworld,), bool.
         """
-        return self._launch_write(self._no_table, mask, None, poses, None)
+        return self._launch_write(self._no_table, mask, None, None, poses, None)
 
     def _launch_write(
-        self, table: list[wp.array], mask: wp.array, rows: wp.array | None, poses: Poses, subtreemass: wp.array | None
+        self,
+        table: list[wp.array],
+        mask: wp.array,
+        rows: wp.array | None,
+        present: wp.array | None,
+        poses: Poses,
+        subtreemass: wp.array | None,
     ) -> Poses:
-        lanes = lanes_on(self._device)
-        wp.launch(
-            _write_variants,
-            (self.variant.shape[0], lanes),
-            inputs=[lanes, *table, *self._inputs, mask, rows, self.variant, *poses],
-            outputs=[*self._poses, subtreemass],
-            device=self._device,
-        )
+        inputs = [*self._members, *table, *self._inputs, mask, rows, present, *poses]
+        words = {"outputs": [self.variant, *self._poses, subtreemass], "block_dim": LANES, "device": self._device}
+        wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words)
         return self._poses
 
     def _words(
