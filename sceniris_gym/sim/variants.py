@@ -85,6 +85,15 @@ def _write_variants(
             if present[row, column[i]] != 0:
                 variant[worldid, shared[i]] = number[i]
         block_sync()
+        for i in range(lane, address.shape[0], wp.block_dim()):
+            at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
+            word = wp.array(ptr=at, shape=(1,), dtype=int)
+            word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
+        if lane == 0:
+            total = mass[mass.shape[0] - 1]  # of all that has no variants
+            for s in range(variant.shape[1]):
+                total += mass[first[s] + variant[worldid, s]]
+            subtreemass_out[worldid, 0] = float(total)
     for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
         adr = qpos_adr[i]
         if qpos_shared[i] >= 0:
@@ -96,16 +105,6 @@ def _write_variants(
             mocapid = source[first[mocap_shared[i]] + variant[worldid, mocap_shared[i]]]
         mocap_pos_out[worldid, i] = mocap_pos_in[row, mocapid]
         mocap_quat_out[worldid, i] = mocap_quat_in[row, mocapid]
-    for i in range(lane, address.shape[0], wp.block_dim()):
-        at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
-        word = wp.array(ptr=at, shape=(1,), dtype=int)
-        word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
-    if subtreemass_out:
-        if lane == 0:
-            total = mass[mass.shape[0] - 1]  # of all that has no variants
-            for s in range(variant.shape[1]):
-                total += mass[first[s] + variant[worldid, s]]
-            subtreemass_out[worldid, 0] = float(total)
 
 
 class VariantWriter:
@@ -116,7 +115,6 @@ class VariantWriter:
         m: Model of the scene as it is simulated, with a row for each world where variants differ: see
             `model_fields.put_model`.
         nworld: Number of worlds.
-        mask: The worlds to write into, shape (nworld,), bool; read at every launch.
         varied: Copies of these fields, to which the same is written, with the colours that are seen:
             `ModelFields.varied`.
 
@@ -128,16 +126,14 @@ class VariantWriter:
         SceneMismatchError: The Model has one row for all worlds.
     """
 
-    def __init__(
-        self, scene: SceneModel, m: mjw.Model, nworld: int, mask: wp.array, varied: Mapping[str, wp.array]
-    ) -> None:
+    def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, varied: Mapping[str, wp.array]) -> None:
         for name in fields_of_variants():
             if getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
                     f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
                     "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
                 )
-        self._mask, self._device = mask, m.qpos0.device
+        self._device = m.qpos0.device
         full, sim, variants = scene.mjm, scene.sim.mjm, scene.config.variants
         counts = [len(members) for members in variants.values()]
         bodies = [[scene.bodies[member] for member in members] for members in variants.values()]
@@ -155,7 +151,6 @@ class VariantWriter:
             masses = [float(full.body_mass[body]) for members in bodies for body in members]
             others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
             self._table = self._words(scene, m, bodies, varied)
-            self._no_table = [wp.zeros(0, dtype=words.dtype) for words in self._table]
             self._inputs = [
                 *self._sources(scene, bodies),
                 wp.array(np.cumsum([0, *counts[:-1]]), dtype=int),
@@ -165,37 +160,20 @@ class VariantWriter:
         self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
         self._subtreemass = m.body_subtreemass
 
-    def launch(self, poses: Poses, present: wp.array, rows: wp.array | None = None) -> Poses:
-        """Write the variants of rows of layouts into the masked worlds, and return the poses of all worlds.
+    def launch(
+        self, poses: Poses, mask: wp.array, present: wp.array | None = None, rows: wp.array | None = None
+    ) -> Poses:
+        """Write the variants of layouts into the masked worlds, and return the poses of all worlds as simulated.
 
         Args:
             poses: Poses of the scene with all variants.
-            present: Which objects are present, shape (nrow, nslot), int32.
+            mask: Which worlds, shape (nworld,), bool.
+            present: Which objects are present, shape (nrow, nslot), int32; None if worlds keep their variants.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
-        return self._launch_write(self._table, self._mask, rows, present, poses, self._subtreemass)
-
-    def launch_poses(self, poses: Poses, mask: wp.array) -> Poses:
-        """Return the poses of all worlds as simulated, with those of the masked ones from layouts of their variants.
-
-        Args:
-            poses: Poses of the scene with all variants, one row a world.
-            mask: Which worlds, shape (nworld,), bool.
-        """
-        return self._launch_write(self._no_table, mask, None, None, poses, None)
-
-    def _launch_write(
-        self,
-        table: list[wp.array],
-        mask: wp.array,
-        rows: wp.array | None,
-        present: wp.array | None,
-        poses: Poses,
-        subtreemass: wp.array | None,
-    ) -> Poses:
-        inputs = [*self._members, *table, *self._inputs, mask, rows, present, *poses]
-        words = {"outputs": [self.variant, *self._poses, subtreemass], "block_dim": LANES, "device": self._device}
-        wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words)
+        inputs = [*self._members, *self._table, *self._inputs, mask, rows, present, *poses]
+        words = {"outputs": [self.variant, *self._poses, self._subtreemass], "block_dim": LANES}
+        wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words, device=self._device)
         return self._poses
 
     def _words(
