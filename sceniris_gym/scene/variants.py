@@ -7,8 +7,8 @@ with the values of the variant that is present.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -57,21 +57,15 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
         bodies: The bodies of the variants of one object.
     """
     kinds = geom_classes(mjm)
-    own = [[kinds[geom] for geom in _geoms(mjm, body)] for body in bodies]
-    most = Counter()
-    for classes in own:
-        most |= Counter(classes)
-    order = list(dict.fromkeys(kind for classes in own for kind in classes))
-    shared = [kind for kind in order for _ in range(most[kind])]
-    first = {kind: shared.index(kind) for kind in order}
-    found = []
-    for classes in own:
-        seen = Counter()
-        found.append([])
-        for kind in classes:
-            found[-1].append(first[kind] + seen[kind])
-            seen[kind] += 1
-    return shared, found
+    own = [_numbered([kinds[geom] for geom in _geoms(mjm, body)]) for body in bodies]
+    order = list(dict.fromkeys(kind for numbered in own for kind, _ in numbered))
+    shared = sorted({*chain(*own)}, key=lambda each: (order.index(each[0]), each[1]))
+    return [kind for kind, _ in shared], [[shared.index(each) for each in numbered] for numbered in own]
+
+
+def _numbered(kinds: list[tuple[int, ...]]) -> list[tuple[tuple[int, ...], int]]:
+    """Return each class with the number of geoms before it that have the same."""
+    return [(kind, kinds[:i].count(kind)) for i, kind in enumerate(kinds)]
 
 
 class SharedBodies:
