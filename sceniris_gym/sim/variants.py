@@ -237,27 +237,22 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
     those of materials where these show.
     """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
-    _, places = places_of_geoms(full, bodies)
-    geom, dof = int(sim.body_geomadr[body]), int(sim.body_dofadr[body])
+    geoms = np.full((len(bodies), sim.body_geomnum[body]), -1)
+    for row, own, first in zip(geoms, places_of_geoms(full, bodies)[1], full.body_geomadr[bodies], strict=True):
+        row[own] = first + np.arange(len(own))
+    dofs = full.body_dofadr[bodies][:, None] + np.arange(sim.body_dofnum[body])
+    elements = {"body": (body, np.array(bodies)[:, None]), "dof": (sim.body_dofadr[body], dofs)}
+    elements["geom"] = sim.body_geomadr[body], geoms
     found = []
     for field in fields_of_variants():
-        kind, theirs, ours = field.partition("_")[0], getattr(full, field), getattr(sim, field)
+        kind, _, word = field.partition("_")
+        theirs, ours = getattr(full, field), getattr(sim, field)
         theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
         words = np.int32 if theirs.dtype.kind == "i" else np.float32
         theirs, ours = (np.reshape(values, (len(values), -1)).astype(words) for values in (theirs, ours))
-        if kind == "body":
-            elements = [(body, theirs[bodies])]
-        elif kind == "dof":
-            first = full.body_dofadr[bodies]
-            elements = [(dof + i, theirs[first + i]) for i in range(sim.body_dofnum[body])]
-        else:
-            elements = []
-            for i in range(sim.body_geomnum[body]):
-                values = np.repeat(ours[[geom + i]], len(bodies), axis=0)
-                values[:] = _UNUSED.get(field.partition("_")[2], values)
-                for v, own in enumerate(places):
-                    if i in own:
-                        values[v] = theirs[full.body_geomadr[bodies[v]] + own.index(i)]
-                elements.append((geom + i, values))
-        found += [(field, i, values.view(np.int32), ours[i].view(np.int32)) for i, values in elements]
+        first, sources = elements[kind]
+        for i, source in enumerate(sources.T, int(first)):
+            values = theirs[source]
+            values[source < 0] = _UNUSED.get(word, ours[i])
+            found.append((field, i, values.view(np.int32), ours[i].view(np.int32)))
     return found
