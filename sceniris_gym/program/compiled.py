@@ -12,7 +12,8 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.config.scene import AUTO, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
