@@ -53,6 +53,20 @@ def take(scene: str, live: Mapping[str, Tensor], worlds: Tensor) -> Snapshot:
     return Snapshot(scene, worlds, {name: tensor[worlds] for name, tensor in live.items()})
 
 
+def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
+    """Return all tensors as they are now, for `written`."""
+    return {name: (tensor, tensor._version) for name, tensor in live.items()}
+
+
+def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) -> dict[str, Tensor]:
+    """Return the tensors that were written to or replaced since they were `made`.
+
+    The others, such as indices and tables, belong to no episode, even where they have as many rows as there are worlds.
+    """
+    kept = [name for name, (tensor, version) in made.items() if live.get(name) is tensor and tensor._version == version]
+    return {name: tensor for name, tensor in live.items() if name not in kept}
+
+
 def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
     """Write a snapshot back, into its own worlds or, in order, into those of a mask, and return the mask of them.
 
@@ -63,7 +77,8 @@ def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | No
     """
     check_type(snapshot, Snapshot, "options['state']")
     found = {name: tuple(rows.shape[1:]) for name, rows in snapshot.rows.items()}
-    if snapshot.scene != scene or found != {name: tuple(tensor.shape[1:]) for name, tensor in live.items()}:
+    wanted = {name: tuple(tensor.shape[1:]) for name, tensor in live.items()}
+    if snapshot.scene != scene or not wanted.items() <= found.items():
         raise SceneMismatchError("options['state'] should be a snapshot of this scene and task. Take one of this one.")
     num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
     worlds = snapshot.worlds.to(device) if mask is None else mask.nonzero().flatten()

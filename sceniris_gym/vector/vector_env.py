@@ -46,7 +46,7 @@ from sceniris_gym.vector.observer import Observer
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing, as_sensing
-from sceniris_gym.vector.snapshot import Snapshot, take
+from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.task_worlds import TaskWorlds
 from sceniris_gym.vector.torch_stream import on_torch_stream
@@ -226,6 +226,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._autoreset, self._ready = torch.zeros(num_envs, dtype=torch.bool, device=self.device), False
         self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
+        self._made = versions(self._live())
 
     @exclusive
     def reset(
@@ -273,7 +274,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if given.get(KNOBS):
                 self.randomizer.layout_source.set_knobs(given[KNOBS], mask)
             if kept is not None:
-                due = self._worlds.restore(kept, self._live(), None if mask is None else due)
+                due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
             else:
                 self._reseed(seed, chosen, mask)
                 self._worlds.reset(due.clone())
@@ -312,8 +313,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Copy the state of the masked worlds, for `reset(options={"state": snapshot})`.
 
         It has the physics, the layout, the steps since the reset, and the memory of the task: every tensor of the task
-        and its helpers that has `num_envs` rows. On a CPU an episode goes on to the same bits; on a GPU the state has
-        the same bits, and later steps differ as two runs do. Statistics count a restored episode from there on.
+        and its helpers that has `num_envs` rows and that torch has written to. On a CPU an episode goes on to the same
+        bits; on a GPU the state has the same bits, and later steps differ as two runs do. Statistics count a restored
+        episode from there on.
 
         Args:
             mask: As `reset_mask`; None is all worlds.
