@@ -198,7 +198,9 @@ def _tell(
     outcome: float,
     knob: wp.array2d[float],
 ):
-    """Update the level of a row, or insert it."""
+    """Update the level of a row, or insert it; a layout from the bank, with level -2, is none."""
+    if level < -1:
+        return
     if level >= 0 and level < buffer.seed.shape[0]:
         if buffer.seed[level] == seed[row] and buffer.episode[level] == episode[row]:
             buffer.value[level] = _moved(buffer, buffer.value[level], outcome)
@@ -250,7 +252,8 @@ def launch_update(
 
     Args:
         buffer: The buffer.
-        level: Place in the buffer that each level had when it was played, -1 for none, shape (n,), int32.
+        level: Place in the buffer that each level had when it was played, -1 for none, shape (n,), int32. Rows with -2
+            do not count.
         seed: Its seed, shape (n,), uint64.
         episode: Its episode, shape (n,), int32.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.

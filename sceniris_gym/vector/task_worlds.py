@@ -144,4 +144,6 @@ class TaskWorlds:
         if replacer.prepared:
             info["layout_redraw"] = wp.to_torch(replacer.number).clone()
             info["layout_kept"] = wp.to_torch(replacer.status) == Status.KEPT
-        return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
+        if sampler is not None:
+            info["layout_level"] = torch.where(info["layout_fallback"], -2, wp.to_torch(sampler.level))
+        return info

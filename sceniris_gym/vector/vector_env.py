@@ -99,7 +99,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
         levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
-            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one.
+            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one and -2 for one
+            from the bank.
         knobs: Names of parts of the scene file that `set_knob` can change, or patterns such as "objects.*.region"; see
             docs/levels.md. Not with a layout_source. `info` then has `layout_knobs`, their values by name.
         max_episode_steps: Control steps after which an episode is truncated; None is never.

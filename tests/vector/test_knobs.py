@@ -117,15 +117,18 @@ def test_levels_are_replayed_with_their_knobs(make_env):  # noqa: F811
     envs.randomizer.levels.insert(np.array([77]), np.array([1]), np.array([0.0]), {SLIDE: [0.1, 0.12]})
 
 
-def test_layouts_from_the_bank_are_no_levels(make_env):  # noqa: F811
-    """Their outcomes count nowhere."""
-    envs = make_env(4, max_episode_steps=1, levels=Levels("failure", replay=0.0, every=1))
+@pytest.mark.parametrize("score", ["failure", "given"])
+def test_layouts_from_the_bank_are_no_levels(make_env, score: str):  # noqa: F811
+    """Their outcomes count nowhere, nor do scores that are given for them."""
+    envs = make_env(4, max_episode_steps=1, levels=Levels(score, replay=0.0, every=1))
     envs.reset(seed=0)
     envs.state.layout_status.fill_(int(Status.FALLBACK))
-    envs.step(actions(4))
-    assert envs.randomizer.levels.size == 0
-    envs.step(actions(4))
-    assert envs.randomizer.levels.size == 4
+    for size in (0, 4):
+        last = envs.step(actions(4))[-1]["final_info"]
+        if score == "given":
+            columns = (last[f"layout_{name}"] for name in ("level", "seed", "episode"))
+            envs.randomizer.levels.update(*columns, np.ones(4))
+        assert envs.randomizer.levels.size == size
 
 
 def test_gymnasium_makes_environments_with_knobs():
