@@ -14,7 +14,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
@@ -132,7 +132,9 @@ class KnobTable:
 
         Raises:
             UnknownNameError, ArgumentError: As `rows`.
+            ArgumentTypeError: No mapping of names to values.
         """
+        check_type(values, Mapping, "knobs")
         found = [self.knob(name).checked(value, nworld) for name, value in values.items()]
         columns = [self.first[name] + k for name in values for k in range(len(self.knob(name).default))]
         blank = np.zeros((max(map(len, found), default=1), 1), np.float32)

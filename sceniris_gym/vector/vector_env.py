@@ -21,6 +21,7 @@ from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
@@ -28,7 +29,6 @@ from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
     KNOBS,
     LAYOUTS,
-    RESET_MASK,
     STATE,
     ChosenLayouts,
     as_action,
@@ -319,15 +319,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         episode from there on.
 
         Args:
-            mask: As `reset_mask`; None is all worlds.
+            mask: As in `replace`; None is all worlds.
 
         Raises:
             ResetNeeded: There was no reset yet.
-            MaskError, MaskTypeError: As in `reset`.
+            MaskError, MaskTypeError: As in `replace`.
         """
         self._check_ready("snapshot")
-        wanted = as_reset_mask({RESET_MASK: mask}, self.num_envs)
-        worlds = np.arange(self.num_envs) if wanted is None else np.flatnonzero(wanted)
+        worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(as_host_mask(mask, self.num_envs))
         with on_torch_stream(self.batch.device):
             return take(self.compiled.hash, self._live(), torch.from_numpy(worlds).to(self.device))
 
@@ -339,20 +338,20 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             name: One of the `knobs` that the environment was made with, such as "groups.clutter.count".
             value: What the scene file could have in its place, within what it has: [1, 3]. Joint positions are in m or
                 rad. Or such a value for each world, shape (num_envs, ...).
-            mask: As `reset_mask`; None is all worlds.
+            mask: As in `replace`; None is all worlds.
 
         Raises:
             UnknownNameError: The environment was not made with such a knob.
             ArgumentError: A value that the knob cannot have.
-            MaskError, MaskTypeError: As in `reset`.
+            MaskError, MaskTypeError: As in `replace`.
         """
         self._check_open()
         with on_torch_stream(self.batch.device):
-            self.randomizer.set_knob(name, value, as_reset_mask({RESET_MASK: mask}, self.num_envs))
+            self.randomizer.set_knob(name, value, mask)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do."""
-        if name in self.randomizer.layouts.knobs.first:
+        if "." in name:
             self.set_knob(name, values)
         else:
             setattr(self, name, values)
