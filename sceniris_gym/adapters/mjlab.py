@@ -96,7 +96,7 @@ class PlaceLayouts(ManagerTermBase):
         mask[ids] = True
         if self._chosen:  # now, as a curriculum may have set knobs since
             chosen = self._as_layouts({i: self._chosen.pop(i) for i in ids.tolist() if i in self._chosen})
-            self._generator.reseed(chosen.seeds, chosen.given, chosen.episodes, chosen.knobs)
+            self._generator.reseed(*chosen)
         self._generator.generate(mask)
         self._variants.write(self.layouts, ids)
         self._write(ids)

@@ -380,8 +380,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             elif given.any():
                 self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
         if chosen is not None:
-            given = chosen.given if mask is None else chosen.given & mask
-            self.randomizer.reseed(chosen.seeds, given, chosen.episodes, chosen.knobs)
+            self.randomizer.reseed(*(chosen if mask is None else chosen._replace(given=chosen.given & mask)))
             self.np_random = np.random.default_rng(chosen.seeds)
 
     @exclusive

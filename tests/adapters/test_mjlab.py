@@ -199,7 +199,7 @@ def test_chosen_environments_get_the_layouts_of_ids():
     assert torch.equal(term.layouts.pose("cube_0")[4], wanted)
     with pytest.raises(ArgumentError, match="should be 6 layout ids"):
         term.choose(["a:train:0:0"])
-    with pytest.raises(SceneMismatchError, match="should be of scene"):
+    with pytest.raises(SceneMismatchError, match="is of scene"):
         term.choose(["a:train:0:0"], [1])
 
 
