@@ -269,13 +269,10 @@ def _set(
     if mask:
         if not mask[worldid]:
             return
-    column = int(k)
-    if columns:
-        column = columns[k]
-    knob[worldid, column] = values[worldid % values.shape[0], k]
+    knob[worldid, columns[k]] = values[worldid % values.shape[0], k]
 
 
-def launch_set(knob: wp.array, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+def launch_set(knob: wp.array, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
     """Write numbers into columns of the masked worlds, all if None; `values` have one row, or one per world."""
     dim = (knob.shape[0], values.shape[1])
     wp.launch(_set, dim, inputs=[mask, columns, values], outputs=[knob], device=knob.device)

@@ -73,7 +73,7 @@ class LevelSampler(LayoutSource):
             launch_move(self._buffer, self.levels.ranges)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
 
-    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
         launch_set(self._buffer.base_knob, columns, values, mask)
         launch_forget(self._buffer, None, mask)
