@@ -1,6 +1,6 @@
 """`Buffer`: levels and their values on the device, and the kernels that choose and update them."""
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -301,18 +301,14 @@ def launch_finish(buffer: Buffer, layouts: LayoutsView, success: wp.array, finis
 def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
     """Allocate an empty buffer for the worlds of some layouts; what is chosen for them is what they get next."""
     buffer, capacity, (nworld, nknob) = Buffer(), levels.capacity, layouts.next_knob.shape
-    sizes: dict[str, Any] = {
-        "seed episode value age cumulative": capacity,
-        "count better ages weight": BINS,
-        "total_weight total_age": 1,
-        "decision level next_level inserted probe next_probe": nworld,
-        "knob": (capacity, nknob),
-        "column other present least most step band episodes successes": 0,
-    }
+    zeros, vacant = partial(allocate, Buffer, buffer), min(-(-capacity // _LOWEST), _SHARE * nworld)
     with wp.ScopedDevice(layouts.next_knob.device):
-        for names, size in sizes.items():
-            allocate(Buffer, buffer, size, names)
-        vacant = min(-(-capacity // _LOWEST), _SHARE * nworld)
+        zeros(capacity, "seed episode value age cumulative")
+        zeros((capacity, nknob), "knob")
+        zeros(BINS, "count better ages weight")
+        zeros(1, "total_weight total_age")
+        zeros(nworld, "decision level next_level inserted probe next_probe")
+        zeros(0, "column other present least most step band episodes successes")
         buffer.vacant = wp.array(np.arange(vacant), dtype=int)
     for array in (buffer.age, buffer.level, buffer.next_level, buffer.probe, buffer.next_probe):
         array.fill_(-1)
