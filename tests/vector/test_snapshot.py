@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
+from sceniris_gym.vector.task import SLEEPING
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
 from tests.vector.stepping import actions, assert_equal, leaves, state
@@ -47,6 +48,35 @@ def test_the_critic_sees_the_drawn_numbers_of_the_episode_again():
     kept = envs.snapshot()
     assert not torch.equal(envs.reset()[0]["critic"][:, -1], wanted["critic"][:, -1])
     assert_equal(envs.reset(options={"state": kept})[0], wanted)
+
+
+class _Sleepers(Reach):
+    """Reach with a block that sleeps where it was placed."""
+
+    options = SLEEPING
+
+    def on_reset(self, s, mask):
+        """Put the block to sleep."""
+        super().on_reset(s, mask)
+        s.sleep(("block",), mask)
+
+
+@pytest.mark.skipif(not SLEEPING, reason="bodies of a batch cannot sleep in this version")
+def test_bodies_that_slept_sleep_again(reach_scene):
+    """With all that steps count of them, wherever the block has been woken since."""
+    envs = SceneVectorEnv(_Sleepers, 2, scene=reach_scene)
+    envs.reset(seed=4)
+    _run(envs, 2)
+    kept, counts = envs.snapshot(), ("tree_asleep", "tree_awake", "nv_awake")
+    runs = []
+    for _ in range(2):
+        _run(envs, 1)
+        runs.append([getattr(envs.batch.data, name).numpy().tolist() for name in counts])
+        s = envs.state
+        s.put_pose("block", s.pose("block"), torch.tensor([True, True]))
+        _run(envs, 1)
+        envs.reset(options={"state": kept})
+    assert runs[0] == runs[1]
 
 
 class _Tables(Reach):
