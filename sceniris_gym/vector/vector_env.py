@@ -41,7 +41,7 @@ from sceniris_gym.vector.arguments import (
     as_task,
     fresh_seed,
 )
-from sceniris_gym.vector.images import make_images
+from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
@@ -191,6 +191,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
+        every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
         groups, self.max_episode_steps = as_groups(observation_groups), None
         if max_episode_steps is not None:
             self.max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
@@ -217,7 +218,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         with on_torch_stream(self.batch.device):
             worlds.bind()
             # cameras may differ in fields of the model that the task has asked for
-            self.images = make_images(self.batch, images, render_every, graph=graph)
+            self.images = None if shots is None else Images(self.batch, shots, every, graph=graph)
             size = self.task.action_size or self.compiled.mjm.nu
             seen: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": copy}
             self._observer = Observer(self.task, self.state, self.images, size, **seen)
