@@ -34,7 +34,8 @@ class LevelSampler(LayoutSource):
 
     A world's next level is chosen when its present one begins, so that it can be made ahead, and the score of an
     episode counts from the next choice on. Nothing waits for the host. Choices are a pure function of the seeds of the
-    worlds and of all outcomes, whatever the device runs beside.
+    worlds and of all outcomes, but for a race on a GPU: of several worlds that end on one level in the same step, one
+    may count.
 
     Weights are refreshed every `Levels.every` resets, outside of graphs of the caller's own; until then choices go by
     the old ones.
