@@ -71,7 +71,6 @@ class KnobTable:
     Args:
         compiled: The scene.
         names: Names of knobs, or patterns such as "objects.*.region".
-        where: Begins errors.
 
     Attributes:
         knobs: The knobs by name, sorted.
@@ -84,16 +83,16 @@ class KnobTable:
         ArgumentError: A part of the scene file that cannot be one, and the reason.
     """
 
-    def __init__(self, compiled: CompiledScene, names: str | Sequence[str], where: str = "knobs") -> None:
+    def __init__(self, compiled: CompiledScene, names: str | Sequence[str]) -> None:
         every = scene_knobs(compiled) if names else {}
         known = {name: knob for name, knob in every.items() if isinstance(knob, Knob)}
         chosen: dict[str, Knob] = {}
         for name in (names,) if isinstance(names, str) else names:
             found = [name] if name in known else fnmatch.filter(known, name)
             if not found and name in every:
-                raise ArgumentError(f"{where}: '{name}' cannot be a knob: {every[name]}")
+                raise ArgumentError(f"knobs: '{name}' cannot be a knob: {every[name]}")
             if not found:
-                raise UnknownNameError("knob", str(name), where, known)
+                raise UnknownNameError("knob", str(name), "knobs", known)
             chosen |= {one: known[one] for one in found}
         self.knobs = {name: chosen[name] for name in sorted(chosen)}
         numbers = [knob.default for knob in self.knobs.values()]

@@ -182,7 +182,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     return mask
 
 
-def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str = "train") -> ChosenLayouts | None:
+def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str) -> ChosenLayouts | None:
     """Return the layouts that worlds are to get; None for no choice.
 
     Args:
