@@ -179,11 +179,6 @@ class CompiledScene:
         """The candidates that an object gets before a layout starts again: as written, or as found for `auto`."""
         return int(self.program.attempts)
 
-    def bank_rows(self, split: str) -> slice:
-        """Return the rows of `program.bank_*` that worlds of a split ("train" or "eval") fall back on."""
-        first, end = int(self.program.bank_ntrain), int(self.program.bank_qpos.shape[0])
-        return slice(first, end) if split == "eval" else slice(0, first)
-
 
 def refuse_starts(compiled: CompiledScene, where: str) -> None:
     """Refuse a scene with kinds of starts where nothing closes the fingers.

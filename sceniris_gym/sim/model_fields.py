@@ -222,8 +222,10 @@ class ModelFields:
 
     @property
     def rows(self) -> dict[str, wp.array]:
-        """The arrays that have a row for each world, by name, with those of controls at rest if gains differ."""
+        """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
+        numbers = {} if self._drawer is None else self._drawer.numbers
+        found |= {f"drawn.{name}": array for name, array in numbers.items()}
         return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
 
     def launch_follow(self, mask: wp.array, *, ahead: bool = False) -> None:

@@ -324,10 +324,8 @@ class ResetRandomizer(Fixed, StaysHere):
         self.layout_source.set_knobs({name: value}, mask)
 
     def layout_ids(self) -> list[str]:
-        """Return the ids of the present layouts, one per world, with the knobs that differ. Waits for the device."""
-        names = zip(*(getattr(self.layouts, name).numpy() for name in ("seed", "episode", "knob")), strict=True)
-        text, name = self.layouts.knobs.text, self.compiled.layout_id
-        return [name(seed, episode, self._split, text(row)) for seed, episode, row in names]
+        """Return the ids of the present layouts, see `Layouts.ids`."""
+        return self.layouts.ids(self._split)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
