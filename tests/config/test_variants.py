@@ -193,7 +193,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "not two variants"),
     "no place": (
         {"objects.other": {"asset": ["can", "mug"]}},
-        r"objects\.other: 'other/can' stays.*Give all variants a",
+        r"objects\.other: 'other/can' stays.*all variants a",
     ),
     "a group": ({"groups.target": {"of": ["can"], "count": 1}}, r"groups\.target: .*another name"),
     "a name with a slash": (
