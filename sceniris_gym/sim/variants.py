@@ -128,7 +128,7 @@ class VariantWriter:
 
     def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, varied: Mapping[str, wp.array]) -> None:
         for name in fields_of_variants():
-            if getattr(m, name).shape[0] != nworld:
+            if getattr(m, name).size and getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
                     f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
                     "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
@@ -213,8 +213,8 @@ class VariantWriter:
         qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
         qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
         qpos_adr[qpos_shared >= 0] = np.resize(range(7), (qpos_shared >= 0).sum())  # each has a freejoint alone
-        joints = full.body_jntadr[variants]
-        source = np.where(joints >= 0, full.jnt_qposadr[joints], full.body_mocapid[variants])
+        source, joints = full.body_mocapid[variants], full.body_jntadr[variants]
+        source[joints >= 0] = full.jnt_qposadr[joints[joints >= 0]]
         values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
         return [wp.array(each, dtype=int, ndim=1) for each in values]
 
@@ -249,7 +249,8 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
         theirs, ours = getattr(full, field), getattr(sim, field)
         theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
         words = np.int32 if theirs.dtype.kind == "i" else np.float32
-        theirs, ours = (np.reshape(values, (len(values), -1)).astype(words) for values in (theirs, ours))
+        # where nothing moves there are no degrees of freedom
+        theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
         first, sources = elements[kind]
         for i, source in enumerate(sources.T, int(first)):
             values = theirs[source]
