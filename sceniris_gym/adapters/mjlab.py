@@ -305,11 +305,10 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     several = {name: info for name, info in found.items() if name in alone.objects}
     for name, members in config.variants.items():
         if name not in several:
-            advice = instead_of_variants(name, [member.partition("/")[2] for member in members])
             raise NotSupportedError(
                 f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
-                f"(VariantEntityCfg) to have them in mjlab. {advice} In mjlab: cfg.scene.spec_fn = lambda spec: "
-                "place_on(spec, scene)."
+                f"(VariantEntityCfg) to have them in mjlab. {instead_of_variants(name, members)} "
+                "In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     words: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}

@@ -11,6 +11,7 @@ import warp as wp
 
 from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
@@ -264,9 +265,11 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
             variants of objects differ have rows as well.
 
     Raises:
+        CountError: The number of worlds is not a whole number, at least 1.
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
+    nworld = as_count(nworld, "put_model: nworld")
     named = [*fields, *(other for name in fields for other, _, _ in _word(name).follow)]
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.sim_mjm)

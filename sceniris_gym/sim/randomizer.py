@@ -159,7 +159,7 @@ class ResetRandomizer(Fixed, StaysHere):
             warn_of_origins(compiled.scene, origins.numpy(), "ResetRandomizer: origins")
         variants = None
         if compiled.config.variants:
-            variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
+            variants = VariantWriter(compiled.scene, model, data.nworld, self.fields.varied)
         more: Any = {"origins": origins, "variants": variants, "refresh": self._update}
         found, rest = (compiled, model, data), self.fields.rest
         self.replacer = Replacer(*found, self.layouts, self.split, rest=rest, **more, graph=graph)
@@ -352,7 +352,7 @@ class ResetRandomizer(Fixed, StaysHere):
         """Give the masked worlds the variants of their present layouts, without a reset."""
         if self._writer.variants is not None:
             fill_mask(mask, self._mask)
-            self._writer.variants.launch(poses_of(self.layouts.view), self.layouts.present)
+            self._writer.variants.launch(poses_of(self.layouts.view), self._mask, self.layouts.present)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
