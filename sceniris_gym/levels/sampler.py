@@ -43,7 +43,7 @@ class LevelSampler(LayoutSource):
     Args:
         source: Makes the layouts; reseeded by the sampler alone from now on.
         levels: The choice.
-        split: "train" or "eval".
+        split: "train" or "eval", unless the source has its own.
 
     Attributes:
         layouts: The latest layouts of the source.
@@ -55,7 +55,8 @@ class LevelSampler(LayoutSource):
     def __init__(self, source: LayoutSource, levels: Levels, split: str = "train") -> None:
         self.source, self.levels, self.layouts = source, levels, source.layouts
         self._device, self._since = source.layouts.qpos.device, 0
-        self._stream = wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
+        self.split: str = getattr(source, "split", split)
+        self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
         self._buffer = buffer = create_buffer(levels, self.layouts.view)
         self.level, self.probe = buffer.level, buffer.probe
         if levels.ranges is not None:
