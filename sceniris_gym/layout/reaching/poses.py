@@ -5,6 +5,7 @@ import warp as wp
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
+    DEFERRED,
     PREGRASP_DISTANCE,
     ReachSearch,
     ReachStep,
@@ -142,6 +143,21 @@ def pose_arm(
         pose_body(program, reach.arm_body[i], qpos, body_pos, body_quat)
 
 
+@wp.func
+def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
+    """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
+
+    More are tested at once where many have failed. Other lanes may defer those candidates meanwhile.
+    """
+    row = reach_search.row[c]
+    earlier = int(0)
+    for other in range(reach_search.first[row], c):
+        failed = reach_search.failed[other]
+        if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
+            earlier += 1
+    return earlier > reach_search.tried[row] // 2
+
+
 @wp.kernel(grid_stride=False)
 def _pose_arm(
     program: Program,
@@ -150,13 +166,16 @@ def _pose_arm(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
-    #   body_quat
-    # ReachSearch out: qpos, body_pos, body_quat
+    # ReachSearch in: column, tried, tier, first, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos,
+    #   qpos, body_pos, body_quat
+    # ReachSearch out: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
+            continue
+        if step == ReachStep.SELF_AT_GRASP and _is_deferred(reach_search, c):
+            reach_search.failed[c] = wp.static(DEFERRED)
             continue
         row = reach_search.row[c]
         qpos = reach_search.qpos[c]
@@ -169,6 +188,6 @@ def _pose_arm(
 
 
 def launch_pose_arm(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
-    """Pose the robot as a step tests it: with the joints of the grasp or of the pre-grasp."""
+    """Pose the robot as a step tests it, with the joints of the grasp or of the pre-grasp. Defer what need not be."""
     lanes = work.size.lanes
     work.launch(_pose_arm, lanes, [work.program, reach, int(step), lanes, work.layouts], reach_search)

@@ -26,6 +26,8 @@ MOST_AT_ONCE = 8 * STARTS
 """Most candidates of a row in a wave; a single lane goes through them at the end."""
 IN_HAND = Tier.CLEAR + 1
 """The tier of a target that is tested in the hand of a robot at its start, away from where it was placed."""
+DEFERRED = -1
+"""Value of `ReachSearch.failed`: it has joints, but this wave only tests those of earlier candidates of its row."""
 
 
 class ReachStep(IntEnum):
@@ -79,7 +81,7 @@ class ReachSearch:
     row: wp.array[int]
     grasp: wp.array[int]
     start: wp.array[int]
-    failed: wp.array[int]  # the step that it failed at; PASSED if it failed at none
+    failed: wp.array[int]  # the step that it failed at; PASSED if it failed at none, DEFERRED if it is tried again
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
     # The state of the robot, posed for a test; other entries are not used.

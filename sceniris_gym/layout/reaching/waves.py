@@ -10,6 +10,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
+    DEFERRED,
     MOST_AT_ONCE,
     STARTS,
     ReachSearch,
@@ -273,6 +274,8 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
+        if failed == wp.static(DEFERRED):
+            break
         reach_search.furthest[row] = wp.max(reach_search.furthest[row], failed)
         if failed == ReachStep.PASSED:
             return c

@@ -17,7 +17,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.solve import POS_TOL
 from tests.layout.grasped import cluttered, is_clear, waiting
 
-N = 20
+N = 60
 
 
 @pytest.fixture(scope="module", params=["ik", "clear"])
@@ -60,7 +60,7 @@ def test_the_whole_robot_stands_as_mujoco_poses_it(compiled: CompiledScene):
         turned = np.abs((search.body_quat.numpy()[c, robot] * data.xquat[robot]).sum(axis=1))
         np.testing.assert_allclose(turned, 1.0, atol=1e-6)
         checked += 1
-    assert checked > N
+    assert checked > N // 3
 
 
 @pytest.mark.parametrize("step", [ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_PREGRASP])
