@@ -105,10 +105,14 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
                 )
     arm_range = np.tile(_UNDRAWN, (MAX_JOINTS, 1))
     if arm >= 0:
-        index = {int(adr): i for i, adr in enumerate(arms[arm].arm.qposadr)}
+        serial = arms[arm].arm
+        index = {int(adr): i for i, adr in enumerate(serial.qposadr)}
         for drawn in _drawn(plan, arms[arm].robot, config.robot_joints, f"{where}.robot_joints"):
             if drawn.qposadr in index:  # patterns also name the gripper's
                 arm_range[index[drawn.qposadr]] = drawn.low, drawn.high
+        if config.robot_joints and (arm_range == _UNDRAWN).all():
+            names = ", ".join(name.rpartition("/")[2] for name in serial.joints)
+            raise SceneKeyError(f"{where}.robot_joints: should draw a joint of the arm, not of its gripper: {names}.")
     order = {o.name: i for i, o in enumerate(plan.objects)}
     return {
         "weight": config.weight,

@@ -60,6 +60,11 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
         UnknownNameError,
         "start.0.robot_joints",
     ),
+    "joints of the gripper alone": (
+        {"robot": "grasp", "of": "block", "robot_joints": {"finger*": {"noise": 0.1}}},
+        SceneKeyError,
+        "not of its gripper: joint1, joint2",
+    ),
 }
 
 
