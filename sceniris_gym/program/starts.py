@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -72,59 +71,81 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
     return np.array([-matrix(v.quat)[2] for v, (first, num) in spans if first <= grasp < first + num])
 
 
-def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> list[dict[str, Any]]:
-    """Return the fields of `Starts` for each kind of start of a scene.
+def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
+    """Return the fields of `Starts` by name, without the bank: a row for each kind of start, or for each grasp.
 
     Raises:
         UnknownNameError: A grasp or a joint that does not exist.
         SceneKeyError: A joint whose object does not draw it, or an object that no grasp holds.
     """
-    return [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
-
-
-def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, Any]:
-    """Return the fields of one kind."""
-    where = f"{plan.scene.config.where}: start.{number}"
-    names, pose = config.targets(plan.scene.config.groups), _pose(config)
-    targets, arms = ((), ()) if plan.reaching is None else (plan.reaching.targets, plan.reaching.arms)
-    is_target = [target.name in names for target in targets]
-    arm = next((target.arm for target in targets if target.name in names), -1)
-    if arm >= 0 and arms[arm].robot in plan.scene.apart:
-        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
-    grasps = [is_its & _counting(config, t, f"{where}.grasp") for t, is_its in zip(targets, is_target, strict=True)]
-    counts = np.concatenate([np.zeros(0, bool), *grasps])
-    if pose in _FITS:
-        fit, how = _FITS[pose]
-        counts &= np.array([getattr(grip, fit) for grip in grips], bool)
-        of_target = np.repeat(np.arange(len(grasps)), [len(of_its) for of_its in grasps])
-        for i in np.flatnonzero(is_target):
-            if not counts[of_target == i].any():
-                raise SceneKeyError(
-                    f"{where}: the gripper should be able to hold '{targets[i].name}' {how}, and none of its grasps "
-                    "that count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
-                )
-    arm_range = np.tile(_UNDRAWN, (MAX_JOINTS, 1))
-    if arm >= 0:
-        serial = arms[arm].arm
-        index = {int(adr): i for i, adr in enumerate(serial.qposadr)}
-        for drawn in _drawn(plan, arms[arm].robot, config.robot_joints, f"{where}.robot_joints"):
-            if drawn.qposadr in index:  # patterns also name the gripper's
-                arm_range[index[drawn.qposadr]] = drawn.low, drawn.high
-        if config.robot_joints and (arm_range == _UNDRAWN).all():
-            names = ", ".join(name.rpartition("/")[2] for name in serial.joints)
-            raise SceneKeyError(f"{where}.robot_joints: should draw a joint of the arm, not of its gripper: {names}.")
+    kinds = [(kind, f"{plan.scene.config.where}: start.{i}") for i, kind in enumerate(plan.scene.config.start)]
+    arms = [_arm(plan, kind, where) for kind, where in kinds]
     order = {o.name: i for i, o in enumerate(plan.objects)}
     return {
-        "weight": config.weight,
-        "pose": int(pose),
-        "arm": arm,
-        "target": np.array(is_target, bool),
-        "grasp": counts,
-        "lift": config.lift or (0.0, 0.0),
-        "arm_range": arm_range,
-        "draw_range": _draw_ranges(plan, config.joints, f"{where}.joints"),
-        "marker": [order[config.place[name]] if name in config.place else -1 for name in order],
+        "weight": np.array([kind.weight for kind, _ in kinds]),
+        "pose": np.array([_pose(kind) for kind, _ in kinds]),
+        "arm": np.array(arms),
+        "target": np.array([_targets(plan, kind) for kind, _ in kinds]),
+        "grasp": np.array([_grasps(plan, grips, kind, where) for kind, where in kinds]),
+        "lift": np.array([kind.lift or (0.0, 0.0) for kind, _ in kinds]),
+        "arm_range": np.array([_arm_ranges(plan, i, *kind) for i, kind in zip(arms, kinds, strict=True)]),
+        "draw_range": np.array([_draw_ranges(plan, kind.joints, f"{where}.joints") for kind, where in kinds]),
+        "marker": np.array([[order[kind.place[n]] if n in kind.place else -1 for n in order] for kind, _ in kinds]),
+        "grip_share": np.array([grip.share for grip in grips], float),
+        "grip_pos": np.reshape([grip.pos for grip in grips], (-1, 3)),
     }
+
+
+def _targets(plan: Plan, kind: StartConfig) -> np.ndarray:
+    """Return which reach targets an arm may be at in a kind, shape (ntarget,), bool."""
+    names = kind.targets(plan.scene.config.groups)
+    return np.array([t.name in names for t in (() if plan.reaching is None else plan.reaching.targets)], bool)
+
+
+def _arm(plan: Plan, kind: StartConfig, where: str) -> int:
+    """Return the number of the arm that is at an object, -1 for none."""
+    if plan.reaching is None or not _targets(plan, kind).any():
+        return -1
+    arm = plan.reaching.targets[_targets(plan, kind).argmax()].arm
+    if plan.reaching.arms[arm].robot in plan.scene.apart:
+        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
+    return arm
+
+
+def _grasps(plan: Plan, grips: tuple[Grip, ...], kind: StartConfig, where: str) -> np.ndarray:
+    """Return which grasps of all reach targets count for a kind, shape (ngrasp,), bool."""
+    pose, found = _pose(kind), [np.zeros(0, bool)]
+    for target, is_its in zip(
+        () if plan.reaching is None else plan.reaching.targets, _targets(plan, kind), strict=True
+    ):
+        counts = is_its & _counting(kind, target, f"{where}.grasp")
+        if is_its and pose in _FITS:
+            fit, how = _FITS[pose]
+            first = sum(map(len, found))
+            counts &= np.array([getattr(grip, fit) for grip in grips[first : first + len(counts)]], bool)
+            if not counts.any():
+                raise SceneKeyError(
+                    f"{where}: the gripper should be able to hold '{target.name}' {how}, and none of its grasps that "
+                    "count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
+                )
+        found.append(counts)
+    return np.concatenate(found)
+
+
+def _arm_ranges(plan: Plan, arm: int, kind: StartConfig, where: str) -> np.ndarray:
+    """Return the intervals from which a kind draws the joints of an arm, shape (MAX_JOINTS, 2)."""
+    found = np.tile(_UNDRAWN, (MAX_JOINTS, 1))
+    if plan.reaching is None or not kind.robot_joints:
+        return found
+    one = plan.reaching.arms[arm]
+    index = {int(adr): i for i, adr in enumerate(one.arm.qposadr)}
+    for drawn in _drawn(plan, one.robot, kind.robot_joints, f"{where}.robot_joints"):
+        if drawn.qposadr in index:  # patterns also name the gripper's
+            found[index[drawn.qposadr]] = drawn.low, drawn.high
+    if (found == _UNDRAWN).all():
+        names = ", ".join(name.rpartition("/")[2] for name in one.arm.joints)
+        raise SceneKeyError(f"{where}.robot_joints: should draw a joint of the arm, not of its gripper: {names}.")
+    return found
 
 
 def _pose(config: StartConfig) -> StartPose:
