@@ -8,7 +8,7 @@ from pathlib import Path
 import warp as wp
 
 from sceniris_gym.device.kernel_log import tell_of_compiling
-from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, start_poses, waves
+from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, waves
 from sceniris_gym.layout.wave import (
     accept,
     collision,
@@ -36,7 +36,7 @@ def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], l
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
     by_lane += [standing] if work.statics is not None else []
     by_lane += [waves, poses, ik] if staged else []
-    by_lane += [start_kinds, start_poses, start] if work.starts is not None else []
+    by_lane += [start_kinds, start] if work.starts is not None else []
     by_lane += [free_grasps] if work.search.free.shape[1] > 0 else []
     by_block = [accept, *([points] if work.related else []), *([hits] if staged else [])]
     lanes = [wp.get_module(m.__name__) for m in by_lane]
