@@ -13,7 +13,7 @@ from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_test_hands
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
-from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
+from sceniris_gym.layout.reaching.poses import launch_pose
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
 from sceniris_gym.layout.reaching.start import (
     TRIALS,
@@ -86,18 +86,18 @@ class ReachStage:
         launch_open_wave(work, reach, search)
         launch_look_up(work, reach, search)
         if clear:
-            launch_pose_hand(work, reach, ReachStep.HAND_AT_GRASP, search)
-            launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP, search)
-            launch_pose_hand(work, reach, ReachStep.HAND_AT_PREGRASP, search)
-            launch_test_arm(work, reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET, search)
+            self._test(reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP)
+            self._test(reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET)
         launch_ik(work, reach, clear, search)
-        launch_pose_arm(work, reach, ReachStep.SELF_AT_GRASP, search)
-        last = ReachStep.SCENE_AT_GRASP if clear else ReachStep.SELF_AT_GRASP
-        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, last, search)
+        self._test(reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP if clear else ReachStep.SELF_AT_GRASP)
         if clear:
-            launch_pose_arm(work, reach, ReachStep.SELF_AT_PREGRASP, search)
-            launch_test_arm(work, reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP, search)
+            self._test(reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP)
         launch_accept_grasps(work, reach, search)
+
+    def _test(self, reach: Reach, first: ReachStep, last: ReachStep) -> None:
+        """Pose the robot of each candidate, and test it at the steps that have this pose."""
+        launch_pose(self._work, reach, first, self.search)
+        launch_test_arm(self._work, reach, first, last, self.search)
 
     def _start_wave(self, reach: Reach) -> None:
         """Pose candidates of starts, test them, and keep the first of each row that passes."""
