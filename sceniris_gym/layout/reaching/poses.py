@@ -110,8 +110,11 @@ def pose_arm(
 def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
     """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
 
-    More are tested at once where many have failed. Other lanes may defer those candidates meanwhile.
+    More are tested at once where many have failed, and all where rows wait for room, which bounds the number of waves.
+    Other lanes may defer the candidates before it meanwhile.
     """
+    if reach_search.candidates[0] > reach_search.failed.shape[0]:
+        return False
     row = reach_search.row[c]
     earlier = int(0)
     for other in range(reach_search.first[row], c):

@@ -16,6 +16,7 @@ from sceniris_gym.layout.reaching.search import (
     IN_HAND,
     ReachSearch,
     ReachStep,
+    begin_reach_wave,
     queue_row,
     queue_target,
     reach_candidate_num,
@@ -150,10 +151,12 @@ def _pose(
     layouts: LayoutsView,
     # Search in: row_world, row_restart
     search: Search,
-    # ReachSearch in: column, number, first, candidates, row, grasp, qpos, body_pos, body_quat
-    # ReachSearch out: grasp, failed, grasp_qpos, qpos, body_pos, body_quat
+    # ReachSearch in: column, number, first, rows_left, source, candidates, row, grasp, qpos, body_pos, body_quat
+    # ReachSearch out: rows_left, source, rows, grasp, failed, grasp_qpos, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
+    if wp.tid() == 0:
+        begin_reach_wave(reach_search)
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         row = reach_search.row[c]
         column = reach_search.column[row]
@@ -221,9 +224,11 @@ def _accept(
     search: Search,
     # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
     #   grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos, body_quat
-    # ReachSearch out: number, tried, furthest, queue, rows_left
+    # ReachSearch out: number, tried, furthest, queue, rows_left, candidates
     reach_search: ReachSearch,
 ):
+    if wp.tid() == 0:
+        reach_search.candidates[0] = 0  # of the next wave
     for i in range(wp.tid(), reach_search.rows[0], lanes):
         row = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[row]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from unittest.mock import patch
 
 import mujoco
 import numpy as np
@@ -27,8 +28,12 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def _passed(generator: LayoutGenerator, stage: ReachStage) -> Iterator[tuple[int, mujoco.MjData, Grasp]]:
-    """Run a wave, and yield each candidate that passed, the layout that it is in, and its grasp; one MjData, reused."""
-    stage._wave(*stage._arms[0])
+    """Run a wave but for its end; yield each candidate that passed, the layout that it is in, and its grasp.
+
+    The MjData is the same one each time.
+    """
+    with patch("sceniris_gym.layout.reaching.stage.launch_accept_grasps", lambda *_: None):
+        stage._wave(*stage._arms[0])
     search, compiled, layouts = stage.search, generator.compiled, generator.layouts
     assert compiled.reaching is not None
     grasps = compiled.reaching.targets[0].grasp_set.grasps
