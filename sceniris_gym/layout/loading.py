@@ -11,6 +11,7 @@ from sceniris_gym.device.kernel_log import tell_of_compiling
 from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, waves
 from sceniris_gym.layout.wave import (
     accept,
+    ahead,
     collision,
     containment,
     draw,
@@ -18,6 +19,7 @@ from sceniris_gym.layout.wave import (
     prefilter,
     region_pieces,
     rounds,
+    settle,
     sides,
     standing,
     start_kinds,
@@ -32,20 +34,19 @@ def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], l
         work: Its arrays and capacities.
         staged: Whether there is a stage after placing.
     """
-    visual, block_dim = work.program.visual, work.size.block_dim
+    frees_grasps = work.search.free.shape[1] > 0
     by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
+    by_lane += [ahead] if work.ahead > 0 else []
     by_lane += [standing] if work.statics is not None else []
     by_lane += [waves, poses, ik] if staged else []
     by_lane += [start_kinds, start] if work.starts is not None else []
-    by_lane += [free_grasps] if work.search.free.shape[1] > 0 else []
-    by_block = [accept, *([points] if work.related else []), *([hits] if staged else [])]
-    lanes = [wp.get_module(m.__name__) for m in by_lane]
-    lanes += [k.module for k in collision.lane_kernels(work) + (containment.LANE_KERNELS if visual else ())]
-    blocks = [wp.get_module(m.__name__) for m in by_block]
-    own = collision.block_kernels(visual, block_dim) + (
-        free_grasps.BLOCK_KERNELS if work.search.free.shape[1] > 0 else ()
-    )
-    return lanes, blocks + [k.module for k in own]
+    by_lane += [free_grasps] if frees_grasps else []
+    by_block = [accept, settle, *([points] if work.related else []), *([hits] if staged else [])]
+    lane_kernels, block_kernels = collision.collision_kernels(work)
+    lane_kernels += containment.LANE_KERNELS if work.program.visual else []
+    block_kernels += free_grasps.BLOCK_KERNELS if frees_grasps else []
+    lanes = [wp.get_module(m.__name__) for m in by_lane] + [k.module for k in lane_kernels]
+    return lanes, [wp.get_module(m.__name__) for m in by_block] + [k.module for k in block_kernels]
 
 
 def _is_kept(module: wp.Module, block_dim: int | None) -> bool:

@@ -211,7 +211,7 @@ def _reject_blocked(
                     search.cause[c] = Cause.BLOCKED
 
 
-BLOCK_KERNELS = (_test_hands,)
+BLOCK_KERNELS = [_test_hands]
 """The kernels that are launched with blocks of lanes."""
 
 
