@@ -198,8 +198,6 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_open_rows(self._work, stage is not None)
         if self._work.ahead > 0:
             launch_draw_ahead(self._work)
-        if self._stage is not None:
-            self._stage.launch_go_home()
         repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
         if stage is not None:
             stage.launch()

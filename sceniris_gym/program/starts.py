@@ -81,6 +81,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
     kinds = [(kind, f"{plan.scene.config.where}: start.{i}") for i, kind in enumerate(plan.scene.config.start)]
     arms = [_arm(plan, kind, where) for kind, where in kinds]
     order = {o.name: i for i, o in enumerate(plan.objects)}
+    robots = [b for one in (plan.reaching.arms if plan.reaching else ()) for b in plan.scene.subtree(one.robot)[1:]]
     return {
         "weight": np.array([kind.weight for kind, _ in kinds]),
         "pose": np.array([_pose(kind) for kind, _ in kinds]),
@@ -91,6 +92,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
         "arm_range": np.array([_arm_ranges(plan, i, *kind) for i, kind in zip(arms, kinds, strict=True)]),
         "draw_range": np.array([_draw_ranges(plan, kind.joints, f"{where}.joints") for kind, where in kinds]),
         "marker": np.array([[order[kind.place[n]] if n in kind.place else -1 for n in order] for kind, _ in kinds]),
+        "robot_qposadr": plan.scene.mjm.jnt_qposadr[np.isin(plan.scene.mjm.jnt_bodyid, robots)],
         "grip_share": np.array([grip.share for grip in grips], float),
         "grip_pos": np.reshape([grip.pos for grip in grips], (-1, 3)),
     }

@@ -18,7 +18,6 @@ from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_
 from sceniris_gym.layout.reaching.start import (
     TRIALS,
     launch_accept_starts,
-    launch_go_home,
     launch_pose_start,
     launch_queue_starts,
 )
@@ -62,11 +61,6 @@ class ReachStage:
         """Reject candidates that leave a target of tier `clear` no free grasp."""
         for reach in self._early:
             launch_test_hands(self._work, reach, self.search)
-
-    def launch_go_home(self) -> None:
-        """Return the arms of all rows to their start pose, if starts take them elsewhere."""
-        for reach, _ in self._arms if self._work.starts is not None else ():
-            launch_go_home(self._work, reach)
 
     def launch(self) -> None:
         """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world.

@@ -40,25 +40,6 @@ _HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 
 
 @wp.kernel
-def _go_home(
-    program: Program,
-    reach: Reach,
-    # Layouts out: qpos
-    layouts: LayoutsView,
-    # Search in: pending, row_world
-    search: Search,
-):
-    row = wp.tid()
-    if search.pending[search.row_world[row]]:
-        take_joints(program, reach.arm_body, program.home_qpos, layouts.qpos[row])
-
-
-def launch_go_home(work: Workspace, reach: Reach) -> None:
-    """Return an arm to its start pose, from which the starts of the last layouts took it, in the rows of this round."""
-    work.launch(_go_home, work.nrow, [work.program, reach], work.layouts, work.search)
-
-
-@wp.kernel
 def _queue_starts(
     reach: Reach,
     starts: Starts,

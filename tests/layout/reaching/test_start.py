@@ -122,6 +122,17 @@ def test_starts_do_not_depend_on_the_size_of_the_search(change: dict[str, int]):
         np.testing.assert_array_equal(values, _rows(other)[name])
 
 
+def test_starts_do_not_depend_on_those_before():
+    """Arms that were elsewhere begin again at home: the same bits as in a generator that begins with this episode."""
+    usual, other = (LayoutGenerator(starting(), 24, seed=9) for _ in range(2))
+    usual.generate()
+    usual.generate()
+    other.reseed(9, episodes=1)
+    other.generate()
+    for name, values in _rows(usual).items():
+        np.testing.assert_array_equal(values, _rows(other)[name])
+
+
 def test_worlds_without_restarts_get_the_kind_of_their_bank():
     """A fallback has the state of an entry of the bank, and its kind: that of the world, if the bank has one."""
     program = copied(Program, starting().program)
