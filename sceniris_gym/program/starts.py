@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.start import StartConfig
@@ -17,7 +18,7 @@ from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.device_starts import StartPose
 from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.plan import Plan, joint_range
-from sceniris_gym.program.reach import ReachTarget
+from sceniris_gym.program.reach import ReachingArm, ReachTarget
 from sceniris_gym.reach.arm import MAX_JOINTS
 
 _UNDRAWN = (1.0, -1.0)
@@ -78,73 +79,59 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
         UnknownNameError: A grasp or a joint that does not exist.
         SceneKeyError: A joint whose object does not draw it, or an object that no grasp holds.
     """
-    kinds = [(kind, f"{plan.scene.config.where}: start.{i}") for i, kind in enumerate(plan.scene.config.start)]
-    arms = [_arm(plan, kind, where) for kind, where in kinds]
-    order = {o.name: i for i, o in enumerate(plan.objects)}
+    kinds = [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
     robots = [b for one in (plan.reaching.arms if plan.reaching else ()) for b in plan.scene.subtree(one.robot)[1:]]
     return {
-        "weight": np.array([kind.weight for kind, _ in kinds]),
-        "pose": np.array([_pose(kind) for kind, _ in kinds]),
-        "arm": np.array(arms),
-        "target": np.array([_targets(plan, kind) for kind, _ in kinds]),
-        "grasp": np.array([_grasps(plan, grips, kind, where) for kind, where in kinds]),
-        "lift": np.array([kind.lift or (0.0, 0.0) for kind, _ in kinds]),
-        "arm_range": np.array([_arm_ranges(plan, i, *kind) for i, kind in zip(arms, kinds, strict=True)]),
-        "draw_range": np.array([_draw_ranges(plan, kind.joints, f"{where}.joints") for kind, where in kinds]),
-        "marker": np.array([[order[kind.place[n]] if n in kind.place else -1 for n in order] for kind, _ in kinds]),
+        **{name: np.array([kind[name] for kind in kinds]) for name in kinds[0]},
         "robot_qposadr": plan.scene.mjm.jnt_qposadr[np.isin(plan.scene.mjm.jnt_bodyid, robots)],
         "grip_share": np.array([grip.share for grip in grips], float),
         "grip_pos": np.reshape([grip.pos for grip in grips], (-1, 3)),
     }
 
 
-def _targets(plan: Plan, kind: StartConfig) -> np.ndarray:
-    """Return which reach targets an arm may be at in a kind, shape (ntarget,), bool."""
-    names = kind.targets(plan.scene.config.groups)
-    return np.array([t.name in names for t in (() if plan.reaching is None else plan.reaching.targets)], bool)
-
-
-def _arm(plan: Plan, kind: StartConfig, where: str) -> int:
-    """Return the number of the arm that is at an object, -1 for none."""
-    if plan.reaching is None or not _targets(plan, kind).any():
-        return -1
-    arm = plan.reaching.targets[_targets(plan, kind).argmax()].arm
-    if plan.reaching.arms[arm].robot in plan.scene.apart:
-        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
-    return arm
-
-
-def _grasps(plan: Plan, grips: tuple[Grip, ...], kind: StartConfig, where: str) -> np.ndarray:
-    """Return which grasps of all reach targets count for a kind, shape (ngrasp,), bool."""
-    pose, found = _pose(kind), [np.zeros(0, bool)]
-    for target, is_its in zip(
-        () if plan.reaching is None else plan.reaching.targets, _targets(plan, kind), strict=True
-    ):
-        counts = is_its & _counting(kind, target, f"{where}.grasp")
-        if is_its and pose in _FITS:
+def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, ArrayLike]:
+    """Return the rows of the fields for one kind."""
+    where, pose, arm = f"{plan.scene.config.where}: start.{number}", _pose(config), -1
+    names, arm_range = config.targets(plan.scene.config.groups), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
+    targets, counts = () if plan.reaching is None else plan.reaching.targets, [np.zeros(0, bool)]
+    for target in targets:
+        own = _counting(config, target, f"{where}.grasp") & (target.name in names)
+        if pose in _FITS and target.name in names:
             fit, how = _FITS[pose]
-            first = sum(map(len, found))
-            counts &= np.array([getattr(grip, fit) for grip in grips[first : first + len(counts)]], bool)
-            if not counts.any():
+            first = sum(map(len, counts))
+            own &= np.array([getattr(grip, fit) for grip in grips[first : first + len(own)]], bool)
+            if not own.any():
                 raise SceneKeyError(
                     f"{where}: the gripper should be able to hold '{target.name}' {how}, and none of its grasps that "
                     "count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
                 )
-        found.append(counts)
-    return np.concatenate(found)
+        counts.append(own)
+        if target.name in names and plan.reaching is not None:
+            arm = target.arm
+            arm_range = _arm_range(plan, plan.reaching.arms[arm], config, where)
+    order = {o.name: i for i, o in enumerate(plan.objects)}
+    return {
+        "weight": config.weight,
+        "pose": int(pose),
+        "arm": arm,
+        "target": np.array([target.name in names for target in targets], bool),
+        "grasp": np.concatenate(counts),
+        "lift": config.lift or (0.0, 0.0),
+        "arm_range": arm_range,
+        "draw_range": _draw_ranges(plan, config.joints, f"{where}.joints"),
+        "marker": [order[config.place[name]] if name in config.place else -1 for name in order],
+    }
 
 
-def _arm_ranges(plan: Plan, arm: int, kind: StartConfig, where: str) -> np.ndarray:
-    """Return the intervals from which a kind draws the joints of an arm, shape (MAX_JOINTS, 2)."""
-    found = np.tile(_UNDRAWN, (MAX_JOINTS, 1))
-    if plan.reaching is None or not kind.robot_joints:
-        return found
-    one = plan.reaching.arms[arm]
-    index = {int(adr): i for i, adr in enumerate(one.arm.qposadr)}
-    for drawn in _drawn(plan, one.robot, kind.robot_joints, f"{where}.robot_joints"):
+def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
+    """Return the intervals from which a kind draws the joints of the arm at its object, shape (MAX_JOINTS, 2)."""
+    if one.robot in plan.scene.apart:
+        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
+    found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()
+    for drawn in _drawn(plan, one.robot, config.robot_joints, f"{where}.robot_joints"):
         if drawn.qposadr in index:  # patterns also name the gripper's
-            found[index[drawn.qposadr]] = drawn.low, drawn.high
-    if (found == _UNDRAWN).all():
+            found[index.index(drawn.qposadr)] = drawn.low, drawn.high
+    if config.robot_joints and (found == _UNDRAWN).all():
         names = ", ".join(name.rpartition("/")[2] for name in one.arm.joints)
         raise SceneKeyError(f"{where}.robot_joints: should draw a joint of the arm, not of its gripper: {names}.")
     return found
