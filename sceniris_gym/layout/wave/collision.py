@@ -233,10 +233,10 @@ def launch_test_collisions(work: Workspace) -> None:
     work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
 
 
-def collision_kernels(work: Workspace) -> tuple[list[wp.Kernel], list[wp.Kernel]]:
-    """Return the kernels that are launched with independent lanes, and those with blocks of lanes."""
+def launched_kernels(work: Workspace) -> list[wp.Kernel]:
+    """Return the kernels that are launched."""
     if work.size.block_dim == 1:
-        return [_test_alone], []
+        return [_test_alone]
     if work.program.visual:
-        return [_test_alone], [_test_by_block]
-    return [_test_inner_boxes, _test_alone], [_queue_narrow_pairs, _test_narrow_pairs]
+        return [_test_by_block, _test_alone]
+    return [_queue_narrow_pairs, _test_inner_boxes, _test_narrow_pairs, _test_alone]

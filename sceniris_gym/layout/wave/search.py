@@ -222,7 +222,7 @@ class SearchSize:
         parts: Lanes that share the containment test of a candidate, and at least so many share its prefilter and the
             pieces of its region.
         blocks: Blocks of a launch in which the lanes of a block share a candidate.
-        block_dim: Lanes of such a block.
+        block_dim: Lanes of a block, in launches of both kinds.
 
     Raises:
         CountError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
@@ -318,7 +318,8 @@ class Workspace:
 
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+        words = {"block_dim": self.size.block_dim, "device": self.device}
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **words)
 
     def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any, blocks: int | None = None) -> None:
         """Launch a kernel in which the lanes of a block share a candidate, by default with all blocks."""
