@@ -15,12 +15,7 @@ from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.poses import launch_pose
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
-from sceniris_gym.layout.reaching.start import (
-    TRIALS,
-    launch_accept_starts,
-    launch_pose_start,
-    launch_queue_starts,
-)
+from sceniris_gym.layout.reaching.start import TRIALS, launch_accept_starts, launch_pose_start, launch_queue_starts
 from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
