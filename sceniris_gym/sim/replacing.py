@@ -117,7 +117,7 @@ class Replacer:
                 reader.launch(self._mask)
             redraw.launch(state, self._mask, counts, self._origins)
             poses = poses_of(found.view)
-            writer.launch(poses if variants is None else variants.launch_poses(poses, redraw.placed))
+            writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             if trees.shape[0] > 0:
                 wp.launch(_wake, (d.nworld, trees.shape[0]), [self._mask, trees], [d.tree_awake], device=device)
             self._refresh()
