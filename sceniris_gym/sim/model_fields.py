@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import mujoco_warp as mjw
@@ -13,8 +12,7 @@ from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
-from sceniris_gym.layout.layouts import Layouts, LayoutsView
-from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
@@ -106,8 +104,6 @@ class ModelFields:
         for other, _, _ in _word(name).follow:
             self.wide(other, where, name)
         self.asked.add(name)
-        if self._derived is not None and _outputs(name):
-            self._derived.written.fill_(1)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
@@ -178,46 +174,13 @@ class ModelFields:
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
 
-    def make_ahead(self, source: LayoutSource, split: str) -> None:
-        """Have the fields that follow from draws made ahead with the layouts of a source, if that can do so.
-
-        With variants they are found in the reset, and so they are if somebody asked for a field that they follow from.
-
-        Args:
-            source: The source.
-            split: "train" or "eval".
-        """
-        served = self._derived
-        draws = tuple(draw for draw in self._scene.draws if any(map(_outputs, drawn_fields((draw,)))))
-        if served is None or not draws or self.varied or any(map(_outputs, self.asked)):
-            return
-        if served.is_made_ahead:  # by another source that resets these worlds
-            served.written.fill_(1)
-            return
-
-        def make(mask: wp.array, layouts: Layouts) -> None:
-            drawer.launch(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
-            derived.launch(mask, self._nominal)
-
-        in_place = source.make_beside(make)
-        if in_place is None:
-            return
-        m, names = copy.copy(self._model), drawn_fields(draws)
-        outputs = [name for name in FOLLOWS if name in self._nominal and getattr(m, name).size]
-        for name in (*names, *outputs):
-            setattr(m, name, wp.clone(getattr(m, name)))
-        drawer = FieldDrawer(draws, {name: getattr(m, name) for name in names}, self._nominal, self._nworld)
-        derived = DerivedFields(self._scene.mjm, m, self._nworld)
-        drawer.use_knobs(source.layouts.knobs)
-        served.copy_from(m, outputs, in_place)
-
     def launch_draw(
         self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
     ) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
         if self._drawer is not None:
             self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
-            self.launch_follow(mask, ahead=rows is None)
+            self.launch_follow(mask)
 
     @property
     def rows(self) -> dict[str, wp.array]:
@@ -225,12 +188,12 @@ class ModelFields:
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
         return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
 
-    def launch_follow(self, mask: wp.array, *, ahead: bool = False) -> None:
-        """Bring what follows up to date in the masked worlds, shape (nworld,), bool; with what was made ahead if so."""
+    def launch_follow(self, mask: wp.array) -> None:
+        """Bring what follows up to date in the masked worlds, shape (nworld,), bool."""
         if self._holding is not None:
             self._holding.launch(mask)
         if self._derived is not None:
-            self._derived.launch(mask, self._nominal, ahead=ahead)
+            self._derived.launch(mask, self._nominal)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
