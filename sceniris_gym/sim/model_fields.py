@@ -101,32 +101,33 @@ class ModelFields:
                 "in Task.bind, or before the first reset."
             )
         array = self.wide(name, where)
-        for other, _, _ in _word(name).follow:
-            self.wide(other, where, name)
         self.asked.add(name)
         return array if rows is None else array[:, rows]
 
-    def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
-        """Return the array of a field, with a row for each world; `source` is the field that it follows from."""
-        if name not in self._nominal:
-            array = getattr(owner(self._model, name), name)
-            if array.size and array.shape[0] != self._nworld and not self._grow:
-                raise SceneMismatchError(
-                    f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
-                    f'Make the Model by put_model(compiled, {self._nworld}, "{source or name}").'
-                )
-            made = self._nominal[name] = self.varied.get(name, wp.clone(array[:1]) if array.size else array)
-            if name == "geom_rgba":  # relative to the colours that are seen; resets write those of variants
-                made.assign(np.repeat(nominal_values(self._scene.mjm, name)[None], made.shape[0], axis=0))
-            widen(self._model, name, self._nworld)
-            self._known[name] = getattr(owner(self._model, name), name)
-            for output in _outputs(name):
-                self.wide(output, where, name)
-            if self._derived is None and _outputs(name):
-                self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
-            if name in GAINS and self._holding is None:
-                self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
-        return getattr(owner(self._model, name), name)
+    def wide(self, name: str, where: str = "model_field") -> wp.array:
+        """Return the array of a field, with a row for each world, as all have that follow from it."""
+        for each in _with_followers(name):
+            if each not in self._nominal:
+                self._widen(each, name, where)
+        if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
+            self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
+        if self._holding is None and not self._nominal.keys().isdisjoint(GAINS):
+            self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
+        return self._known[name]
+
+    def _widen(self, name: str, source: str, where: str) -> None:
+        """Give a field that follows from `source` a row for each world."""
+        array = getattr(owner(self._model, name), name)
+        if array.size and array.shape[0] != self._nworld and not self._grow:
+            raise SceneMismatchError(
+                f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
+                f'Make the Model by put_model(compiled, {self._nworld}, "{source}").'
+            )
+        made = self._nominal[name] = self.varied.get(name, wp.clone(array[:1]) if array.size else array)
+        if name == "geom_rgba":  # relative to the colours that are seen; resets write those of variants
+            made.assign(np.repeat(nominal_values(self._scene.mjm, name)[None], made.shape[0], axis=0))
+        widen(self._model, name, self._nworld)
+        self._known[name] = getattr(owner(self._model, name), name)
 
     def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
         """Set part of a field to its nominal values times a factor of each world, in the masked worlds.
@@ -228,16 +229,13 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
-    named = [*fields, *(other for name in fields for other, _, _ in _word(name).follow)]
+    for name in fields:
+        check_field(name, compiled.sim_mjm, "put_model")
+    drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants() if compiled.config.variants else ()
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.sim_mjm)
-        for name in fields_of_variants() if compiled.config.variants else ():
+        for name in (*shared, *(each for source in (*drawn, *fields) for each in _with_followers(source))):
             widen(m, name, nworld)
-        for name in (*drawn_fields(compiled.scene.sim.draws), *named):
-            check_field(name, compiled.sim_mjm, "put_model")
-            widen(m, name, nworld)
-            for output in _outputs(name):
-                widen(m, output, nworld)
     setattr(m, _NAMED, fields)
     return m
 
@@ -247,9 +245,10 @@ def _word(name: str) -> Word:
     return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
 
 
-def _outputs(name: str) -> list[str]:
-    """Return the fields that follow from one, however it is changed."""
-    return [output for output, sources in FOLLOWS.items() if name in sources]
+def _with_followers(name: str) -> list[str]:
+    """Return a field, those that are scaled with it, and those that follow from any of these."""
+    scaled = [name, *(other for other, _, _ in _word(name).follow)]
+    return scaled + [output for output, sources in FOLLOWS.items() if not set(sources).isdisjoint(scaled)]
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
