@@ -150,6 +150,8 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     if ends.min() < word.least or ends.max() > word.most:
         found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
         _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
+    if word.field == "actuator_forcerange" and (ends[..., 0].max(axis=0) >= ends[..., -1].min(axis=0)).any():
+        _refuse(f"{where}.{config.form}", "all lower limits should be below all upper ones. Give lists of both.")
     simple = [mjm.body(int(row)).name for row in kept if word.field == "body_ipos" and mjm.body_simple[row]]
     if simple:
         _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, so that M has room.")
