@@ -2,8 +2,9 @@
 
 A layout is a pure function of (scene, split, seed, episode), so the next one of a world can be made as soon as the
 last one is served: on a GPU on a stream of its own, beside the steps that follow. A few layouts take about as long as
-many, so a prefetch starts once enough worlds wait for one. A reset never waits for a prefetch: a layout that is not
-ready, because it is still being made or the world was reseeded, is made in place. Either way it is the same layout.
+many, so a prefetch starts once enough worlds wait for one: the more, the longer no world was reset again while it
+waited. A reset never waits for a prefetch: a layout that is not ready, because it is still being made or the world was
+reseeded, is made in place. Either way it is the same layout.
 """
 
 import sys
@@ -25,8 +26,11 @@ wp.set_module_options({"enable_backward": False})
 _FIRST = -1
 """Priority of prefetching on a GPU: its many short kernels go before the long ones of physics, not after each."""
 
-_MANY = 4
-"""A prefetch starts once one world in so many waits for its next layout."""
+_LEAST, _MOST, _MORE = (wp.constant(share) for share in (1.0 / 4.0, 2.0 / 3.0, 1.0 / 16.0))
+"""A prefetch starts once this share of the worlds waits for its next layout.
+
+It is the least share after a world was reset that waited already, and grows by `_MORE` with each prefetch until then.
+"""
 
 _PATIENCE = 32
 """A prefetch starts so many resets after a world began to wait, however few worlds do."""
@@ -53,6 +57,7 @@ def _find_missing(
     # In and out:
     stage: wp.array[int],
     nwaiting: wp.array[int],
+    enough: wp.array[float],
     # Out:
     missing: wp.array[bool],
 ):
@@ -66,7 +71,9 @@ def _find_missing(
     if known != _WAITING:
         wp.atomic_add(nwaiting, 0, 1)
     missing[worldid] = True
-    if known == _READY:
+    if known != _READY:
+        enough[0] = 0.0
+    else:
         open_episode(served, worldid)
         if prepared.seed[worldid] == served.pending_seed[worldid]:
             missing[worldid] = prepared.episode[worldid] != served.pending_episode[worldid]
@@ -126,10 +133,11 @@ def _serve(
 
 @wp.kernel
 def _decide(
-    many: int,
+    nworld: int,
     most_patience: int,
     due: wp.array[int],
     # In and out:
+    enough: wp.array[float],
     nwaiting: wp.array[int],
     patience: wp.array[int],
     begins: wp.array[int],
@@ -138,10 +146,12 @@ def _decide(
     if begins[0] == 1 or nwaiting[0] == 0 or due[0] == 1:
         return
     patience[0] = patience[0] - 1
-    if nwaiting[0] >= many or patience[0] <= 0:
+    share = wp.clamp(enough[0], _LEAST, _MOST)
+    if float(nwaiting[0]) >= share * float(nworld) or patience[0] <= 0:
         begins[0] = 1
         nwaiting[0] = 0
         patience[0] = most_patience
+        enough[0] = share + _MORE
 
 
 @wp.kernel
@@ -233,6 +243,7 @@ class PreparedLayouts(LayoutSource):
         self._being_made = being_made
         stage = self._stage = wp.full(nworld, _READY, dtype=int, device=device)
         self._nwaiting, self._begins, due = (wp.zeros(1, dtype=int, device=device) for _ in range(3))
+        self._enough = wp.zeros(1, dtype=float, device=device)
         self._patience, self._due = wp.full(1, _PATIENCE, dtype=int, device=device), due
 
         def make() -> None:
@@ -265,8 +276,8 @@ class PreparedLayouts(LayoutSource):
         may read it at any time.
         """
         nworld, device = self.layouts.nworld, self._device
-        inputs, outputs = [-(-nworld // _MANY), _PATIENCE, self._due], [self._nwaiting, self._patience, self._begins]
-        wp.launch(_decide, dim=1, inputs=inputs, outputs=outputs, device=device)
+        outputs = [self._enough, self._nwaiting, self._patience, self._begins]
+        wp.launch(_decide, dim=1, inputs=[nworld, _PATIENCE, self._due], outputs=outputs, device=device)
         inputs, outputs = [self.layouts.view, self._begins], [self._stage, self._being_made, self._ahead.layouts.view]
         wp.launch(_begin, dim=nworld, inputs=inputs, outputs=outputs, device=device)
         wp.launch(_publish, dim=1, outputs=[self._begins, self._due], device=device)
@@ -295,7 +306,7 @@ class PreparedLayouts(LayoutSource):
         """See `LayoutSource`."""
         served, prepared, missing = self.layouts.view, self._ahead.layouts.view, self._missing
         nworld, device = self.layouts.nworld, self._device
-        outputs = [self._stage, self._nwaiting, missing]
+        outputs = [self._stage, self._nwaiting, self._enough, missing]
         wp.launch(_find_missing, dim=nworld, inputs=[served, prepared, mask], outputs=outputs, device=device)
         self._generator.launch_make(missing)
         dim = (nworld, max(layout_width(served), served.rejections.shape[0]))

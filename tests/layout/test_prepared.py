@@ -174,26 +174,37 @@ def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.Monk
         assert not source._missing.numpy().any()
 
 
+def _not_ahead(source: PreparedLayouts, *worlds: int) -> list[int]:
+    """Reset these worlds, and return those whose next layouts are not made yet."""
+    source.generate(np.isin(np.arange(NWORLD), worlds))
+    made = source._ahead.layouts.episode.numpy() - source.layouts.episode.numpy()
+    return np.flatnonzero(made != 1).tolist()
+
+
 def test_few_worlds_wait_until_more_are_reset():
-    """One of 24 waits until six do, or until it has waited for 32 resets of other worlds or of none."""
-    compiled = compile_scene("mid", "cpu")
-    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
-    mask = wp.ones(NWORLD, dtype=wp.bool, device="cpu")
-
-    def ahead(*worlds: int) -> list[int]:
-        mask.assign(np.isin(np.arange(NWORLD), worlds))
-        source.generate(mask)
-        made = source._ahead.layouts.episode.numpy() - source.layouts.episode.numpy()
-        return np.flatnonzero(made != 1).tolist()
-
-    assert ahead(*range(NWORLD)) == []
-    assert ahead(3) == [3]
-    assert ahead(7, 3, 20, 21) == [3, 7, 20, 21]
-    assert ahead(9, 7) == [3, 7, 9, 20, 21]
-    assert ahead(8) == []
+    """One of 24 waits until 7.5 do, or until it has waited for 32 resets of other worlds or of none."""
+    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    assert _not_ahead(source, *range(NWORLD)) == []
+    assert _not_ahead(source, 3) == [3]
+    assert _not_ahead(source, 7, 9, 10, 20, 21, 22) == [3, 7, 9, 10, 20, 21, 22]
+    assert _not_ahead(source, 8) == []
     for _ in range(40):
-        assert ahead() == []
-    assert [ahead(5), *(ahead() for _ in range(31))] == [[5]] * 31 + [[]]
+        assert _not_ahead(source) == []
+    assert [_not_ahead(source, 5), *(_not_ahead(source) for _ in range(31))] == [[5]] * 31 + [[]]
+
+
+def test_more_worlds_wait_until_one_is_missed():
+    """Up to 16 of 24 wait for each other, and six again once a world was reset that waited."""
+    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    _not_ahead(source, *range(NWORLD))
+    found = []
+    for _ in range(8):
+        found.append(next(n for n in range(NWORLD) if not _not_ahead(source, n)) + 1)
+    assert found == [8, 9, 11, 12, 14, 15, 16, 16]
+    assert _not_ahead(source, 3) == [3]
+    assert _not_ahead(source, 3) == [3]
+    assert _not_ahead(source, 7, 9, 10, 20) == [3, 7, 9, 10, 20]
+    assert _not_ahead(source, 22) == []
 
 
 def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.MonkeyPatch):
