@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import warp as wp
 
@@ -50,9 +49,15 @@ def choose_source(
         named = () if levels.ranges is None else tuple(levels.ranges.start)
         knobs = (*((knobs,) if isinstance(knobs, str) else knobs), *named)
     if given is None:
-        generator = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
+        given = generator = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
-        given = _prefetching(generator, prefetch, graph)
+        if not isinstance(prefetch, bool | wp.Stream):
+            raise ArgumentTypeError(
+                f"ResetRandomizer: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
+                "wp.stream_from_torch(stream) turns a stream of torch's into a wp.Stream."
+            )
+        if prefetch:
+            given = PreparedLayouts(generator, None if prefetch is True else prefetch, graph=graph)
     elif prefetch or knobs:
         raise ArgumentError(
             "ResetRandomizer: prefetch and knobs are for layouts that the randomizer generates itself. Give either "
@@ -60,14 +65,3 @@ def choose_source(
         )
     check_type(given, LayoutSource, "ResetRandomizer: layout_source")
     return given if levels is None else LevelSampler(given, levels, split)
-
-
-def _prefetching(generator: LayoutGenerator, prefetch: Any, graph: bool) -> LayoutSource:
-    """Return a source that prefetches, on a stream if `prefetch` is one; the generator itself if it is false."""
-    if not isinstance(prefetch, bool | wp.Stream):
-        raise ArgumentTypeError(
-            f"ResetRandomizer: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
-            "wp.stream_from_torch(stream) turns a stream of torch's into a wp.Stream."
-        )
-    stream = prefetch if isinstance(prefetch, wp.Stream) else None
-    return PreparedLayouts(generator, stream, graph=graph) if prefetch else generator
