@@ -18,7 +18,7 @@ from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
-from sceniris_gym.sim.holding import GAINS, HoldingControls, components
+from sceniris_gym.sim.holding import GAINS, HoldingControls
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -155,7 +155,10 @@ class ModelFields:
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
         word = _word(name)
         for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
-            nominal, array = (components(each)[:, rows] for each in (self._nominal[field], self.wide(field)))
+            nominal, array = (
+                (each.reshape((*each.shape, 1)) if each.dtype is wp.float32 else each.view(wp.float32))[:, rows]
+                for each in (self._nominal[field], self.wide(field))
+            )
             dim = (self._nworld, array.shape[1], count or array.shape[2])
             wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
 
