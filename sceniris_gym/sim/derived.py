@@ -99,15 +99,15 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
 
 
 @wp.func
-def _eliminate(w: Derived, old: wp.array[float], i: int, j: int, pivot: int) -> float:
+def _eliminate(w: Derived, old: wp.array[float], at: int, i: int, j: int, pivot: int) -> float:
     """Return an element of a block of M after a step of Gauss-Jordan elimination, which needs no row exchanged."""
     row = w.dof_row[pivot]
     if i == pivot:
         return wp.where(j == pivot, 1.0, old[row + j]) / old[row + pivot]
-    factor = old[w.dof_row[i] + pivot] / old[row + pivot]
+    factor = old[at - j + pivot] / old[row + pivot]
     if j == pivot:
         return -factor
-    return old[w.dof_row[i] + j] - factor * old[row + j]
+    return old[at] - factor * old[row + j]
 
 
 @wp.func
@@ -122,10 +122,10 @@ def _body_weight(w: Derived, worldid: int, bodyid: int):
     for i in range(first, end):
         jacr = w.jacr[bodyid, i]
         jacp = w.jacp[bodyid, i] + wp.cross(jacr, arm)
-        for j in range(first, end):
+        for j in range(first, i + 1):  # and the same above the diagonal
             other = w.jacp[bodyid, j] + wp.cross(w.jacr[bodyid, j], arm)
             products = wp.vec2(wp.dot(jacp, other), wp.dot(jacr, w.jacr[bodyid, j]))
-            weight += w.inverse[worldid, 0, w.dof_row[i] + j] * products
+            weight += wp.where(i == j, 1.0, 2.0) * w.inverse[worldid, 0, w.dof_row[i] + j] * products
     w.body_invweight0[worldid, bodyid] = weight / 3.0
 
 
@@ -148,7 +148,7 @@ def _transmission_weight(w: Derived, worldid: int, transmission: int):
     ntendon = w.tendon_invweight0.shape[1]
     weight = float(0.0)
     square = float(0.0)
-    for k in range(w.moment.shape[1]):
+    for k in range(w.moved[transmission][0], w.moved[transmission][1]):
         acceleration = float(0.0)
         for j in range(w.dof_block[k][0], w.dof_block[k][1]):
             acceleration += w.inverse[worldid, 0, w.dof_row[k] + j] * wp.dot(gear, w.moment[transmission, j])
@@ -206,7 +206,7 @@ def _light(w: Derived, worldid: int, lightid: int):
 def _derive(
     mask: wp.array[wp.bool],
     # Derived in: body_end, body_block, dof_block, dof_shared, dof_row, xpos, xmat, jacp, jacr, element, width, moment,
-    #   geared, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
+    #   moved, geared, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
     #   body_mass, body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear,
     #   cam_pos, cam_quat, light_pos, light_dir
     # Derived out: inverse, body_subtreemass, body_invweight0, dof_invweight0, tendon_invweight0, actuator_acc0,
@@ -218,9 +218,10 @@ def _derive(
         return
     for i in range(lane, w.body_subtreemass.shape[1], wp.block_dim()):
         w.body_subtreemass[worldid, i] = _subtree(w, worldid, i)[3]
-    for i in range(lane, w.cam_pos0.shape[1], wp.block_dim()):
+    # those fixed to the world ask for all bodies, as the first lane does
+    for i in range(wp.block_dim() - 1 - lane, w.cam_pos0.shape[1], wp.block_dim()):
         _camera(w, worldid, i)
-    for i in range(lane, w.light_pos0.shape[1], wp.block_dim()):
+    for i in range((lane + wp.block_dim() // 2) % wp.block_dim(), w.light_pos0.shape[1], wp.block_dim()):
         _light(w, worldid, i)
     if w.dof_invweight0.shape[1] == 0:
         return
@@ -240,7 +241,7 @@ def _derive(
             value = old[at]
             pivot = w.dof_block[i][0] + step
             if pivot < w.dof_block[i][1]:
-                value = _eliminate(w, old, i, j, pivot)
+                value = _eliminate(w, old, at, i, j, pivot)
             w.inverse[worldid, (w.width - step - 1) & 1, at] = value
         block_sync()
     for i in range(lane, w.body_invweight0.shape[1], wp.block_dim()):

@@ -32,6 +32,8 @@ class Derived:
         element: Row and column of an element of the blocks of M, in the order of `inverse`, shape (size,).
         width: The most degrees of freedom of a tree.
         moment: Moment of a transmission by each element of its gear, shape (ntransmission, nv).
+        moved: First degree of freedom of the trees that a transmission moves, and the number behind the last, shape
+            (ntransmission,).
         geared: Transmissions whose armature adds to M.
         inverse: M and then its inverse, with a square for each kinematic tree, and as much scratch memory behind it,
             shape (nworld, 2, size).
@@ -49,6 +51,7 @@ class Derived:
     element: wp.array[wp.vec2i]
     width: int
     moment: wp.array2d[wp.spatial_vector]
+    moved: wp.array[wp.vec2i]
     geared: wp.array[int]
     inverse: wp.array3d[float]
     body_simple: wp.array[int]
@@ -103,7 +106,10 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1), dtype=wp.vec3) for j in jac)
     t.element = wp.array(np.argwhere(mjm.dof_treeid[:, None] == mjm.dof_treeid), dtype=wp.vec2i, ndim=1)
     t.width = max(widths, default=0)
-    t.moment = wp.array(_moments(mjm, data), dtype=wp.spatial_vector, ndim=2)
+    moments = _moments(mjm, data)
+    in_trees = [trees[mjm.dof_treeid[moment.any(axis=1)]] for moment in moments]
+    moved = [(own[:, 0].min(), own[:, 1].max()) if len(own) else (0, 0) for own in in_trees]
+    t.moment, t.moved = wp.array(moments, dtype=wp.spatial_vector, ndim=2), wp.array(moved, dtype=wp.vec2i, ndim=1)
     t.geared = wp.array(np.flatnonzero(np.append(np.ones(mjm.ntendon, bool), driven)), dtype=int)
     t.inverse = wp.zeros((nworld, 2, int(widths.sum())), dtype=float)
     return t
