@@ -45,10 +45,9 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.kernel
 def _find_variants(
+    # Of each variant: its column in layouts, its object and its number
+    members: wp.array[wp.vec3i],
     # In:
-    column: wp.array[int],
-    shared: wp.array[int],
-    number: wp.array[int],
     mask: wp.array[wp.bool],
     rows: wp.array[int],
     present: wp.array2d[int],
@@ -59,8 +58,9 @@ def _find_variants(
     if not mask[worldid]:
         return
     row = row_of(worldid, rows)
-    if present[row, column[i]] != 0:
-        variant_out[worldid, shared[i]] = number[i]
+    member = members[i]
+    if present[row, member[0]] != 0:
+        variant_out[worldid, member[1]] = member[2]
 
 
 @wp.kernel
@@ -155,17 +155,14 @@ class VariantWriter:
         full, sim, variants = scene.mjm, scene.sim.mjm, scene.config.variants
         counts = [len(members) for members in variants.values()]
         bodies = [[scene.bodies[member] for member in members] for members in variants.values()]
-        columns = slot_names(scene.config)
+        slots = slot_names(scene.config)
+        numbered = [(k, *each) for k, members in enumerate(variants.values()) for each in enumerate(members)]
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
             mocap = (nworld, max(sim.nmocap, 1))
             kinds = ((nworld, sim.nq), float), (mocap, wp.vec3), (mocap, wp.quat)
             self._poses = Poses(*(wp.zeros(shape, dtype=dtype) for shape, dtype in kinds))
-            self._members = [
-                wp.array([columns.index(member) for members in variants.values() for member in members], dtype=int),
-                wp.array(np.repeat(np.arange(len(counts)), counts), dtype=int),
-                wp.array(np.concatenate([np.arange(count) for count in counts]), dtype=int),
-            ]
+            self._members = wp.array([(slots.index(member), k, i) for k, i, member in numbered], dtype=wp.vec3i)
             masses = [float(full.body_mass[body]) for members in bodies for body in members]
             others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
             self._table = self._words(scene, m, bodies, varied)
@@ -190,8 +187,8 @@ class VariantWriter:
         nworld = self.variant.shape[0]
         wp.launch(
             _find_variants,
-            (nworld, self._members[0].shape[0]),
-            inputs=[*self._members, self._mask, rows, present],
+            (nworld, self._members.shape[0]),
+            inputs=[self._members, self._mask, rows, present],
             outputs=[self.variant],
             device=self._device,
         )
@@ -255,9 +252,8 @@ class VariantWriter:
         others = [np.flatnonzero(~np.isin(of(full), variants)) for of in (owners_of_qpos, mocap_bodies)]
         qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
         qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
-        firsts = np.flatnonzero((qpos_shared >= 0) & np.append(True, qpos_shared[1:] != qpos_shared[:-1]))
-        for first in firsts:
-            qpos_adr[first : first + 7] = range(7)
+        places = np.arange(sim.nq) - sim.jnt_qposadr[sim.body_jntadr[owners_of_qpos(sim)]]
+        qpos_adr[qpos_shared >= 0] = places[qpos_shared >= 0]
         joints = full.body_jntadr[variants]
         source = np.where(joints >= 0, full.jnt_qposadr[joints], full.body_mocapid[variants])
         values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
