@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
@@ -10,7 +12,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.variants import lanes_on, mocap_bodies, owners_of_qpos
+from sceniris_gym.sim.variants import LANES, mocap_bodies, owners_of_qpos
 
 wp.set_module_options({"enable_backward": False})
 
@@ -27,7 +29,6 @@ def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
 
 @wp.kernel
 def _read_worlds(
-    lanes: int,
     # Of each slot, position and mocap body of layouts: its object with variants, -1 for none, and its number
     slot_kind: wp.array[wp.vec2i],
     qpos_kind: wp.array[wp.vec2i],
@@ -51,15 +52,15 @@ def _read_worlds(
     worldid, lane = wp.tid()
     if not mask[worldid]:
         return
-    for i in range(lane, slot_kind.shape[0], lanes):
+    for i in range(lane, slot_kind.shape[0], wp.block_dim()):
         present_out[worldid, i] = present_in[worldid, i]
         if slot_kind[i][0] >= 0:
             present_out[worldid, i] = wp.where(_is_absent(slot_kind[i], variant[worldid]), 0, 1)
-    for i in range(lane, qpos_adr.shape[0], lanes):
+    for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
         qpos_out[worldid, i] = qpos_in[worldid, qpos_adr[i]]
         if _is_absent(qpos_kind[i], variant[worldid]):
             qpos_out[worldid, i] = wp.static(_FAR)
-    for i in range(lane, mocap_adr.shape[0], lanes):
+    for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
         mocap_pos_out[worldid, i] = mocap_pos_in[worldid, mocap_adr[i]]
         mocap_quat_out[worldid, i] = mocap_quat_in[worldid, mocap_adr[i]]
         if _is_absent(mocap_kind[i], variant[worldid]):
@@ -99,6 +100,5 @@ class VariantReader:
 
     def launch(self, mask: wp.array) -> None:
         """Read the masked worlds, shape (nworld,), bool."""
-        lanes, device = lanes_on(self._device), self._device
-        inputs = [lanes, *self._inputs, mask]
-        wp.launch(_read_worlds, (self._nworld, lanes), inputs=inputs, outputs=self._outputs, device=device)
+        where: Any = {"dim": [self._nworld], "block_dim": LANES, "device": self._device}
+        wp.launch_tiled(_read_worlds, inputs=[*self._inputs, mask], outputs=self._outputs, **where)

@@ -21,11 +21,8 @@ from sceniris_gym.sim.write import Poses
 wp.set_module_options({"enable_backward": False})
 
 
-def lanes_on(device: wp.Device) -> int:
-    """Return the number of threads that read or write a world: on a GPU each waits for memory once a word."""
-    return 512 if device.is_cuda else 1
-
-
+LANES = 512
+"""Lanes that read or write a world: each waits for memory once a word."""
 _BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
 _DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
 _GEOM = (
@@ -65,7 +62,6 @@ def _find_variants(
 
 @wp.kernel
 def _write_variants(
-    lanes: int,
     # Words of the model:
     table: wp.array[int],
     word_shared: wp.array[int],
@@ -99,18 +95,18 @@ def _write_variants(
     if not mask[worldid]:
         return
     row = row_of(worldid, rows)
-    for i in range(lane, qpos_adr.shape[0], lanes):
+    for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
         adr = qpos_adr[i]
         if qpos_shared[i] >= 0:
             adr += source[first[qpos_shared[i]] + variant[worldid, qpos_shared[i]]]
         qpos_out[worldid, i] = qpos_in[row, adr]
-    for i in range(lane, mocap_adr.shape[0], lanes):
+    for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
         mocapid = mocap_adr[i]
         if mocap_shared[i] >= 0:
             mocapid = source[first[mocap_shared[i]] + variant[worldid, mocap_shared[i]]]
         mocap_pos_out[worldid, i] = mocap_pos_in[row, mocapid]
         mocap_quat_out[worldid, i] = mocap_quat_in[row, mocapid]
-    for i in range(lane, address.shape[0], lanes):
+    for i in range(lane, address.shape[0], wp.block_dim()):
         at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
         word = wp.array(ptr=at, shape=(1,), dtype=int)
         word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
@@ -206,14 +202,9 @@ class VariantWriter:
     def _launch_write(
         self, table: list[wp.array], mask: wp.array, rows: wp.array | None, poses: Poses, subtreemass: wp.array | None
     ) -> Poses:
-        lanes = lanes_on(self._device)
-        wp.launch(
-            _write_variants,
-            (self.variant.shape[0], lanes),
-            inputs=[lanes, *table, *self._inputs, mask, rows, self.variant, *poses],
-            outputs=[*self._poses, subtreemass],
-            device=self._device,
-        )
+        inputs = [*table, *self._inputs, mask, rows, self.variant, *poses]
+        where: Any = {"dim": [self.variant.shape[0]], "block_dim": LANES, "device": self._device}
+        wp.launch_tiled(_write_variants, inputs=inputs, outputs=[*self._poses, subtreemass], **where)
         return self._poses
 
     def _words(
