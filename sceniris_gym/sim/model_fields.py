@@ -26,6 +26,8 @@ wp.set_module_options({"enable_backward": False})
 
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
+_BEFORE = "rows_before_draws"
+"""Attribute of a Model with values of its fields from before anything was drawn, by name."""
 
 
 @wp.kernel
@@ -62,10 +64,9 @@ class ModelFields:
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
-        names = fields_of_variants() if scene.shared is not None else ()
-        self.varied = {name: wp.clone(getattr(m, name)) for name in names}
-        scene = scene.sim
+        names, scene = fields_of_variants() if scene.shared is not None else (), scene.sim
         self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
+        self.varied = {name: self._before(name, every=True) for name in names}
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
         self._derived: DerivedFields | None = None
@@ -123,11 +124,18 @@ class ModelFields:
                 f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
                 f'Make the Model by put_model(compiled, {self._nworld}, "{source}").'
             )
-        made = self._nominal[name] = self.varied.get(name, wp.clone(array[:1]) if array.size else array)
-        if name == "geom_rgba":  # relative to the colours that are seen; resets write those of variants
-            made.assign(np.repeat(nominal_values(self._scene.mjm, name)[None], made.shape[0], axis=0))
+        self._nominal[name] = self._before(name)
         widen(self._model, name, self._nworld)
         self._known[name] = getattr(owner(self._model, name), name)
+
+    def _before(self, name: str, *, every: bool = False) -> wp.array:
+        """Return the first row of a field, or every, from before anything was drawn by a randomizer of the Model."""
+        array, kept = getattr(owner(self._model, name), name), vars(self._model).setdefault(_BEFORE, {})
+        if name not in kept:
+            made = kept[name] = wp.clone(array if every else array[:1]) if array.size else array
+            if name == "geom_rgba":  # relative to the colours that are seen; resets write those of variants
+                made.assign(np.repeat(nominal_values(self._scene.mjm, name)[None], made.shape[0], axis=0))
+        return kept[name]
 
     def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
         """Set part of a field to its nominal values times a factor of each world, in the masked worlds.

@@ -92,13 +92,21 @@ def test_bits_are_those_of_one_world_alone(device: str, variants: bool):
             np.testing.assert_array_equal(array[0], after[name][world], err_msg=f"{name} {world}")
 
 
-def test_two_randomizers_of_the_same_worlds_agree_on_what_follows(scene: CompiledScene):
-    """Each has layouts of its own; fields follow what was drawn last."""
-    one = make(scene, prefetch=True)
-    other = ResetRandomizer(scene, one.model, one.data, fields=one.fields, seed=70, prefetch=True)
-    for randomizer in (one, other, one, other):
+@pytest.mark.parametrize("variants", [False, True])
+@pytest.mark.parametrize("shared", [False, True])
+def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, shared: bool, variants: bool):
+    """Each has layouts of its own, from the values of the model; fields follow what was drawn last."""
+    scene = compiled_scene(device, variants=variants)
+    one, alone = make(scene, prefetch=True), make(scene, prefetch=False)
+    one.reset()
+    alone.reseed(70)
+    words: dict[str, Any] = {"fields": one.fields} if shared else {}
+    other = ResetRandomizer(scene, one.model, one.data, seed=70, prefetch=True, **words)
+    for randomizer in (other, one, other, alone, alone):
         randomizer.reset()
-    rows = values(other)
+    rows, wanted = values(other), values(alone)
+    for name, array in rows.items():
+        np.testing.assert_array_equal(array, wanted[name], err_msg=name)
     np.testing.assert_allclose(rows["body_subtreemass"][:, 0], rows["body_mass"].sum(axis=1), rtol=1e-5)
 
 
