@@ -26,6 +26,7 @@ from sceniris_gym.layout.redraw import Redraw
 from sceniris_gym.layout.scene_knobs import STARTS
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
+from sceniris_gym.layout.wave.ahead import count_ahead, launch_draw_ahead
 from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
@@ -34,14 +35,9 @@ from sceniris_gym.layout.wave.drawn_masses import DrawnMasses
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
-from sceniris_gym.layout.wave.rounds import (
-    launch_finish,
-    launch_open_candidates,
-    launch_open_rows,
-    launch_settle,
-    launch_start,
-)
+from sceniris_gym.layout.wave.rounds import launch_finish, launch_open_rows, launch_start
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
+from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
@@ -124,6 +120,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             self._masses.statics,
             compiled.starts,
             compiled.related,
+            0 if rejected or self._boxes is not None else count_ahead(compiled, size),
             reaches,
             SPLITS[split],
             size,
@@ -199,6 +196,8 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restart of every pending world, or several: place all objects, then look for joints."""
         launch_open_rows(self._work, stage is not None)
+        if self._work.ahead > 0:
+            launch_draw_ahead(self._work)
         if self._stage is not None:
             self._stage.launch_go_home()
         repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
@@ -209,7 +208,6 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
-        launch_open_candidates(work)
         launch_draw(work)
         if self._boxes is not None:
             launch_draw_in_boxes(work, self._boxes)

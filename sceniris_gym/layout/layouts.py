@@ -275,8 +275,9 @@ class Layouts(StaysHere):
             zeros(nworld, "seed next_seed pending_seed status attempts first_pass_valid")
             view.knob, view.next_knob = (wp.array(own, dtype=float, ndim=2) for _ in range(2))
             view.default_knob = wp.array(table.default, dtype=float)
-            for name in ("episode", "next_episode", "pending_episode", "start"):
+            for name in ("episode", "next_episode", "pending_episode"):
                 setattr(view, name, wp.full(nworld, -1, dtype=int))
+            view.start = wp.full(nrow, -1, dtype=int)
             counts = max(len(compiled.placed), 1), len(Cause)
             zeros(counts, "rejections")
             zeros((nrow, *counts), "row_rejections")

@@ -11,6 +11,7 @@ from sceniris_gym.device.kernel_log import tell_of_compiling
 from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, start_poses, waves
 from sceniris_gym.layout.wave import (
     accept,
+    ahead,
     collision,
     containment,
     draw,
@@ -18,6 +19,7 @@ from sceniris_gym.layout.wave import (
     prefilter,
     region_pieces,
     rounds,
+    settle,
     sides,
     standing,
     start_kinds,
@@ -25,30 +27,27 @@ from sceniris_gym.layout.wave import (
 from sceniris_gym.layout.wave.search import Workspace
 
 
-def kernel_modules(work: Workspace, *, staged: bool) -> tuple[list[wp.Module], list[wp.Module]]:
-    """Return Warp's modules of the kernels that a generator launches by lanes, and of those that it launches by blocks.
+def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
+    """Return Warp's modules of the kernels that a generator launches.
 
     Args:
         work: Its arrays and capacities.
         staged: Whether there is a stage after placing.
     """
-    visual, block_dim = work.program.visual, work.size.block_dim
-    by_lane = [draw, prefilter, rounds, *([sides, region_pieces] if work.related else [])]
-    by_lane += [standing] if work.statics is not None else []
-    by_lane += [waves, poses, ik] if staged else []
-    by_lane += [start_kinds, start_poses, start] if work.starts is not None else []
-    by_lane += [free_grasps] if work.search.free.shape[1] > 0 else []
-    by_block = [accept, *([points] if work.related else []), *([hits] if staged else [])]
-    lanes = [wp.get_module(m.__name__) for m in by_lane]
-    lanes += [k.module for k in collision.lane_kernels(work) + (containment.LANE_KERNELS if visual else ())]
-    blocks = [wp.get_module(m.__name__) for m in by_block]
-    own = collision.block_kernels(visual, block_dim) + (
-        free_grasps.BLOCK_KERNELS if work.search.free.shape[1] > 0 else ()
-    )
-    return lanes, blocks + [k.module for k in own]
+    frees_grasps = work.search.free.shape[1] > 0
+    files = [draw, prefilter, accept, rounds, settle, *([sides, region_pieces, points] if work.related else [])]
+    files += [ahead] if work.ahead > 0 else []
+    files += [standing] if work.statics is not None else []
+    files += [waves, poses, ik, hits] if staged else []
+    files += [start_kinds, start_poses, start] if work.starts is not None else []
+    files += [free_grasps] if frees_grasps else []
+    own = collision.launched_kernels(work)  # those with a module of their own
+    own += containment.KERNELS if work.program.visual else []
+    own += free_grasps.OWN_KERNELS if frees_grasps else []
+    return [wp.get_module(file.__name__) for file in files] + [kernel.module for kernel in own]
 
 
-def _is_kept(module: wp.Module, block_dim: int | None) -> bool:
+def _is_kept(module: wp.Module, block_dim: int) -> bool:
     """Tell whether Warp's cache has a module, for any device."""
     return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
 
@@ -62,15 +61,9 @@ def load_kernels(work: Workspace, *, staged: bool) -> None:
         work: As in `kernel_modules`, as the next one.
         staged: Whether there is a stage after placing.
     """
-    lanes, blocks = kernel_modules(work, staged=staged)
-    device, block_dim = work.device, work.size.block_dim
-    on_gpu = wp.get_device(device).is_cuda
-    missing = sum(not _is_kept(module, None if on_gpu else 1) for module in lanes)
-    missing += sum(not _is_kept(module, block_dim) for module in blocks)
+    modules, block_dim = kernel_modules(work, staged=staged), work.size.block_dim
+    missing = sum(not _is_kept(module, block_dim) for module in modules)
     if missing:
-        tell_of_compiling(device, missing)
-    if not on_gpu:
-        return
-    workers = os.cpu_count() or 1
-    wp.force_load(device, modules=lanes, max_workers=workers)
-    wp.force_load(device, modules=blocks, block_dim=block_dim, max_workers=workers)
+        tell_of_compiling(work.device, missing)
+    if wp.get_device(work.device).is_cuda:
+        wp.force_load(work.device, modules=modules, block_dim=block_dim, max_workers=os.cpu_count() or 1)

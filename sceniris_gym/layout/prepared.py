@@ -26,7 +26,7 @@ wp.set_module_options({"enable_backward": False})
 _FIRST = -1
 """Priority of prefetching on a GPU: its many short kernels go before the long ones of physics, not after each."""
 
-_LEAST, _MOST, _MORE = (wp.constant(share) for share in (1.0 / 4.0, 2.0 / 3.0, 1.0 / 16.0))
+_LEAST, _MOST, _MORE = (wp.constant(share) for share in (1.0 / 4.0, 2.0 / 3.0, 1.0 / 64.0))
 """A prefetch starts once this share of the worlds waits for its next layout.
 
 It is the least share after a world was reset that waited already, and grows by `_MORE` with each prefetch until then.

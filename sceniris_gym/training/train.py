@@ -221,7 +221,7 @@ class Run:
         if randomizer.levels is not None:
             randomizer.levels.restore(progress["levels"])
         else:
-            randomizer.reseed(None, episodes=progress["episode"].numpy() + 1)
+            randomizer.reseed(None, episodes=progress["episode"].cpu().numpy() + 1)
         self.env.reset()  # starts the next episodes
         self.env.episode_length_buf = progress["elapsed"].to(self.env.device)
         # different action noise than at the start of the run

@@ -21,22 +21,23 @@ def test_all_that_is_launched_is_compiled_ahead(name: str, tmp_path: Path, monke
     """A block that shares a candidate has several lanes, as on a GPU. Nothing is compiled in vain either."""
     compiled = cluttered(tmp_path, name) if name == "clear" else compile_scene(name, "cpu")
     generator = LayoutGenerator(compiled, 8, size=replace(default_size("cpu"), block_dim=32, narrow_pairs=4096))
-    launched: dict[bool, set[wp.Module]] = {True: set(), False: set()}
+    launched: set[wp.Module] = set()
     launch, launch_tiled = wp.launch, wp.launch_tiled
 
     def record(kernel: wp.Kernel, *args, **words):
-        launched[words.get("block_dim") == 32].add(kernel.module)
+        assert words["block_dim"] == 32
+        launched.add(kernel.module)
         return launch(kernel, *args, **words)
 
     def record_tiled(kernel: wp.Kernel, *args, **words):
-        launched[True].add(kernel.module)
+        assert words["block_dim"] == 32
+        launched.add(kernel.module)
         return launch_tiled(kernel, *args, **words)
 
     monkeypatch.setattr(wp, "launch", record)
     monkeypatch.setattr(wp, "launch_tiled", record_tiled)
     generator.launch_generate(None)
-    lanes, blocks = kernel_modules(generator._work, staged=name == "clear")
-    assert launched == {True: set(blocks), False: set(lanes)}
+    assert launched == set(kernel_modules(generator._work, staged=name == "clear"))
 
 
 def test_it_is_said_before_kernels_are_compiled(
@@ -51,6 +52,6 @@ def test_it_is_said_before_kernels_are_compiled(
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     load_kernels(generator._work, staged=False)
-    lanes, blocks = kernel_modules(generator._work, staged=False)
-    assert f"({len(lanes + blocks)} modules of this package" in capsys.readouterr().err
+    number = len(kernel_modules(generator._work, staged=False))
+    assert f"({number} modules of this package" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -22,7 +22,10 @@ from tests.training.scenes import reach_scene
 
 
 @pytest.mark.slow
-def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     """Whatever the log has of later is cut off; worlds begin their next episodes; the table has what came of it."""
     monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path / "cache"))  # two runs compile the same scenes
     monkeypatch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=10))
@@ -33,7 +36,7 @@ def test_a_training_that_is_killed_goes_on_from_its_last_checkpoint(tmp_path: Pa
         "layouts": 4,
         "out": out,
         "every": 1,
-        "device": "cpu",
+        "device": device,
     }
     options = Options(**common, million_steps=2e-4, evaluate_every=1000.0, save_every=0.0)
     killed = train.Run(options)

@@ -211,8 +211,8 @@ def _reject_blocked(
                     search.cause[c] = Cause.BLOCKED
 
 
-BLOCK_KERNELS = (_test_hands,)
-"""The kernels that are launched with blocks of lanes."""
+OWN_KERNELS = [_test_hands]
+"""The kernels with a module of their own."""
 
 
 def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:

@@ -100,19 +100,13 @@ def _pose_hand(
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
             continue
-        row = reach_search.row[c]
-        pose_hand(
-            program,
-            reach,
-            reach_search.grasp[c],
-            back,
-            layouts.body_pos[row],
-            layouts.body_quat[row],
-            layouts.qpos[row],
-            reach_search.qpos[c],
-            reach_search.body_pos[c],
-            reach_search.body_quat[c],
-        )
+        target_pos = layouts.body_pos[reach_search.row[c]]
+        target_quat = layouts.body_quat[reach_search.row[c]]
+        there = layouts.qpos[reach_search.row[c]]
+        qpos = reach_search.qpos[c]
+        pos = reach_search.body_pos[c]
+        quat = reach_search.body_quat[c]
+        pose_hand(program, reach, reach_search.grasp[c], back, target_pos, target_quat, there, qpos, pos, quat)
 
 
 def launch_pose_hand(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:

@@ -10,12 +10,7 @@ import warp as wp
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.poses import take_joints
-from sceniris_gym.layout.reaching.search import (
-    IN_HAND,
-    ReachSearch,
-    queue_row,
-    queue_target,
-)
+from sceniris_gym.layout.reaching.search import IN_HAND, ReachSearch, queue_row, queue_target
 from sceniris_gym.layout.reaching.start_poses import TRIALS
 from sceniris_gym.layout.reaching.waves import first_passed, keep_grasp
 from sceniris_gym.layout.wave.rounds import NEVER, row_of_restart

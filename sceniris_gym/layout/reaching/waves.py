@@ -92,24 +92,15 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
 
 
 @wp.func
-def _comes_later(reach: Reach, search: Search, row: int) -> bool:
-    """Return True if an earlier restart of a row's world waits too, where one arm is all: that one is tried first."""
-    if reach.last > 0:
-        return False
-    worldid = search.row_world[row]
-    for i in range(search.row_restart[row] - search.restart[worldid]):
-        if search.waiting[row_of_restart(search, worldid, i)]:
-            return True
-    return False
+def _first_waiting(reach: Reach, search: Search, row: int) -> int:
+    """Return the row of the first restart of a row's world that waits, -1 for none; with several arms the row itself.
 
-
-@wp.func
-def _next_waiting(reach: Reach, search: Search, row: int) -> int:
-    """Return the row of the next restart of a row's world that waits for it; -1 for none."""
+    With one arm restarts are tried one after the other.
+    """
     if reach.last > 0:
-        return -1
+        return row
     worldid = search.row_world[row]
-    for i in range(search.row_restart[row] - search.restart[worldid] + 1, search.restarts_at_once[0]):
+    for i in range(search.restarts_at_once[0]):
         other = row_of_restart(search, worldid, i)
         if search.waiting[other]:
             return other
@@ -137,7 +128,7 @@ def _open_rows(
     # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos
     layouts: LayoutsView,
-    # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
+    # Search in: ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: arm, tier, rows_left, source
@@ -149,10 +140,11 @@ def _open_rows(
         reach_search.arm[row] = 0
         if search.waiting[row] and reach_search.tier.shape[0] > 0:
             _ask_tiers(starts, reach, layouts, search, reach_search, row)
-        if search.waiting[row] and not is_sound(program, layouts, row):  # its world falls back, whatever is in reach
+        # the world of an unsound row falls back, whatever is in reach
+        if search.waiting[row] and not is_sound(program, layouts, row, 0, 1):
             search.waiting[row] = False
             wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
-    if search.waiting[row] and reach_search.arm[row] == reach.number and not _comes_later(reach, search, row):
+    if search.waiting[row] and reach_search.arm[row] == reach.number and _first_waiting(reach, search, row) == row:
         _move_to(reach, layouts, search, reach_search, row, 0)
 
 
@@ -208,11 +200,10 @@ def _open_candidates(
         reach_search.first[row] = first
         reach_search.trials[row] = trials
         for t in range(trials):
+            start = number + t
             reach_search.row[first + t] = row
-            reach_search.grasp[first + t] = _first_grasp(reach, layouts, row, column) + (number + t) // wp.static(
-                STARTS
-            )
-            reach_search.start[first + t] = (number + t) % wp.static(STARTS)
+            reach_search.grasp[first + t] = _first_grasp(reach, layouts, row, column) + start // wp.static(STARTS)
+            reach_search.start[first + t] = start % wp.static(STARTS)
             reach_search.failed[first + t] = ReachStep.PASSED
 
 
@@ -307,7 +298,7 @@ def _accept(
     # Layouts in: present, grasp, row_rejections, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos, row_rejections
     layouts: LayoutsView,
-    # Search in: restart, ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
+    # Search in: ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
@@ -329,8 +320,8 @@ def _accept(
         else:
             layouts.row_rejections[row, reach.reach_obj[column], _reject_cause(reach, reach_search, row)] += 1
             search.waiting[row] = False
-            following = _next_waiting(reach, search, row)
-            if following >= 0:
+            following = _first_waiting(reach, search, row)
+            if following >= 0 and following != row:
                 _move_to(reach, layouts, search, reach_search, following, 0)
 
 

@@ -41,7 +41,7 @@ def _write_state(
 
 
 @wp.func
-def _place(
+def place(
     program: Program,
     reach: Reach,
     layouts: LayoutsView,
@@ -82,9 +82,7 @@ def _place(
 @wp.func
 def _had_no_region(cause: int) -> bool:
     """Return True if a candidate was rejected because its region was empty, or no point of it held."""
-    if cause == Cause.EMPTY:
-        return True
-    return cause == Cause.REGION
+    return cause == Cause.EMPTY or cause == Cause.REGION
 
 
 @wp.func
@@ -105,30 +103,15 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
         return
     layouts.rejected_object[slot] = obj
     layouts.rejected_cause[slot] = search.cause[c]
+    qpos = layouts.rejected_qpos[slot]
+    pos = layouts.rejected_mocap_pos[slot]
+    quat = layouts.rejected_mocap_quat[slot]
     for i in range(layouts.qpos.shape[1]):
-        layouts.rejected_qpos[slot, i] = layouts.qpos[row, i]
+        qpos[i] = layouts.qpos[row, i]
     for i in range(layouts.mocap_pos.shape[1]):
-        layouts.rejected_mocap_pos[slot, i] = layouts.mocap_pos[row, i]
-        layouts.rejected_mocap_quat[slot, i] = layouts.mocap_quat[row, i]
-    _write_state(
-        program,
-        search,
-        c,
-        obj,
-        0,
-        1,
-        layouts.rejected_qpos[slot],
-        layouts.rejected_mocap_pos[slot],
-        layouts.rejected_mocap_quat[slot],
-    )
-
-
-@wp.func
-def _queue_trial(search: Search, row: int, trial: int):
-    """Queue a row for its next trial, unless an earlier restart of its world has already placed everything."""
-    search.row_trial[row] = trial
-    if search.best[search.row_world[row]] > search.row_restart[row]:
-        queue_row(search, row)
+        pos[i] = layouts.mocap_pos[row, i]
+        quat[i] = layouts.mocap_quat[row, i]
+    _write_state(program, search, c, obj, 0, 1, qpos, pos, quat)
 
 
 @wp.func
@@ -143,12 +126,15 @@ def _ends_row(program: Program, obj: int, cause: int) -> bool:
 def _accept_first(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int, lanes: int
 ) -> int:
-    """Place the first of a row's candidates that passed. Return the row's next trial, or _PLACED.
+    """Place the first of a row's candidates for an object that passed. Return its next trial, or _PLACED.
 
     Either one lane calls it alone, or all lanes of a block call it together.
     """
     first = search.row_first[row]
     trials = search.row_trials[row]
+    if obj < search.row_object[row]:  # drawn ahead
+        first += obj - search.row_object[row]
+        trials = 1
     end = int(trials)
     for t in range(lane, trials, lanes):
         if t < end and _ends_row(program, obj, search.cause[first + t]):
@@ -167,25 +153,28 @@ def _accept_first(
         return search.row_trial[row] + trials
     if search.cause[first + end] != Cause.NONE:
         return program.attempts
-    _place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
+    if obj == search.row_object[row]:  # others are placed as they are drawn
+        place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
     return _PLACED
 
 
 @wp.func
 def _advance(
-    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, trial: int, staged: bool
+    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, trial: int, staged: bool, busy: int
 ):
-    """Queue a row for its next trial or for its next object, unless it is out of trials or out of objects."""
-    if trial != _PLACED:
-        if trial < program.attempts:
-            _queue_trial(search, row, trial)
-        return
-    following = next_object(program, reach, layouts, row, obj + 1)
-    search.row_object[row] = following
-    if following < program.nobject:
-        _queue_trial(search, row, 0)
-    else:
+    """Queue a row for the next trial of its object, or for its next object, unless it is out of trials or of objects.
+
+    It ends as well once an earlier restart of its world has placed everything.
+    """
+    following = int(trial)
+    if trial == _PLACED:
+        search.row_object[row] = next_object(program, reach, layouts, row, search.row_object[row] + 1)
+        following = 0
+    search.row_trial[row] = following
+    if search.row_object[row] == program.nobject:
         finish_row(search, row, staged)
+    elif following < program.attempts and search.best[search.row_world[row]] > search.row_restart[row]:
+        queue_row(program, search, row, 0, busy)
 
 
 @wp.kernel(grid_stride=False)
@@ -193,20 +182,20 @@ def _accept(
     program: Program,
     reach: Reach,
     staged: bool,
+    busy: int,
     blocks: int,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, row_rejections, body_pos, body_quat, record_all, rejected_count
     # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, place, bounds, variant, body_pos, body_quat,
     #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
     layouts: LayoutsView,
-    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_attempts, queue,
-    #   rows_left, source, rows, cause, turn, surface, place, bounds, grasp, free, qpos, body_pos, body_quat
-    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, row_surface, row_variant,
-    #   rows_left, candidates
+    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts,
+    #   queue, rows_left, source, rows, rows_before, opened, cause, turn, surface, place, bounds, grasp, free, qpos,
+    #   body_pos, body_quat
+    # Search out: best, waiting, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts, row_free, queue,
+    #   row_surface, row_variant, rows_left, opened, row, obj, trial
     search: Search,
 ):
     block, lane = wp.tid()
-    if block == 0 and lane == 0:
-        search.candidates[0] = 0  # of the next wave
     # Few rows: a block for each is faster. Many rows: a lane for each.
     first = int(block)
     step = int(blocks)
@@ -218,16 +207,19 @@ def _accept(
         lanes = 1
     for i in range(first, search.rows[0], step):
         row = search.queue[search.source[0], i]
-        obj = search.row_object[row]
-        trial = int(search.row_trial[row])
-        if search.row_trials[row] > 0:  # otherwise the wave had no room for the row
+        obj = search.row_object[row] - search.row_ahead[row] - 1
+        trial = int(_PLACED)
+        while trial == _PLACED and obj < search.row_object[row]:
+            obj += 1
             trial = _accept_first(program, reach, layouts, search, row, obj, lane, lanes)
         if lanes > 1:
             block_sync()  # every lane has finished its reads and writes of the row
         if lane == 0:
-            _advance(program, reach, layouts, search, row, obj, trial, staged)
+            search.row_object[row] = obj
+            _advance(program, reach, layouts, search, row, trial, staged, busy)
 
 
 def launch_accept(work: Workspace, staged: bool) -> None:
     """Place the candidates of this wave that passed every test, and queue the rows that continue."""
-    work.launch_blocks(_accept, [work.program, work.reach, staged, work.size.blocks], work.layouts, work.search)
+    inputs = [work.program, work.reach, staged, work.size.busy, work.size.blocks]
+    work.launch_blocks(_accept, inputs, work.layouts, work.search)

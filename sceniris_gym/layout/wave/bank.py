@@ -67,12 +67,7 @@ def _take_grasps(reach: Reach, layouts: LayoutsView, worldid: int, row: int):
 
 @wp.func
 def fall_back(
-    program: Program,
-    reach: Reach,
-    bank_start: wp.array[int],
-    layouts: LayoutsView,
-    worldid: int,
-    split: wp.uint32,
+    program: Program, reach: Reach, bank_start: wp.array[int], layouts: LayoutsView, worldid: int, split: wp.uint32
 ) -> int:
     """Copy the world's entry of the bank, and return the status of its row."""
     row = _bank_row(program, bank_start, layouts, worldid, split)

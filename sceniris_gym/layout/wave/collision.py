@@ -233,14 +233,10 @@ def launch_test_collisions(work: Workspace) -> None:
     work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
 
 
-def lane_kernels(work: Workspace) -> tuple[wp.Kernel, ...]:
-    """Return the kernels that are launched with independent lanes."""
-    by_pairs = work.size.block_dim > 1 and not work.program.visual
-    return (_test_inner_boxes,) * by_pairs + (_test_alone,)
-
-
-def block_kernels(visual: bool, block_dim: int) -> tuple[wp.Kernel, ...]:
-    """Return the kernels that are launched with blocks of lanes."""
-    if block_dim == 1:
-        return ()
-    return (_test_by_block,) if visual else (_queue_narrow_pairs, _test_narrow_pairs)
+def launched_kernels(work: Workspace) -> list[wp.Kernel]:
+    """Return the kernels that are launched."""
+    if work.size.block_dim == 1:
+        return [_test_alone]
+    if work.program.visual:
+        return [_test_by_block, _test_alone]
+    return [_queue_narrow_pairs, _test_inner_boxes, _test_narrow_pairs, _test_alone]

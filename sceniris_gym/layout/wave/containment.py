@@ -68,7 +68,7 @@ def _test_enclosed(
                 search.cause[c] = Cause.COLLISION  # all lanes write the same value
 
 
-LANE_KERNELS = (_queue_enclosed, _test_enclosed)
+KERNELS = [_queue_enclosed, _test_enclosed]
 """The kernels of the containment test."""
 
 

@@ -16,7 +16,6 @@ from sceniris_gym.layout.wave.search import (
     Search,
     Workspace,
     begin_wave,
-    candidate_num,
     first_trial_of,
     numbered_stream,
     stream_of,
@@ -74,15 +73,7 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
 
 
 @wp.func
-def _draw_from_heap(
-    program: Program,
-    layouts: LayoutsView,
-    search: Search,
-    c: int,
-    row: int,
-    obj: int,
-    u: float,
-):
+def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: float):
     """Pose an object of a heap as in one of the heap's settled arrangements, relative to its container.
 
     All objects of the heap take the same arrangement, which is drawn once per restart, not once per trial.
@@ -108,6 +99,43 @@ def _draw_from_heap(
     pose_candidate(program, layouts, search, c, row, obj)
 
 
+# On a CPU a call would copy the structs, which takes as long as half of a draw.
+@wp.func(inline=True)
+def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int):
+    """Draw a candidate's joints, orientation and point, and pose it, unless `points.py` draws the point."""
+    row = search.row[c]
+    obj = search.obj[c]
+    trial = trial_of(program, search, c)
+    worldid = search.row_world[row]
+    seed = layouts.pending_seed[worldid]
+    episode = layouts.pending_episode[worldid]
+    stream = stream_of(program, split, obj)
+    search.cause[c] = Cause.NONE
+    search.overflowed[c] = 0
+    search.surface[c] = -1
+    draw_joints(program, worldid, obj, seed, episode, stream, trial, search.qpos[c])
+    if program.obj_kind[obj] == ObjectKind.STATIC:
+        _draw_static(program, layouts, search, c, row, obj)
+        return
+    u = uniforms(seed, episode, stream, trial, 0)
+    w = wp.vec4(0.0)
+    if program.obj_orientation[obj] == OrientationType.ANY or program.obj_variantnum[obj] > 1:
+        w = uniforms(seed, episode, stream, trial, 1)
+    turn = draw_variant(program, obj, u, w)
+    if program.obj_heap[obj][0] >= 0:
+        search.turn[c] = turn
+        of_heap = numbered_stream(split, program.obj_heap[obj][2])
+        share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
+        _draw_from_heap(program, layouts, search, c, row, obj, share)
+        return
+    if program.obj_measured[obj] != 0:
+        turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.turn[c] = turn
+    _draw_point(program, layouts, search, c, row, obj, u)
+    if program.obj_cutnum[obj] == 0 and search.cause[c] == Cause.NONE:
+        pose_candidate(program, layouts, search, c, row, obj)
+
+
 @wp.kernel(grid_stride=False)
 def _draw(
     program: Program,
@@ -115,46 +143,18 @@ def _draw(
     lanes: int,
     # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, rows_left, source, candidates, row, obj, trial, cause, turn, heading, point,
-    #   qpos, body_pos, body_quat
-    # Search out: rows_left, source, rows, cuts, narrow_pairs, enclosed, hands, any_overflowed, cause, turn, heading,
-    #   point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos, body_quat
+    # Search in: row_world, row_restart, row_first, rows_left, source, rows, opened, row, obj, trial, cause, turn,
+    #   heading, point, qpos, body_pos, body_quat
+    # Search out: rows_left, source, rows, rows_before, candidates, cuts, narrow_pairs, enclosed, hands, any_overflowed,
+    #   cause, turn, heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos,
+    #   body_quat
     search: Search,
 ):
     if wp.tid() == 0:
         begin_wave(search)
-    for c in range(wp.tid(), candidate_num(search), lanes):
-        row = search.row[c]
-        obj = search.obj[c]
-        trial = trial_of(program, search, c)
-        worldid = search.row_world[row]
-        seed = layouts.pending_seed[worldid]
-        episode = layouts.pending_episode[worldid]
-        stream = stream_of(program, split, obj)
-        search.cause[c] = Cause.NONE
-        search.overflowed[c] = 0
-        search.surface[c] = -1
-        draw_joints(program, worldid, obj, seed, episode, stream, trial, search.qpos[c])
-        if program.obj_kind[obj] == ObjectKind.STATIC:
-            _draw_static(program, layouts, search, c, row, obj)
-            continue
-        u = uniforms(seed, episode, stream, trial, 0)
-        w = wp.vec4(0.0)
-        if program.obj_orientation[obj] == OrientationType.ANY or program.obj_variantnum[obj] > 1:
-            w = uniforms(seed, episode, stream, trial, 1)
-        turn = draw_variant(program, obj, u, w)
-        if program.obj_heap[obj][0] >= 0:
-            search.turn[c] = turn
-            of_heap = numbered_stream(split, program.obj_heap[obj][2])
-            share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
-            _draw_from_heap(program, layouts, search, c, row, obj, share)
-            continue
-        if program.obj_measured[obj] != 0:
-            turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
-        search.turn[c] = turn
-        _draw_point(program, layouts, search, c, row, obj, u)
-        if program.obj_cutnum[obj] == 0 and search.cause[c] == Cause.NONE:
-            pose_candidate(program, layouts, search, c, row, obj)
+    for c in range(wp.tid(), wp.min(search.opened[0], search.cause.shape[0]), lanes):
+        if c >= search.row_first[search.row[c]]:  # others are drawn ahead
+            draw_candidate(program, split, layouts, search, c)
 
 
 def launch_draw(work: Workspace) -> None:

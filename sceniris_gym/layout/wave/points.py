@@ -135,14 +135,7 @@ def _draw_in_piece(
 
 @wp.func
 def _repeat_race(
-    program: Program,
-    split: wp.uint32,
-    layouts: LayoutsView,
-    search: Search,
-    c: int,
-    needs: int,
-    lane: int,
-    redraw: int,
+    program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int, needs: int, lane: int, redraw: int
 ) -> wp.uint64:
     """Return the arrival key that wins the race of a redraw, for each lane whose candidate needs one.
 

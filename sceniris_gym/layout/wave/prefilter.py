@@ -4,7 +4,7 @@ import warp as wp
 
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.search import NO_GRASP, Search, Workspace, candidate_num
+from sceniris_gym.layout.wave.search import NO_GRASP, Search, Workspace, candidate_num, lanes_for_each
 from sceniris_gym.placement.cover import is_covered
 from sceniris_gym.placement.footprint import overhangs
 from sceniris_gym.placement.grasps import approaches, first_accepted, passes_map
@@ -106,14 +106,18 @@ def _prefilter(
     program: Program,
     reach: Reach,
     lanes: int,
-    parts: int,
+    least_parts: int,
     # Layouts in: present, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: candidates, row, obj, cause, turn, point, surface, grasp, covered, overhanging, body_pos, body_quat
-    # Search out: grasp, covered, overhanging
+    # Search out: opened, grasp, covered, overhanging
     search: Search,
 ):
-    for i in range(wp.tid(), parts * candidate_num(search), lanes):
+    if wp.tid() == 0:
+        search.opened[0] = 0  # all of them are drawn
+    num = candidate_num(search)
+    parts = lanes_for_each(lanes, num, least_parts)
+    for i in range(wp.tid(), parts * num, lanes):
         c = i // parts
         row = search.row[c]
         obj = search.obj[c]
@@ -135,14 +139,16 @@ def _prefilter(
 def _prefilter_by_map(
     reach: Reach,
     lanes: int,
-    parts: int,
+    least_parts: int,
     # Layouts in: present, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: candidates, row, obj, cause, turn, grasp, body_pos, body_quat
     # Search out: grasp
     search: Search,
 ):
-    for i in range(wp.tid(), parts * candidate_num(search), lanes):
+    num = candidate_num(search)
+    parts = lanes_for_each(lanes, num, least_parts)
+    for i in range(wp.tid(), parts * num, lanes):
         c = i // parts
         obj = search.obj[c]
         if search.cause[c] == Cause.NONE and reach.obj_reach[obj] != UNASKED:

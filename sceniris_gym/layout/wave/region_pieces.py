@@ -10,7 +10,7 @@ from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, point_counter
-from sceniris_gym.layout.wave.search import Search, Workspace
+from sceniris_gym.layout.wave.search import Search, Workspace, lanes_for_each
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
 from sceniris_gym.program.device import Program
@@ -103,13 +103,7 @@ def _is_surely_empty(program: Program, search: Search, c: int, obj: int, combina
 
 @wp.func
 def cut_triangle(
-    program: Program,
-    search: Search,
-    c: int,
-    obj: int,
-    combination: int,
-    t: Triangle,
-    polygon: wp.array[wp.vec2],
+    program: Program, search: Search, c: int, obj: int, combination: int, t: Triangle, polygon: wp.array[wp.vec2]
 ) -> int:
     """Clip a triangle to a combination: write `polygon`, and return the number of its corners."""
     num = set_triangle(polygon, t.a, t.b, t.c)
@@ -141,7 +135,7 @@ def _find_pieces(
     search: Search,
 ):
     num = search.cuts[0]
-    parts = wp.max(lanes // wp.max(num, 1), least_parts)
+    parts = lanes_for_each(lanes, num, least_parts)
     for i in range(wp.tid(), parts * num, lanes):
         c = search.cut[i // parts]
         obj = search.obj[c]
@@ -180,7 +174,7 @@ def _measure_pieces(
     search: Search,
 ):
     num = search.cuts[0]
-    parts = wp.max(lanes // wp.max(num, 1), least_parts)
+    parts = lanes_for_each(lanes, num, least_parts)
     for i in range(wp.tid(), parts * num, lanes):
         c = search.cut[i // parts]
         obj = search.obj[c]

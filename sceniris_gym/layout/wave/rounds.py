@@ -6,12 +6,10 @@ restarts of the round are not counted. An unsound layout is never served: its wo
 
 import warp as wp
 
-from sceniris_gym.layout.layouts import LayoutsView, Status, close_episode, open_episode
-from sceniris_gym.layout.wave.bank import fall_back
+from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
 from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
-from sceniris_gym.layout.wave.soundness import is_sound
-from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
@@ -37,6 +35,13 @@ def _clear_rejections(layouts: LayoutsView, row: int):
             layouts.row_rejections[row, i, j] = 0
 
 
+@wp.func
+def await_round(search: Search, worldid: int):
+    """Give a world without a layout its number in the next round."""
+    search.best[worldid] = NEVER
+    search.ticket[worldid] = wp.atomic_add(search.worlds_left, 0, 1)
+
+
 @wp.kernel
 def _start(
     program: Program,
@@ -46,7 +51,7 @@ def _start(
     # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
-    # Search out: pending, restart, waiting, worlds_left, rows_left, restarts_at_once, candidates
+    # Search out: pending, restart, ticket, best, waiting, worlds_left, rows_left, restarts_at_once, opened
     search: Search,
 ):
     worldid = wp.tid()
@@ -56,7 +61,7 @@ def _start(
         search.waiting[row] = False
     if worldid == 0:
         search.rows_left[0] = 0
-        search.candidates[0] = 0
+        search.opened[0] = 0
         search.restarts_at_once[0] = 0
     if mask:
         if not mask[worldid]:
@@ -66,7 +71,7 @@ def _start(
     _clear_rejections(layouts, worldid)
     search.pending[worldid] = True
     search.restart[worldid] = 0
-    wp.atomic_add(search.worlds_left, 0, 1)
+    await_round(search, worldid)
     seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
     draw_groups(program, worldid, seed, episode, split, layouts.present[worldid])
 
@@ -75,34 +80,6 @@ def launch_start(work: Workspace, mask: wp.array | None) -> None:
     """Mark the masked worlds as pending, each for its next episode."""
     work.search.worlds_left.zero_()
     work.launch(_start, work.nworld, [work.program, mask, work.split], work.layouts, work.search)
-
-
-@wp.func
-def _open_row(
-    program: Program,
-    reach: Reach,
-    layouts: LayoutsView,
-    search: Search,
-    row: int,
-    worldid: int,
-    restart: int,
-    staged: bool,
-):
-    """Begin a restart of a world in a row."""
-    nworld = search.pending.shape[0]
-    if row >= nworld:
-        for i in range(layouts.present.shape[1]):
-            layouts.present[row, i] = layouts.present[worldid, i]
-        _clear_rejections(layouts, row)
-    search.row_world[row] = worldid
-    search.row_restart[row] = restart
-    search.row_trial[row] = 0
-    search.row_attempts[row] = 0
-    search.row_object[row] = next_object(program, reach, layouts, row, 0)
-    if search.row_object[row] < program.nobject:
-        queue_row(search, row)
-    else:
-        finish_row(search, row, staged)
 
 
 @wp.func
@@ -119,7 +96,7 @@ def _plan_round(
     staged: bool,
     busy: int,
     # Search in: worlds_left, restarts_at_once
-    # Search out: worlds_left, tickets, restarts_at_once
+    # Search out: worlds_left, restarts_at_once, rows
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
@@ -135,159 +112,62 @@ def _plan_round(
             room = 1  # the next one has room for all that fail in this one
     search.restarts_at_once[0] = wp.clamp(wp.min(room, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
-    search.tickets[0] = 0
+    search.rows[0] = worlds * search.restarts_at_once[0]
 
 
-@wp.kernel
+@wp.kernel(grid_stride=False)
 def _open_rows(
     program: Program,
     reach: Reach,
     staged: bool,
-    # Layouts in: qpos, present, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, present, grasp, row_rejections, place, bounds, body_pos, body_quat
+    ahead: int,
+    busy: int,
+    lanes: int,
+    # Layouts in: qpos, start, present, body_pos, body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, start, present, grasp, row_rejections, place, bounds, body_pos,
+    #   body_quat
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, rows_left, tickets,
-    #   restarts_at_once, source
-    # Search out: ticket, best, waiting, row_world, row_restart, row_object, row_trial, row_attempts, queue, rows_left,
-    #   tickets
+    # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, row_trial, rows_left,
+    #   restarts_at_once, source, rows, rows_before, opened
+    # Search out: best, waiting, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead,
+    #   row_attempts, queue, rows_left, opened, row, obj, trial
     search: Search,
 ):
-    worldid = wp.tid()
-    if not search.pending[worldid]:
-        return
-    search.ticket[worldid] = wp.atomic_add(search.tickets, 0, 1)
-    search.best[worldid] = NEVER
-    for i in range(search.restarts_at_once[0]):
-        restart = search.restart[worldid] + i
-        if restart <= program.restarts:
-            _open_row(program, reach, layouts, search, row_of_restart(search, worldid, i), worldid, restart, staged)
+    nworld = search.pending.shape[0]
+    for i in range(wp.tid(), nworld * search.restarts_at_once[0], lanes):
+        worldid = i % nworld
+        number = i // nworld
+        restart = search.restart[worldid] + number
+        if not search.pending[worldid] or restart > program.restarts:
+            continue
+        row = row_of_restart(search, worldid, number)
+        if row != worldid:
+            layouts.start[row] = layouts.start[worldid]
+            for k in range(layouts.present.shape[1]):
+                layouts.present[row, k] = layouts.present[worldid, k]
+            _clear_rejections(layouts, row)
+        search.row_world[row] = worldid
+        search.row_restart[row] = restart
+        search.row_trial[row] = 0
+        search.row_attempts[row] = 0
+        search.row_object[row] = next_object(program, reach, layouts, row, 0)
+        if search.row_object[row] == program.nobject:
+            finish_row(search, row, staged)
+            continue
+        num = int(0)  # of the objects ahead, as far as no object is absent
+        if search.row_object[row] == 0:
+            while num < ahead and layouts.present[row, program.obj_slot[num + 1]] != 0:
+                num += 1
+        search.row_object[row] += num
+        queue_row(program, search, row, num, busy)
 
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
-    work.launch(_plan_round, 1, [work.program, staged, work.size.busy], work.search)
-    work.launch(_open_rows, work.nworld, [work.program, work.reach, staged], work.layouts, work.search)
-
-
-@wp.kernel(grid_stride=False)
-def _open_candidates(
-    program: Program,
-    busy: int,
-    lanes: int,
-    # Search in: row_object, row_trial, queue, rows_left, source, candidates
-    # Search out: row_first, row_trials, candidates, row, obj, trial
-    search: Search,
-):
-    rows = search.rows_left[0]
-    scale = float(busy) / float(wp.max(rows, 1))
-    capacity = search.cause.shape[0]
-    for i in range(wp.tid(), rows, lanes):
-        row = search.queue[1 - search.source[0], i]
-        obj = search.row_object[row]
-        trials = wp.clamp(int(scale * program.obj_effort[obj]), 1, program.attempts - search.row_trial[row])
-        first = wp.atomic_add(search.candidates, 0, trials)
-        trials = wp.clamp(capacity - first, 0, trials)
-        search.row_first[row] = first
-        search.row_trials[row] = trials
-        for t in range(trials):
-            search.row[first + t] = row
-            search.obj[first + t] = obj
-            search.trial[first + t] = search.row_trial[row] + t
-
-
-def launch_open_candidates(work: Workspace) -> None:
-    """Open candidates for the queued rows: more per row if few rows are left or their objects usually need more."""
-    size = work.size
-    work.launch(_open_candidates, size.lanes, [work.program, size.busy, size.lanes], work.search)
-
-
-@wp.func
-def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int):
-    """Add the attempts and rejections of a restart to those of its world."""
-    layouts.attempts[worldid] += search.row_attempts[row]
-    if row != worldid:
-        for i in range(layouts.row_rejections.shape[1]):
-            for j in range(layouts.row_rejections.shape[2]):
-                layouts.row_rejections[worldid, i, j] += layouts.row_rejections[row, i, j]
-
-
-@wp.func
-def _copy_row(layouts: LayoutsView, row: int, worldid: int):
-    """Copy a finished row into the row of its world."""
-    for i in range(layouts.qpos.shape[1]):
-        layouts.qpos[worldid, i] = layouts.qpos[row, i]
-    for i in range(layouts.mocap_pos.shape[1]):
-        layouts.mocap_pos[worldid, i] = layouts.mocap_pos[row, i]
-        layouts.mocap_quat[worldid, i] = layouts.mocap_quat[row, i]
-    for i in range(layouts.place.shape[1]):
-        layouts.place[worldid, i] = layouts.place[row, i]
-        layouts.bounds[worldid, i] = layouts.bounds[row, i]
-    for i in range(layouts.grasp.shape[1]):
-        layouts.grasp[worldid, i] = layouts.grasp[row, i]
-        layouts.variant[worldid, i] = layouts.variant[row, i]
-        for j in range(layouts.grasp_qpos.shape[2]):
-            layouts.grasp_qpos[worldid, i, j] = layouts.grasp_qpos[row, i, j]
-            layouts.pregrasp_qpos[worldid, i, j] = layouts.pregrasp_qpos[row, i, j]
-    for i in range(layouts.body_pos.shape[1]):
-        layouts.body_pos[worldid, i] = layouts.body_pos[row, i]
-        layouts.body_quat[worldid, i] = layouts.body_quat[row, i]
-
-
-@wp.kernel
-def _settle(
-    program: Program,
-    reach: Reach,
-    bank_start: wp.array[int],  # the kinds of starts of the bank, if there are some
-    split: wp.uint32,
-    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, start, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
-    #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
-    layouts: LayoutsView,
-    # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
-    # Search out: pending, restart, waiting, worlds_left
-    search: Search,
-):
-    worldid = wp.tid()
-    if not search.pending[worldid]:
-        return
-    first = search.restart[worldid]
-    best = int(search.best[worldid])
-    placed = best >= 0 and best < NEVER
-    if best < 0:  # this restart has no start that is clear, and ends the round
-        best = -1 - best
-    last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
-    row = worldid
-    for i in range(last - first + 1):
-        row = row_of_restart(search, worldid, i)
-        _count_row(layouts, search, worldid, row)
-    search.restart[worldid] = last + 1
-    for i in range(search.restarts_at_once[0]):
-        search.waiting[row_of_restart(search, worldid, i)] = False
-    sound = True
-    if placed:
-        sound = is_sound(program, layouts, row)
-    if placed and sound:
-        if row != worldid:
-            _copy_row(layouts, row, worldid)
-        layouts.status[worldid] = Status.VALID
-        layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
-        search.pending[worldid] = False
-    elif last == program.restarts or not sound:
-        if not sound:
-            layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
-        layouts.status[worldid] = fall_back(program, reach, bank_start, layouts, worldid, split)
-        layouts.first_pass_valid[worldid] = 0
-        search.pending[worldid] = False
-    else:
-        wp.atomic_add(search.worlds_left, 0, 1)
-
-
-def launch_settle(work: Workspace) -> None:
-    """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
-    bank_start = None if work.starts is None else work.starts.bank_start
-    inputs = [work.program, work.reach, bank_start, work.split]
-    work.launch(_settle, work.nworld, inputs, work.layouts, work.search)
+    busy, lanes = work.size.busy, work.size.lanes
+    work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
+    inputs = [work.program, work.reach, staged, work.ahead, busy, lanes]
+    work.launch(_open_rows, lanes, inputs, work.layouts, work.search)
 
 
 @wp.func

@@ -43,7 +43,7 @@ class Search:
     # Worlds
     pending: wp.array[bool]  # has no layout yet
     restart: wp.array[int]  # the next restart
-    ticket: wp.array[int]  # its number among the pending worlds of this round
+    ticket: wp.array[int]  # its number among the pending worlds of this round, or of the next
     best: wp.array[int]  # the lowest restart of this round that is done
     # Rows
     waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
@@ -53,6 +53,7 @@ class Search:
     row_trial: wp.array[int]  # the next trial of that object, from 0
     row_first: wp.array[int]  # the row's first candidate in this wave
     row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
+    row_ahead: wp.array[int]  # in front of them, candidates of all objects before it, in the first wave of a round
     row_attempts: wp.array[int]  # candidates drawn in this restart
     row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
@@ -62,10 +63,11 @@ class Search:
     # Counts
     worlds_left: wp.array[int]
     rows_left: wp.array[int]
-    tickets: wp.array[int]
     restarts_at_once: wp.array[int]
     source: wp.array[int]  # the list of `queue` that is read
     rows: wp.array[int]  # number of rows in that list
+    rows_before: wp.array[int]  # the same in the wave before
+    opened: wp.array[int]  # number of candidates of the next wave
     candidates: wp.array[int]
     cuts: wp.array[int]  # number of candidates in `cut`
     narrow_pairs: wp.array[int]
@@ -115,6 +117,12 @@ def candidate_num(search: Search) -> int:
 
 
 @wp.func
+def lanes_for_each(lanes: int, num: int, least: int) -> int:
+    """Return how many lanes share each of `num` things: all there are, or `least` where things are many."""
+    return wp.max(lanes // wp.max(num, 1), least)
+
+
+@wp.func
 def narrow_pair_num(search: Search) -> int:
     """Return the number of narrow-phase pairs in the queue: as many as were found, up to the capacity."""
     found = search.narrow_pairs[0]
@@ -124,9 +132,31 @@ def narrow_pair_num(search: Search) -> int:
 
 
 @wp.func
-def queue_row(search: Search, row: int):
-    """Queue a row for the next wave."""
+def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int):
+    """Queue a row for the next wave, with candidates for the next trials of its object, as far as there is room.
+
+    There are more of them if few rows are left, or if the object usually needs more. In front of them is a candidate of
+    each of the `ahead` objects before it; the first of these without room is the row's object in its place.
+    """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
+    obj = search.row_object[row]
+    trial = search.row_trial[row]
+    # the share of the rows that goes on is expected to be that of the last wave
+    rows = float(wp.max(search.rows[0], 1))
+    scale = float(busy) * wp.max(float(search.rows_before[0]), rows) / (rows * rows)
+    trials = wp.min(scale * program.obj_effort[obj], float(program.attempts - trial))
+    wanted = ahead + wp.max(int(trials), 1)
+    first = wp.atomic_add(search.opened, 0, wanted)
+    num = wp.clamp(search.cause.shape[0] - first, 0, wanted)
+    if num < ahead:
+        search.row_object[row] = num
+    search.row_ahead[row] = wp.min(ahead, num)
+    search.row_first[row] = first + wp.min(ahead, num)
+    search.row_trials[row] = wp.max(num - ahead, 0)
+    for k in range(num):
+        search.row[first + k] = row
+        search.obj[first + k] = wp.where(k < ahead, k, obj)
+        search.trial[first + k] = wp.max(trial + k - ahead, 0)
 
 
 @wp.func
@@ -141,6 +171,8 @@ def finish_row(search: Search, row: int, staged: bool):
 @wp.func
 def begin_wave(search: Search):
     """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
+    search.candidates[0] = search.opened[0]
+    search.rows_before[0] = search.rows[0]
     search.rows[0] = search.rows_left[0]
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
@@ -187,10 +219,10 @@ class SearchSize:
             that may be enclosed. With 0 each candidate is tested as a whole.
         grasps: Most candidates in a wave of the reach stage, each with a pose of the robot.
         lanes: Lanes of a launch in which lanes work independently.
-        parts: Lanes that share the prefilter and the containment test of a candidate, and at least so many share the
+        parts: Lanes that share the containment test of a candidate, and at least so many share its prefilter and the
             pieces of its region.
         blocks: Blocks of a launch in which the lanes of a block share a candidate.
-        block_dim: Lanes of such a block.
+        block_dim: Lanes of a block, in launches of both kinds.
 
     Raises:
         CountError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
@@ -243,6 +275,7 @@ class Workspace:
         statics: How objects stand, None if none can fall.
         starts: The kinds of starts, None if there are none.
         related: Whether there are regions that differ between worlds.
+        ahead: Number of objects that are drawn ahead.
         reaches: The arms; a single empty one if there are no reach targets.
         split: Number of the split.
         size: Capacities.
@@ -255,6 +288,7 @@ class Workspace:
     statics: Statics | None
     starts: Starts | None
     related: bool
+    ahead: int
     reaches: Sequence[Reach]
     split: int
     size: SearchSize
@@ -284,7 +318,8 @@ class Workspace:
 
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
+        words = {"block_dim": self.size.block_dim, "device": self.device}
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **words)
 
     def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any, blocks: int | None = None) -> None:
         """Launch a kernel in which the lanes of a block share a candidate, by default with all blocks."""
@@ -306,12 +341,12 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     zeros = partial(allocate, Search, s)
     with wp.ScopedDevice(compiled.device):
         zeros(nworld, "pending restart ticket best")
-        zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials")
+        zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials row_ahead")
         zeros((2, nrow), "queue")
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
-        zeros(1, "worlds_left rows_left tickets restarts_at_once source rows")
-        zeros(1, "candidates cuts narrow_pairs enclosed hands any_overflowed")
+        zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
+        zeros(1, "opened candidates cuts narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)

@@ -21,17 +21,17 @@ def _is_unit(w: float, x: float, y: float, z: float) -> bool:
 
 
 @wp.func
-def is_sound(program: Program, layouts: LayoutsView, row: int) -> bool:
-    """Return True if a row may be served."""
-    for i in range(layouts.qpos.shape[1]):
+def is_sound(program: Program, layouts: LayoutsView, row: int, lane: int, lanes: int) -> bool:
+    """Return True if a row may be served, as far as lane `lane` of `lanes` looks."""
+    for i in range(lane, layouts.qpos.shape[1], lanes):
         if not (wp.abs(layouts.qpos[row, i]) <= program.bound_qpos[i]):
             return False
-    for i in range(program.quat_qposadr.shape[0]):
+    for i in range(lane, program.quat_qposadr.shape[0], lanes):
         adr = program.quat_qposadr[i]
         qpos = layouts.qpos[row]
         if not _is_unit(qpos[adr], qpos[adr + 1], qpos[adr + 2], qpos[adr + 3]):
             return False
-    for i in range(program.bound_mocap.shape[0]):
+    for i in range(lane, program.bound_mocap.shape[0], lanes):
         pos = layouts.mocap_pos[row, i]
         far = wp.abs(pos[0]) + wp.abs(pos[1]) + wp.abs(pos[2])  # a maximum would ignore nan
         q = layouts.mocap_quat[row, i]

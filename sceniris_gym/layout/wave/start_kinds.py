@@ -18,10 +18,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 @wp.func
 def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, column: int) -> float:
     """Return the weight of a kind in a world: that of its knob if there is one, else that of the scene file."""
-    weight = starts.weight[kind]
     if column >= 0:
-        weight = layouts.next_knob[worldid, column + kind]
-    return weight
+        return layouts.next_knob[worldid, column + kind]
+    return starts.weight[kind]
 
 
 @wp.kernel

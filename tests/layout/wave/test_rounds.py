@@ -11,8 +11,9 @@ import warp as wp
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.wave import rounds
-from sceniris_gym.layout.wave.search import Search, begin_wave, create_search, default_size
+from sceniris_gym.layout.wave.search import Search, begin_wave, create_search, default_size, queue_row
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 ATTEMPTS, RESTARTS = 6, 9
@@ -21,6 +22,11 @@ ATTEMPTS, RESTARTS = 6, 9
 @wp.kernel(enable_backward=False)
 def _begin(search: Search):
     begin_wave(search)
+
+
+@wp.kernel(enable_backward=False)
+def _queue(program: Program, rows: wp.array[int], ahead: int, busy: int, search: Search):
+    queue_row(program, search, rows[wp.tid()], ahead, busy)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +64,7 @@ def test_restarts_at_once_have_rows_of_their_own(tray: CompiledScene, rows: int,
             assert at_once == 1  # the next round has room for all that fail
         else:
             assert worlds * at_once > rows or at_once == most
-        assert search.worlds_left.numpy()[0] == search.tickets.numpy()[0] == 0
+        assert search.worlds_left.numpy()[0] == 0
 
 
 def test_later_rounds_try_twice_as_much(tray: CompiledScene):
@@ -75,28 +81,25 @@ def test_later_rounds_try_twice_as_much(tray: CompiledScene):
     assert tried[2] == 1
 
 
-@pytest.mark.parametrize("lanes", [1, 3])
 @pytest.mark.parametrize("candidates", [3, 64, 512])
 @pytest.mark.parametrize("busy", [1, 7, 64, 4096])
-def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: int, lanes: int):
+def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: int):
     """Those of a row are its next trials, one after the other, none beyond its last; rows without room have none."""
-    size = replace(default_size("cpu"), candidates=candidates, busy=busy, lanes=lanes)
-    work = LayoutGenerator(tray, 1000, size=size)._work
-    search = work.search
+    size = replace(default_size("cpu"), candidates=candidates, busy=busy)
+    search = LayoutGenerator(tray, 1000, size=size)._work.search
     trial = np.arange(1000) % ATTEMPTS
     search.row_trial.assign(trial)
     for number in (1, 2, 3, 10, 63, 64, 65, 1000):
         source = int(search.source.numpy()[0])
-        search.candidates.zero_()
+        search.opened.zero_()
+        search.rows.fill_(number)
         rows = np.random.default_rng(number).permutation(1000)[:number]
-        queue = np.zeros((2, 1000), int)
-        queue[1 - source, :number] = rows
-        search.queue.assign(queue)
-        search.rows_left.fill_(number)
-        rounds.launch_open_candidates(work)
+        inputs = [tray.program, wp.array(rows, dtype=int, device="cpu"), 0, busy]
+        wp.launch(_queue, dim=number, inputs=inputs, outputs=[search], device="cpu")
+        assert search.queue.numpy()[1 - source, :number].tolist() == rows.tolist()
         first, trials = search.row_first.numpy()[rows], search.row_trials.numpy()[rows]
         assert (trials <= ATTEMPTS - trial[rows]).all()
-        assert trials.sum() == min(search.candidates.numpy()[0], candidates)
+        assert trials.sum() == min(search.opened.numpy()[0], candidates)
         assert (trials > 0).all() or trials.sum() == candidates
         of, turn = search.row.numpy(), search.trial.numpy()
         for row, a, n in zip(rows, first, trials, strict=True):
@@ -104,8 +107,26 @@ def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: 
             assert (turn[a : a + n] == trial[row] + np.arange(n)).all()
         wp.launch(_begin, dim=1, outputs=[search], device="cpu")
         assert search.rows.numpy()[0] == number
+        assert search.candidates.numpy()[0] == search.opened.numpy()[0]
         assert search.source.numpy()[0] == 1 - source
         assert search.rows_left.numpy()[0] == search.narrow_pairs.numpy()[0] == 0
+
+
+@pytest.mark.parametrize("room", [0, 1, 2, 3, 4, 8, 100])
+def test_objects_ahead_have_a_candidate_each_in_front_of_the_trials(tray: CompiledScene, room: int):
+    """As far as there is room; the first that has none is the object of the row, without trials in this wave."""
+    search = LayoutGenerator(tray, 1, size=replace(default_size("cpu"), candidates=100, busy=4096))._work.search
+    search.opened.fill_(100 - room)
+    search.row_object.fill_(2)
+    rows = wp.zeros(1, dtype=int, device="cpu")
+    wp.launch(_queue, dim=1, inputs=[tray.program, rows, 2, 4096], outputs=[search], device="cpu")
+    names = ("row_object", "row_ahead", "row_first", "row_trials")
+    obj, ahead, first, trials = (int(getattr(search, name).numpy()[0]) for name in names)
+    assert (obj, ahead, trials) == (min(room, 2), min(room, 2), min(max(room - 2, 0), ATTEMPTS))
+    assert first == 100 - room + ahead
+    drawn = slice(first - ahead, first + trials)
+    assert search.obj.numpy()[drawn].tolist() == [*range(ahead), *[2] * trials]
+    assert search.trial.numpy()[drawn].tolist() == [*[0] * ahead, *range(trials)]
 
 
 def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledScene):

@@ -17,9 +17,10 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.reaching.search import ReachSearch
+from sceniris_gym.layout.wave.ahead import count_ahead
 from sceniris_gym.layout.wave.search import Search, SearchSize, create_search, default_size
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device import Cause, Program, copied
 from sceniris_gym.program.device_reach import Reach
 from tests.layout.grasped import cluttered
 from tests.layout.scenes import FLOOR, box_mjcf
@@ -104,6 +105,16 @@ def test_the_room_for_narrow_pairs_changes_no_bit(pairs: int, compiled: Compiled
     """Leaves that wait for lanes of their own, here a single one; a candidate without room for all is tested whole."""
     for size in ("1-64-5-3", "64-512-100-3"):
         assert made(compiled, replace(SIZES[size], narrow_pairs=pairs, block_dim=2), N) == expected
+
+
+def test_objects_drawn_ahead_that_fail_change_no_bit(compiled: CompiledScene, expected: list[bytes]):
+    """All that may be are drawn ahead, though most have candidates that fail, and some are absent."""
+    program = copied(Program, compiled.program)
+    program.obj_effort = wp.ones_like(program.obj_effort)
+    hopeful = replace(compiled, program=program)
+    for size in ("7-3-100-1", "64-512-100-3", "4096-64-0-3"):
+        assert count_ahead(hopeful, SIZES[size]) > 0
+        assert made(hopeful, SIZES[size], N) == expected
 
 
 def test_splits_differ_and_keep_their_bits(compiled: CompiledScene, expected: list[bytes]):
