@@ -6,10 +6,10 @@
     python -m benchmarks.levels table FOLDER FOLDER
 
 `buffer` times decisions and updates of 4,096 worlds with 10^6 levels, launched one by one and as a graph, and a refresh
-of all weights. `knobs` times a change of all knobs of a scene in all worlds, and the next layouts after it. `steps`
-lets environments with and without levels and knobs take turns of the same random actions. `table` prints the successes
-of trained policies by the number of things in a layout, out of `judged.json` of their folders. Each prints lines of
-JSON.
+of all weights. `knobs` times a change of all knobs of a scene in all worlds, alike or each in its own way, and the next
+layouts after it. `steps` lets environments with and without levels and knobs take turns of the same random actions.
+`table` prints the successes of trained policies by the number of things in a layout, out of `judged.json` of their
+folders. Each prints lines of JSON.
 """
 
 from __future__ import annotations
@@ -100,6 +100,7 @@ def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
     plain, generator = LayoutGenerator(compiled, num_envs), LayoutGenerator(compiled, num_envs, knobs="*")
     table = generator.layouts.knobs
     rows = {name: values[0] for name, values in table.named(table.default[None]).items()}
+    each = {name: np.tile(values, (num_envs, 1)) for name, values in rows.items()}
     one = dict([next(iter(rows.items()))])
     for source in (plain, generator):
         source.generate()
@@ -108,6 +109,7 @@ def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
     found = {
         "change_of_one_us": _times(lambda: generator.set_knobs(one), device),
         "change_of_all_us": _times(lambda: generator.set_knobs(rows), device),
+        "change_of_all_by_world_us": _times(lambda: generator.set_knobs(each), device),
         "layouts_us": _times(plain.generate, device),
         "layouts_with_knobs_us": _times(generator.generate, device),
         "equal_bits": plain_bits == bits,

@@ -25,7 +25,7 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
-from sceniris_gym.vector.arguments import as_chosen_layouts, fresh_seed
+from sceniris_gym.vector.arguments import ChosenLayouts, as_chosen_layouts, fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
 EventTermCfg: Any = import_extra("mjlab.managers.event_manager", "mjlab", "mjlab").EventTermCfg
@@ -54,7 +54,7 @@ class PlaceLayouts(ManagerTermBase):
     the fingers; the controls of the next step should close them.
 
     Attributes:
-        compiled: The compiled scene; `compiled.layout_id(seed, episode, cfg.split)` names a layout.
+        compiled: The compiled scene.
         layouts: The latest layout of each environment, without its origin.
         split: The split of the layouts.
 
@@ -76,6 +76,7 @@ class PlaceLayouts(ManagerTermBase):
         self._addresses = _addresses(env, self._roots, self._joints)
         self.split: str = cfg.split
         self._fits, self._placed, self._kept = False, None, False
+        self._chosen: dict[int, str] = {}
 
     @property
     def layouts(self) -> Layouts:
@@ -93,12 +94,19 @@ class PlaceLayouts(ManagerTermBase):
             self._fits = True
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
+        if self._chosen:  # now, as a curriculum may have set knobs since
+            chosen = self._as_layouts({i: self._chosen.pop(i) for i in ids.tolist() if i in self._chosen})
+            self._generator.reseed(*chosen)
         self._generator.generate(mask)
         self._variants.write(self.layouts, ids)
         self._write(ids)
         self._tell()
         if not self._kept:
             self._placed = ids, self.state(ids)
+
+    def layout_ids(self) -> list[str]:
+        """Return the ids of the present layouts, one per environment. Waits for the device."""
+        return self.layouts.ids(self.split)
 
     def choose(self, ids: Sequence[str], env_ids: Sequence[int] | None = None) -> None:
         """Give environments the layouts with these ids at their next reset. They go on from there.
@@ -118,11 +126,8 @@ class PlaceLayouts(ManagerTermBase):
                 f"choose: ids should be {len(wanted)} layout ids, one per environment, got {short(ids)}."
             )
         by_env = dict(zip(wanted, ids, strict=True))
-        chosen = as_chosen_layouts(
-            [by_env.get(i) for i in range(num_envs)], num_envs, self._generator, self._generator.split
-        )
-        assert chosen is not None
-        self._generator.reseed(chosen.seeds, chosen.given, chosen.episodes, chosen.knobs)
+        self._as_layouts(by_env)
+        self._chosen |= by_env
 
     def set_knob(self, name: str, value: Any, env_ids: Tensor | slice | None = None) -> None:
         """Change a part of the scene in some environments, or in all: their next layouts follow.
@@ -154,6 +159,13 @@ class PlaceLayouts(ManagerTermBase):
         """Write a result of `state` back."""
         for (array, adr), values in zip(self._addresses, state, strict=True):
             array[env_ids[:, None], adr] = values
+
+    def _as_layouts(self, ids: dict[int, str]) -> ChosenLayouts:
+        """Return the layouts with these ids, by the environments that are to get them; see `choose`."""
+        number, generator = self._env.num_envs, self._generator
+        chosen = as_chosen_layouts([ids.get(i) for i in range(number)], number, generator, generator.split)
+        assert chosen is not None
+        return chosen
 
     def _write(self, env_ids: Tensor) -> None:
         origins = self._env.scene.env_origins[env_ids]
@@ -293,11 +305,10 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     several = {name: info for name, info in found.items() if name in alone.objects}
     for name, members in config.variants.items():
         if name not in several:
-            advice = instead_of_variants(name, [member.partition("/")[2] for member in members])
             raise NotSupportedError(
                 f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
-                f"(VariantEntityCfg) to have them in mjlab. {advice} In mjlab: cfg.scene.spec_fn = lambda spec: "
-                "place_on(spec, scene)."
+                f"(VariantEntityCfg) to have them in mjlab. {instead_of_variants(name, members)} "
+                "In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     words: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}

@@ -152,7 +152,7 @@ class SB3VecEnv(VecEnv):
             ArgumentError: Not all of the worlds.
             IndexError: There is no such world.
         """
-        if attr_name in self.env.randomizer.layouts.knobs.first:
+        if "." in attr_name:
             self.env.set_knob(attr_name, value, np.isin(np.arange(self.num_envs), self._chosen(indices)))
             return
         if len(set(self._chosen(indices))) != self.num_envs:

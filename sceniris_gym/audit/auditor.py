@@ -118,7 +118,7 @@ class Auditor:
         )
         self.collisions = CollisionAudit(scene.tree, scene.solids, pairs)
         self.outlines = Outlines(scene)
-        self.standing = StandingAudit(scene, self.outlines, heaps)
+        self.standing = StandingAudit(scene, self.outlines, heaps, pairs)
         self.starts = StartAudit(scene, self.outlines)
         self.balance = BalanceAudit(scene, self.standing)
         hulls = self.standing.hulls

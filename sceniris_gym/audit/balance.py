@@ -31,12 +31,16 @@ class BalanceAudit:
 
     def __init__(self, scene: JudgedScene, standing: StandingAudit) -> None:
         self._scene, self._standing = scene, standing
-        self._surface = {
-            s.geom: surface_of(s)[0] for s in solids_of(scene.mjm, "physics") if s.form is not Form.HALFSPACE
-        }
+        self._solids = [s for s in solids_of(scene.mjm, "physics") if s.form is not Form.HALFSPACE]
         filling = {name for heap in scene.config.heaps.values() for name in heap.of}
         objects = {n: p for n, p in scene.placed.items() if p.support is not None and n in scene.config.objects}
         self._owner = {n: self._carrier(p).owner for n, p in objects.items() if p.has_to_stand or n in filling}
+        self._loads = {name: [name] for name in self._owner}  # all that each of them carries, itself first
+        for name in self._owner:
+            below = self._owner[name]
+            while below in self._loads:
+                self._loads[below].append(name)
+                below = self._owner[below]
         self._judged = [name for name in self._owner if name not in filling and not self._is_drawn(name)]
 
     def check(
@@ -50,14 +54,7 @@ class BalanceAudit:
             there: Object name -> rows in which it is present, shape (nrow,).
         """
         weight = {name: self._weight(name, poses) * there[name][:, None] for name in self._owner}
-        load = {name: own.copy() for name, own in weight.items()}
-        for name in weight:
-            below = self._owner[name]
-            for _ in range(len(weight)):  # no more levels than objects
-                if below not in load:
-                    break
-                load[below] += weight[name]
-                below = self._owner[below]
+        load = {name: np.sum([weight[other] for other in others], axis=0) for name, others in self._loads.items()}
         found = []
         for name in self._judged:
             rows = np.flatnonzero((supporting[name] >= 0) & there[name])
@@ -75,9 +72,7 @@ class BalanceAudit:
 
     def _is_drawn(self, name: str) -> bool:
         """Return whether draws move the centre of mass of an object with all that it carries."""
-        load = {name}
-        for _ in self._owner:  # no more levels than objects
-            load |= {above for above, below in self._owner.items() if below in load}
+        load = self._loads[name]
         words = {word for each in load for word in self._scene.config.objects[each].randomize}
         single = len(load) == 1 and len(subtree(self._scene.mjm, self._scene.bodies[name])) == 1
         return "ipos" in words or ("mass" in words and not single)
@@ -97,22 +92,22 @@ class BalanceAudit:
         carrier = self._carrier(part)
         bodies = subtree(mjm, self._scene.bodies[name])
         parts = [
-            vertices @ poses.geom_xmat[:, geom].transpose(0, 2, 1) + poses.geom_xpos[:, geom, None]
-            for geom, vertices in self._surface.items()
-            if int(mjm.geom_bodyid[geom]) in bodies
+            surface_of(s)[0] @ poses.geom_xmat[:, s.geom].transpose(0, 2, 1) + poses.geom_xpos[:, s.geom, None]
+            for s in self._solids
+            if int(mjm.geom_bodyid[s.geom]) in bodies
         ]
         ground = [standing.in_frame(carrier.body, poses, points) for points in parts]
         at = standing.in_frame(carrier.body, poses, center[:, None])[:, 0, :2]
         lowest = np.min([points[:, :, 2].min(1) for points in ground], axis=0)
         over = np.zeros(len(center), bool)
-        for rows, surfaces in standing.surfaces("in", carrier, poses):
-            for surface in surfaces:
-                level = rows[np.abs(lowest[rows] - surface.height - part.gap) <= 2 * HEIGHT_TOLERANCE]
-                area = _ENDLESS if standing.is_plane(carrier) else surface.area
-                touching = [shapely.intersection(_feet(points[level], lowest[level]), area) for points in ground]
-                pieces = [shapely.geometrycollections(list(piece)) for piece in zip(*touching, strict=True)]
-                patch = shapely.convex_hull(np.array(pieces, object))
-                over[level] = shapely.distance(patch, shapely.points(at[level])) <= EDGE
+        for surface in standing.surfaces("in", carrier):
+            off = np.abs(lowest - surface.height - standing.gap(name, carrier))
+            level = np.flatnonzero(off <= 2 * HEIGHT_TOLERANCE)
+            area = _ENDLESS if standing.is_plane(carrier) else surface.area
+            touching = [shapely.intersection(_feet(points[level], lowest[level]), area) for points in ground]
+            pieces = [shapely.geometrycollections(list(piece)) for piece in zip(*touching, strict=True)]
+            patch = shapely.convex_hull(np.array(pieces, object))
+            over[level] = shapely.distance(patch, shapely.points(at[level])) <= EDGE
         return over
 
 

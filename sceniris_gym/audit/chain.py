@@ -58,33 +58,29 @@ class Chain:
         """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m]."""
         return self._placed(q)[0]
 
-    def ik(self, poses: np.ndarray, starts: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
+    def ik(self, poses: np.ndarray, starts: np.ndarray, iterations: int) -> np.ndarray:
         """Find joints for TCP poses by damped least squares within limits, one start after the other.
 
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).
-            starts: Joints to start from, at least one, tried in this order for every pose, shape (K, n).
+            starts: Joints to start from, tried in this order for every pose, shape (K, n).
             iterations: Number of steps from each start.
 
         Returns:
-            Joints [rad, m] within limits, shape (N, n): a solution, or the closest joints found; and whether their TCP
-            is within POSITION and ROTATION of the pose, shape (N,), bool.
+            Joints [rad, m] within limits, whose TCP is within POSITION and ROTATION of the pose, shape (N, n); NaN
+            where none were found.
         """
-        best = np.repeat(self._within(starts[:1]), len(poses), axis=0)
-        error, ok = np.full(len(poses), np.inf), np.zeros(len(poses), bool)
+        found = np.full((len(poses), len(self.joints)), np.nan)
         for start in starts:
-            pending = np.flatnonzero(~ok)
-            if len(pending) == 0:
+            pending = np.flatnonzero(np.isnan(found[:, 0]))
+            if not len(pending):
                 break
             q = self._refined(poses[pending], np.tile(start, (len(pending), 1)), iterations)
             off = _difference(self.fk(q), poses[pending])
             distance, angle = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
-            found = (distance < POSITION) & (angle < ROTATION)
-            left = np.where(found, 0.0, distance + _LEVER * angle)
-            closer = left < error[pending]
-            error[pending[closer]], best[pending[closer]] = left[closer], q[closer]
-            ok[pending] = found
-        return best, ok
+            ok = (distance < POSITION) & (angle < ROTATION)
+            found[pending[ok]] = q[ok]
+        return found
 
     def random_joints(self, num: int, seed: int = 0) -> np.ndarray:
         """Return joints drawn uniformly within limits (-pi to pi for a hinge without), shape (num, n)."""

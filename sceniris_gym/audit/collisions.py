@@ -103,27 +103,20 @@ class CollisionAudit:
             rank: Placed object -> its number in placement order; those after the candidate are not there yet.
         """
         free = np.ones(len(candidate), bool)
-        for pair in self.pairs:
-            rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
-            surplus = self._lower_bound(pair, poses, rows) - self._required(pair, supporting, rows)
-            forms = {self.solids[i].form for i in (pair.first, pair.second)}
-            tolerance = POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
-            near = rows[surplus <= tolerance]
-            if self._over_halfspace(pair) is None:
-                exact = np.array([self._exact(pair, poses, int(row), 0) for row in near])
-                near = near[exact - self._required(pair, supporting, near) <= tolerance]
-            free[near] = False
-        nearest = {int(row): FalseAlarm(int(row), None, np.inf) for row in np.flatnonzero(free)}
+        nearest = [FalseAlarm(row, None, np.inf) for row in range(len(candidate))]
         for pair in self.pairs:
             rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
             required = self._required(pair, supporting, rows)
             surplus = self._lower_bound(pair, poses, rows) - required
+            forms = {self.solids[i].form for i in (pair.first, pair.second)}
+            tolerance = POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
             for i, row in enumerate(rows.tolist()):
-                if surplus[i] < nearest[row].surplus and self._over_halfspace(pair) is None:
+                if surplus[i] <= max(nearest[row].surplus, tolerance) and self._over_halfspace(pair) is None:
                     surplus[i] = self._exact(pair, poses, row, 0) - required[i]
                 if surplus[i] < nearest[row].surplus:
                     nearest[row] = FalseAlarm(row, pair.owners, float(surplus[i]))
-        return list(nearest.values())
+            free[rows] = surplus > tolerance
+        return [nearest[row] for row in np.flatnonzero(free)]
 
     def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """Return the distance [m] that the pair must keep in each of the rows."""

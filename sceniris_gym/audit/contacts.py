@@ -102,18 +102,14 @@ class ContactAudit:
         for row in range(len(table)):
             table.put(data, row)
             mujoco.mj_kinematics(mjm, data)
-            deepest: dict[tuple[int, int], float] = {}
-            for geoms, dist, margin in _pairs(mjm, data):
+            for geoms, (dist, margin) in deepest_contacts(mjm, data).items():
                 bodies = mjm.geom_bodyid[list(geoms)]
                 carried = any(
                     owner[one] in supporting and supporting[owner[one]][row] == other
                     for one, other in (bodies, bodies[::-1])
                 )
                 depth = -dist if carried else margin - dist
-                deepest[geoms] = max(depth, deepest.get(geoms, 0.0))
-            for geoms, depth in sorted(deepest.items()):
-                first, second = (int(mjm.geom_bodyid[g]) for g in geoms)
-                owners = owner[first], owner[second]
+                owners = owner[bodies[0]], owner[bodies[1]]
                 if depth > 0.0 and not self._markers.intersection(owners):
                     yield Contact(row, geoms, owners, depth, self.at_home.get(geoms))
 
@@ -133,7 +129,7 @@ class ContactAudit:
         wide.opt.o_margin = CONTACT_TOLERANCE
         found: dict[tuple[int, int], float] = {}
         for model in (wide, mjm):
-            for geoms, dist, margin in _pairs(model, data):
+            for geoms, (dist, margin) in deepest_contacts(model, data).items():
                 owners = {owner[int(mjm.geom_bodyid[g])] for g in geoms}
                 if len(owners) == 1 or not owners & set(placed):
                     depth = margin - dist if model is mjm else -dist
@@ -189,13 +185,15 @@ class ContactTally:
         self._allowed[first, second] = Allowed((names[0], names[1]), why, home, depth)
 
 
-def _pairs(mjm: mujoco.MjModel, data: mujoco.MjData) -> Iterator[tuple[tuple[int, int], float, float]]:
-    """Yield (geoms, distance [m], distance below which MuJoCo acts [m]) of all contacts at the poses in `data`."""
+def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], tuple[float, float]]:
+    """Return the contacts at the poses in `data`, the deepest of each two geoms.
+
+    Returns:
+        (geoms, the lower id first) -> distance, and the distance below which MuJoCo acts [m].
+    """
     mujoco.mj_comPos(mjm, data)
     mujoco.mj_collision(mjm, data)
-    contacts = data.contact
-    for geoms, dist, margin in zip(
-        contacts.geom.tolist(), contacts.dist.tolist(), contacts.includemargin.tolist(), strict=True
-    ):
-        if min(geoms) >= 0 and dist <= margin:
-            yield (min(geoms), max(geoms)), dist, margin
+    columns = (data.contact.geom, data.contact.dist, data.contact.includemargin)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    acting = sorted((min(g), max(g), -dist, margin) for g, dist, margin in rows if min(g) >= 0 and dist <= margin)
+    return {(first, second): (-depth, margin) for first, second, depth, margin in acting}  # the deepest is the last

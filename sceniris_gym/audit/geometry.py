@@ -12,6 +12,7 @@ from enum import Enum
 import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -125,15 +126,14 @@ def subtree(mjm: mujoco.MjModel, root: int) -> set[int]:
 
 
 def rotation(quat: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix (3, 3) of a quaternion (wxyz)."""
-    mat = np.empty(9)
-    mujoco.mju_quat2Mat(mat, quat)
-    return mat.reshape(3, 3)
+    """Return the rotation matrices (..., 3, 3) of quaternions (wxyz) of any length."""
+    turns = Rotation.from_quat(quat.reshape(-1, 4)[:, [1, 2, 3, 0]])
+    return turns.as_matrix().reshape(*quat.shape[:-1], 3, 3)
 
 
-def frame(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and quaternion (wxyz), as a homogeneous matrix (4, 4)."""
-    return np.block([[rotation(quat), np.reshape(pos, (3, 1))], [np.zeros(3), 1.0]])
+def frame(pose: np.ndarray) -> np.ndarray:
+    """Return a pose, position [m] and quaternion (wxyz) of any length, as a homogeneous matrix (4, 4)."""
+    return np.block([[rotation(pose[3:]), pose[:3, None]], [np.zeros(3), 1.0]])
 
 
 def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -44,7 +44,7 @@ class HeapAudit:
         for heap, filled in self._filled:
             with np.load(Path(str(heap.rows))) as stored:
                 pos, quat = stored["pos"].astype(float), stored["quat"].astype(float)
-            mats = np.array([rotation(q) for q in quat.reshape(-1, 4)]).reshape(*quat.shape[:2], 3, 3)
+            mats = rotation(quat)
             off = np.zeros((len(poses.xpos), len(pos)))
             for i, name in enumerate(heap.of):
                 back = poses.xmat[:, filled].transpose(0, 2, 1)

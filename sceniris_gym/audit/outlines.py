@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sceniris_gym.audit.geometry import Form, Poses, Solid
 from sceniris_gym.audit.scene import JudgedScene
@@ -105,10 +106,7 @@ class Outlines:
         at, heading = poses.xpos[:, root], _heading(poses.xmat[:, root])
         if not self._solids[name]:
             return Outline(at, heading, np.zeros((len(at), 2)), np.zeros((len(at), 2)))
-        axes = np.tile(np.eye(3), (len(at), 1, 1))
-        axes[:, 0, 0] = axes[:, 1, 1] = np.cos(heading)
-        axes[:, 0, 1] = np.sin(heading)
-        axes[:, 1, 0] = -axes[:, 0, 1]
+        axes = Rotation.from_euler("z", -heading[:, None]).as_matrix()
         low, high = self._bounds(name, poses, axes)
         if name in self.scene.config.all_robots:
             return Outline(at, heading, low[:, :2], high[:, :2])

@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import mujoco
-import numpy as np
 
 from sceniris_gym.audit.geometry import Solid
 
@@ -44,14 +43,12 @@ class Tree:
         roots = {body: name for name, body in bodies.items()}
         self.mjm, self.keyframe = mjm, keyframe
         self.owner: list[str] = [WORLD]
-        self.movable = np.zeros(mjm.nbody, bool)
-        self.fixture = np.zeros(mjm.nbody, bool)
+        self.fixture = mjm.body_mocapid[mjm.body_rootid] >= 0
+        self.movable = self.fixture | (mjm.body_weldid != 0)
         for body in range(1, mjm.nbody):
             parent = mjm.body_parentid[body]
             inherited = self.owner[parent] if parent else mjm.body(body).name or f"body {body}"
             self.owner.append(roots.get(body, inherited))
-            self.fixture[body] = self.fixture[parent] or mjm.body_mocapid[body] >= 0
-            self.movable[body] = self.movable[parent] or self.fixture[body] or mjm.body_jntnum[body] > 0
 
 
 def judged_pairs(

@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit.chain import POSITION, ROTATION, Chain
+from sceniris_gym.audit.contacts import deepest_contacts
 from sceniris_gym.audit.geometry import frame, home_of, subtree
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -106,13 +107,13 @@ class ReachAudit:
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
                 elif claim.tier.needs_map:
-                    base = frame(self.data.xpos[self.root], self.data.xquat[self.root])
-                    pose = np.linalg.inv(base) @ _matrix(claim.pose[row])
+                    base = frame(np.hstack([self.data.xpos[self.root], self.data.xquat[self.root]]))
+                    pose = np.linalg.inv(base) @ frame(claim.pose[row])
                     asked.append((Unreached(row, claim.name, "no joints found"), pose))
         if asked:
             poses = np.stack([pose for _, pose in asked])
-            _, ok = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
-            found += [unreached for (unreached, _), solved in zip(asked, ok.tolist(), strict=True) if not solved]
+            joints = self.chain.ik(poses, self.chain.random_joints(_STARTS), _STEPS)
+            found += [unreached for (unreached, _), q in zip(asked, joints, strict=True) if np.isnan(q).any()]
         return found
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
@@ -122,14 +123,14 @@ class ReachAudit:
             return "no grasp"
         if self._distance(claim.name, pose[:3]) > _OFF:
             return "off the object"
-        if not self._is_chosen(claim, _matrix(pose)):
+        if not self._is_chosen(claim, frame(pose)):
             return "another grasp"
         if claim.tier.needs_map:
             return None
         self.data.qpos[claim.finger_adr] = claim.fingers[row]
-        cause = self._wrong_joints(claim, claim.qpos[row], _matrix(pose))
+        cause = self._wrong_joints(claim, claim.qpos[row], frame(pose))
         if cause is None and claim.tier == Tier.CLEAR:
-            before = _matrix(pose)
+            before = frame(pose)
             before[:3, 3] -= BACK * before[:3, 2]
             cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before, grasping=False)
             return None if cause is None else f"pre-grasp: {cause}"
@@ -154,16 +155,16 @@ class ReachAudit:
         if np.any(qpos < self.lower - _LIMIT) or np.any(qpos > self.upper + _LIMIT):
             return "limits"
         data.qpos[self.adr] = qpos
-        mujoco.mj_fwdPosition(mjm, data)
+        mujoco.mj_kinematics(mjm, data)
         if not self._meets(self.site, pose):
             return "another pose"
-        for contact in data.contact[: data.ncon]:
-            first, second = (int(mjm.geom_bodyid[g]) for g in contact.geom)
+        for geoms, (dist, _) in deepest_contacts(mjm, data).items():
+            first, second = (int(mjm.geom_bodyid[g]) for g in geoms)
             mine = (first in self._robot) + (second in self._robot)
-            if contact.dist > -_DEEP or not mine:
+            if dist > -_DEEP or not mine:
                 continue
             if mine == 2:
-                if contact.dist > self._at_home.get(frozenset(contact.geom.tolist()), 0.0) - _DEEP:
+                if dist > self._at_home.get(geoms, 0.0) - _DEEP:
                     continue
                 return "hits itself"
             if claim.tier < Tier.CLEAR:
@@ -174,18 +175,13 @@ class ReachAudit:
                 return "hits its target"
         return None
 
-    def _touching_at_home(self) -> dict[frozenset[int], float]:
+    def _touching_at_home(self) -> dict[tuple[int, int], float]:
         """Return pairs of the robot's geoms in contact at home -> their least distance [m]."""
         alone = copy(self.mjm)  # without the placed objects, which are at the origin at home
         others = ~np.isin(alone.geom_bodyid, list(self._robot))
         alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
-        data = home_of(alone)
-        mujoco.mj_collision(alone, data)
-        found: dict[frozenset[int], float] = {}
-        for contact in data.contact[: data.ncon]:
-            geoms = frozenset(contact.geom.tolist())
-            found[geoms] = min(float(contact.dist), found.get(geoms, 0.0))
-        return found
+        contacts = deepest_contacts(alone, home_of(alone))
+        return {geoms: min(dist, 0.0) for geoms, (dist, _) in contacts.items()}
 
     def _distance(self, name: str, point: np.ndarray) -> float:
         """Return the distance [m] from a point to the nearest box of an object's geoms; 0 for one without geoms."""
@@ -201,9 +197,3 @@ class ReachAudit:
         away = np.linalg.norm(pose[:3, 3] - self.data.site_xpos[site])
         turn = self.data.site_xmat[site].reshape(3, 3).T @ pose[:3, :3]
         return bool(away <= POSITION and np.trace(turn) >= 1.0 + 2.0 * np.cos(ROTATION))
-
-
-def _matrix(pose: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and orientation (wxyz) of any length, as a matrix (4, 4)."""
-    quat = np.asarray(pose[3:], float)
-    return frame(pose[:3], quat / np.linalg.norm(quat))

@@ -88,10 +88,8 @@ class JudgedScene:
                 return Carrier(inside[0], owner=owner)
         geom = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, parent)
         body = int(mjm.geom_bodyid[geom]) if geom >= 0 else mjm.body(parent).id
-        roots, above = {root: name for name, root in bodies.items()}, body
-        while above and above not in roots:
-            above = int(mjm.body_parentid[above])
-        return Carrier(body, geom if geom >= 0 else None, roots.get(above))
+        _, nearest = max(((root, n) for n, root in bodies.items() if body in subtree(mjm, root)), default=(0, None))
+        return Carrier(body, geom if geom >= 0 else None, nearest)
 
     def hulls(self, solids: list[Solid]) -> dict[str, np.ndarray]:
         """Return the corners of the convex hulls of placed objects in their roots' frames at home [m], by name.

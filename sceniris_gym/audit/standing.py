@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.geometry import Form, Poses
+from sceniris_gym.audit.distance import Narrow
+from sceniris_gym.audit.geometry import Form, Poses, Solid
 from sceniris_gym.audit.heaps import HeapAudit
 from sceniris_gym.audit.outlines import Outlines
+from sceniris_gym.audit.pairs import Judged
 from sceniris_gym.audit.scene import Carrier, JudgedScene
 from sceniris_gym.audit.supports import (
     EDGE_TOLERANCE,
     HEIGHT_TOLERANCE,
+    UPRIGHT,
     LevelSurface,
-    hit_above,
     inside,
     level_surfaces,
     plane_surface,
     surface_of,
-    upright_frame,
 )
+from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 
+_HIGH = 10.0  # m; what is higher above a point does not cover it
 _AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
 
 
@@ -52,17 +56,25 @@ class StandingAudit:
         scene: The scene.
         outlines: Outlines of the objects.
         heaps: The judge of heaps.
+        pairs: The pairs of solids that must be apart.
 
     Attributes:
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        surfaces: Returns the level surfaces of a support by the word and the carrier, in the frame of its body.
     """
 
-    def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit) -> None:
+    def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit, pairs: list[Judged]) -> None:
         self.scene, self.outlines, self._heaps = scene, outlines, heaps
         self._planes = [s.geom for s in scene.solids if s.form is Form.HALFSPACE]
-        self._surface = {s.geom: surface_of(s) for s in scene.solids if s.form is not Form.HALFSPACE}
+        ray = Solid(-1, Form.ROUNDED, np.array([[0, 0, 0], [0, 0, _HIGH]]), np.zeros((0, 3), int), 0.0, np.zeros(3))
+        self._narrow = Narrow([*scene.solids, ray])
         self.hulls = scene.hulls(scene.solids)
-        self._levels: dict[tuple, list[LevelSurface]] = {}
+        self.surfaces = cache(self._surfaces)
+        self._touch: dict[tuple[str, int], float] = {}  # (object, body) -> distance from which on that carries it
+        for pair, ends in ((p, ends) for p in pairs for ends in ((p.first, p.second), (p.second, p.first))):
+            one, other = (scene.solids[i] for i in ends)
+            key = scene.owner(one), int(scene.mjm.geom_bodyid[other.geom])
+            self._touch[key] = max(pair.margin, self._touch.get(key, 0.0))
 
     def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
         """Judge all placed objects in all rows.
@@ -107,51 +119,48 @@ class StandingAudit:
         assert part.support is not None
         ground = carrier.body
         body, stands = np.full(len(pivots), -1), np.zeros(len(pivots), bool)
-        turned = self.in_frame(ground, poses, pivots[:, None])[:, 0]
+        local = self.in_frame(ground, poses, pivots[:, None])[:, 0]
         whole = part.ratio_on_support == 1.0
-        corners = self.in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else turned[:, None, :2]
-        for rows, surfaces in self.surfaces(part.support.word, carrier, poses):
-            bounds = shapely.total_bounds([surface.area for surface in surfaces])
-            for surface in surfaces:
-                level = rows[np.abs(turned[rows, 2] - surface.height - part.gap) <= HEIGHT_TOLERANCE]
-                allowed = inside(surface.area, turned[level, :2], erosion[level])
-                allowed &= _in_region(surface.area, bounds, part, turned[level, :2])
-                on = level[allowed]
-                body[on] = ground
-                stands[on] = not whole or _all_inside(surface.area, corners[on])
+        corners = self.in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else local[:, None, :2]
+        surfaces = self.surfaces(part.support.word, carrier)
+        bounds = shapely.total_bounds([surface.area for surface in surfaces])
+        for surface in surfaces:
+            off = np.abs(local[:, 2] - surface.height - self.gap(name, carrier))
+            level = np.flatnonzero(off <= HEIGHT_TOLERANCE)
+            allowed = inside(surface.area, local[level, :2], erosion[level])
+            allowed &= _in_region(surface.area, bounds, part, local[level, :2])
+            on = level[allowed]
+            body[on] = ground
+            stands[on] = not whole or _all_inside(surface.area, corners[on])
         return body, stands
 
+    def gap(self, name: str, carrier: Carrier) -> float:
+        """Return the height [m] at which an object is put down: the scene's, or more where MuJoCo acts from there."""
+        touch = self._touch.get((name, carrier.body), 0.0)
+        return max(self.scene.placed[name].gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
+
     def in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
-        """Return world points (nrow, n, 3) in the upright frame of a body in each row, the same shape."""
-        ups, index = _directions(poses.xmat[:, body, 2])
-        frames = np.stack([upright_frame(up) for up in ups])[index]
-        return (points - poses.xpos[:, body, None]) @ poses.xmat[:, body] @ frames.transpose(0, 2, 1)
+        """Return world points (nrow, n, 3) in the frame of a body; NaN in rows in which that leans."""
+        local = (points - poses.xpos[:, body, None]) @ poses.xmat[:, body]
+        return np.where(poses.xmat[:, body, 2, 2][:, None, None] >= UPRIGHT, local, np.nan)
 
     def _corners(self, name: str, poses: Poses) -> np.ndarray:
         """Return the corners of an object's hull in each row [m], world frame, shape (nrow, n, 3)."""
         root = self.scene.bodies[name]
         return self.hulls[name] @ poses.xmat[:, root].transpose(0, 2, 1) + poses.xpos[:, root, None]
 
-    def surfaces(self, word: str, carrier: Carrier, poses: Poses) -> list[tuple[np.ndarray, list[LevelSurface]]]:
-        """Return groups of rows in which the same direction of the support points up, with its level surfaces."""
+    def _surfaces(self, word: str, carrier: Carrier) -> list[LevelSurface]:
+        """Return the level surfaces of a support, in the frame of its body."""
         body, geom = carrier.body, carrier.geom
         if carrier.is_ground:
             assert self.scene.config.floor is not None
             x, y = (extent / 2 for extent in self.scene.config.floor.size)
-            return [(np.arange(len(poses.xpos)), [LevelSurface(0.0, shapely.box(-x, -y, x, y))])]
-        ups, index = _directions(poses.xmat[:, body, 2])
-        groups = []
+            return [LevelSurface(0.0, shapely.box(-x, -y, x, y))]
         # A support that never moves is open wherever there is room: a thing above it is an obstacle or not.
         open_above = word == "on" and carrier.owner is not None
-        for k, up in enumerate(ups):
-            key = (body, geom, open_above, *np.round(up, 6))
-            if key not in self._levels:
-                solids = self._triangles(body)
-                only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
-                found = level_surfaces([*solids.values()], up, open_above=open_above, only=only)
-                self._levels[key] = found + self._level_planes(carrier, up)
-            groups.append((np.flatnonzero(index == k), self._levels[key]))
-        return groups
+        solids = self._triangles(body)
+        only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
+        return level_surfaces([*solids.values()], open_above=open_above, only=only) + self._level_planes(carrier)
 
     def is_plane(self, carrier: Carrier) -> bool:
         """Return whether a plane carries, which goes on beyond the area that objects are placed on."""
@@ -162,19 +171,20 @@ class StandingAudit:
         of = self.scene.mjm.geom_bodyid
         return [g for g in self._planes if of[g] == carrier.body and carrier.geom in (None, g)]
 
-    def _level_planes(self, carrier: Carrier, up: np.ndarray) -> list[LevelSurface]:
-        """Return the planes of a support that are level if `up` (3,) of its body's frame points up."""
+    def _level_planes(self, carrier: Carrier) -> list[LevelSurface]:
+        """Return the planes of a support that are level."""
         size = self.scene.mjm.geom_size
-        found = (plane_surface(size[g], *self.scene.at_home(g, carrier.body), up) for g in self._carrying(carrier))
+        found = (plane_surface(size[g], *self.scene.at_home(g, carrier.body)) for g in self._carrying(carrier))
         return [surface for surface in found if surface is not None]
 
     def _triangles(self, body: int) -> dict[int, np.ndarray]:
         """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m], by geom."""
         parts = {}
-        for geom, (vertices, faces) in self._surface.items():
-            if self.scene.mjm.geom_bodyid[geom] == body:
-                pos, mat = self.scene.at_home(geom, body)
-                parts[geom] = (vertices @ mat.T + pos)[faces]
+        for solid in self.scene.solids:
+            if self.scene.mjm.geom_bodyid[solid.geom] == body and solid.form is not Form.HALFSPACE:
+                vertices, faces = surface_of(solid)
+                pos, mat = self.scene.at_home(solid.geom, body)
+                parts[solid.geom] = (vertices @ mat.T + pos)[faces]
         return parts
 
     def _wrongly_covered(self, word: str, carrier: Carrier, poses: Poses, pivots: np.ndarray) -> np.ndarray:
@@ -195,13 +205,14 @@ class StandingAudit:
     def _covered(self, carrier: Carrier, poses: Poses, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return whether the support (object or body) has a solid above each point (n, 3) of the rows (n,)."""
         covered = np.zeros(len(rows), bool)
-        for geom, surface in self._surface.items():
-            body = int(self.scene.mjm.geom_bodyid[geom])
-            if self.scene.tree.owner[body] != carrier.owner if carrier.owner is not None else body != carrier.body:
+        for i, solid in enumerate(self.scene.solids):
+            body = int(self.scene.mjm.geom_bodyid[solid.geom])
+            other = self.scene.tree.owner[body] != carrier.owner if carrier.owner is not None else body != carrier.body
+            if other or solid.form is Form.HALFSPACE:
                 continue
-            mat = poses.geom_xmat[rows, geom]
-            origin = np.einsum("nij,ni->nj", mat, points - poses.geom_xpos[rows, geom])
-            covered |= hit_above(surface, origin, mat[:, 2])
+            for k in np.flatnonzero(~covered):
+                pose = poses.geom_xpos[rows[k], solid.geom], poses.geom_xmat[rows[k], solid.geom]
+                covered[k] = self._narrow.distance(i, len(self.scene.solids), pose, (points[k], np.eye(3))) <= 0.0
         return covered
 
 
@@ -213,12 +224,6 @@ def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
     assert part.region.box is not None
     low, high = np.array(part.region.box)
     return np.all((points >= low - EDGE_TOLERANCE) & (points <= high + EDGE_TOLERANCE), axis=1)
-
-
-def _directions(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct directions among `up` (n, 3), up to 1e-6, and the index of each one among them."""
-    _, first, index = np.unique(np.round(up, 6) + 0.0, axis=0, return_index=True, return_inverse=True)
-    return up[first], index.reshape(-1)
 
 
 def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np.ndarray:
@@ -250,9 +255,6 @@ def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> 
 
 def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:
     """Return a mask of the rows of corners (n, k, 2) whose hull lies inside the area."""
-    whole = np.atleast_1d(inside(area, corners.reshape(-1, 2)).reshape(corners.shape[:2]).all(1))
-    if not shapely.equals(area, shapely.convex_hull(area)):
-        grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
-        for row in np.flatnonzero(whole):
-            whole[row] = shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners[row])))
-    return whole
+    grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
+    shapely.prepare(grown)
+    return np.asarray(shapely.covers(grown, shapely.convex_hull(shapely.multipoints(corners))))

@@ -1,4 +1,4 @@
-"""Level surfaces of bodies, points inside them, and solids above them, by shapely and rays."""
+"""Level surfaces of bodies, and points inside them, by shapely."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import shapely
 
 from sceniris_gym.audit.geometry import Form, Solid, convex_hull
 
-LEVEL = np.cos(np.radians(1.0))  # least cosine between a face's normal and up at which it can carry something
+LEVEL = np.cos(np.radians(1.0))  # least z component of a face's normal at which it can carry something
+UPRIGHT = np.cos(np.radians(0.101))  # the same of a body's z axis in the world: 0.1 degree, and rounding
 NARROW = 0.02  # m; narrower strips carry nothing
 HEIGHT_TOLERANCE = 1e-4  # m
 EDGE_TOLERANCE = 1e-5  # m
@@ -22,8 +23,8 @@ class LevelSurface:
     """A level surface of a body.
 
     Attributes:
-        height: Height over the body's origin [m], along `up`.
-        area: The region, in coordinates (x, y) of the body's frame turned so that `up` is z.
+        height: Its z [m] in the body's frame.
+        area: The region, in coordinates (x, y) of the body's frame.
     """
 
     height: float
@@ -46,47 +47,32 @@ def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
     return convex_hull(np.concatenate([ball * solid.radius + end for end in solid.vertices]))
 
 
-def upright_frame(up: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) with rows x, y and z = `up`; x turns as little as possible."""
-    x = np.array([1.0, 0.0, 0.0]) - up[0] * up
-    if np.linalg.norm(x) < 0.5:
-        x = np.array([0.0, 1.0, 0.0]) - up[1] * up
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(up, x), up])
-
-
-def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray, up: np.ndarray) -> LevelSurface | None:
+def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSurface | None:
     """Return the rectangle of a plane, endless along a size of 0; None if it is not level.
 
     Args:
         size: MuJoCo's sizes of the plane [m].
         pos: Its position [m] in the body's frame.
         mat: Its orientation there, shape (3, 3).
-        up: Unit vector (3,) of the body's frame that points up in the world.
     """
-    if mat[:, 2] @ up <= LEVEL:
+    if mat[2, 2] <= LEVEL:
         return None
     half = np.where(size[:2] > 0.0, size[:2], 1e4)
     corners = (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ mat[:, :2].T + pos
-    turned = corners @ upright_frame(up).T
-    return LevelSurface(float(pos @ up), shapely.Polygon(turned[:, :2]))
+    return LevelSurface(float(pos[2]), shapely.Polygon(corners[:, :2]))
 
 
-def level_surfaces(
-    parts: list[np.ndarray], up: np.ndarray, *, open_above: bool, only: list[int] | None = None
-) -> list[LevelSurface]:
+def level_surfaces(parts: list[np.ndarray], *, open_above: bool, only: list[int] | None = None) -> list[LevelSurface]:
     """Return the level surfaces of a body, joined if they have the same height.
 
     They exclude areas on which another part of the body stands, and with `open_above` also those below another part.
 
     Args:
         parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
-        up: Unit vector (3,) of the body's frame that points up in the world.
         open_above: Whether nothing of the body may be above the surfaces.
         only: The solids whose surfaces are wanted, as numbers among `parts`; all if None.
     """
-    turned = [triangles @ upright_frame(up).T for triangles in parts]
-    triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(turned) if only is None or i in only)])
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(parts) if only is None or i in only)])
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     level = triangles[normal[:, 2] > LEVEL * np.maximum(np.linalg.norm(normal, axis=1), 1e-16)]
     level = level[np.argsort(level[:, :, 2].mean(1))]
@@ -97,7 +83,7 @@ def level_surfaces(
     for group in np.split(np.arange(len(level)), np.flatnonzero(np.diff(heights) > EDGE_TOLERANCE) + 1):
         height = float(heights[group].mean())
         above = height + _ABOVE
-        taken = [_shadow(t, above) if open_above else _section(t, above) for t in turned]
+        taken = [_shadow(t, above) if open_above else _section(t, above) for t in parts]
         area = shapely.union_all(shapely.polygons(level[group][:, :, :2])).difference(shapely.union_all(taken))
         wide = [part for part in shapely.get_parts(area) if not part.buffer(-NARROW / 2).is_empty]
         if wide:
@@ -153,33 +139,3 @@ def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | Non
         shapely.prepare(edge)
         found &= shapely.distance(edge, shapely.points(points)) >= erosion - EDGE_TOLERANCE
     return found
-
-
-def hit_above(surface: tuple[np.ndarray, np.ndarray], origin: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return a mask of the rays that hit the triangles of a surface.
-
-    Args:
-        surface: Vertices (nvert, 3) and triangles (nface, 3).
-        origin: Origins of the rays in the frame of the vertices [m], shape (n, 3).
-        up: Directions of the rays, shape (n, 3).
-    """
-    vertices, faces = surface
-    hit = np.zeros(len(origin), bool)
-    for i in np.flatnonzero(_enters_box(vertices.min(0), vertices.max(0), origin, up)):
-        a, b, c = vertices[faces].transpose(1, 0, 2)
-        across = np.cross(up[i], c - a)
-        det = np.einsum("ij,ij->i", b - a, across)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = ((origin[i] - a) * across).sum(1) / det
-            beside = np.cross(origin[i] - a, b - a)
-            v = beside @ up[i] / det
-            t = ((c - a) * beside).sum(1) / det
-            hit[i] = bool(np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)))
-    return hit
-
-
-def _enters_box(low: np.ndarray, high: np.ndarray, origin: np.ndarray, up: np.ndarray) -> np.ndarray:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t1, t2 = (low - origin) / up, (high - origin) / up
-    near, far = np.fmin(t1, t2), np.fmax(t1, t2)
-    return (near.max(1) <= far.min(1) + 1e-9) & (far.min(1) > 0)

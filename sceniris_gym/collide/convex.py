@@ -51,13 +51,7 @@ def piece_shape(program: Program, piece: int) -> Shape:
 @wp.func
 def segment_shape(half_length: float) -> Shape:
     """Return a segment along the x axis of its frame."""
-    s = Shape()
-    s.kind = PieceType.SEGMENT
-    s.size = wp.vec3(half_length, 0.0, 0.0)
-    s.vertadr = int(0)
-    s.vertnum = int(0)
-    s.radius = float(0.0)
-    return s
+    return Shape(kind=PieceType.SEGMENT, size=wp.vec3(half_length, 0.0, 0.0), vertadr=0, vertnum=0, radius=0.0)
 
 
 @wp.func
@@ -109,6 +103,14 @@ def _closest_on_segment(a: wp.vec3, b: wp.vec3):
 
 
 @wp.func
+def _nearer(a: wp.vec3, bits_a: int, b: wp.vec3, bits_b: int):
+    """Return the point that is nearer to the origin, the first of equals, with its bits."""
+    if wp.dot(b, b) < wp.dot(a, a):
+        return b, bits_b
+    return a, bits_a
+
+
+@wp.func
 def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Return the point of a triangle nearest to the origin, and a bit for each vertex that supports it.
 
@@ -125,17 +127,10 @@ def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
     if nn > 1.0e-24 and in_ab >= 0.0 and in_bc >= 0.0 and in_ca >= 0.0:
         return n * (wp.dot(a, n) / nn), 7
     best, bits = _closest_on_segment(a, b)
-    best_sq = wp.dot(best, best)
     v, k = _closest_on_segment(b, c)
-    if wp.dot(v, v) < best_sq:
-        best = v
-        best_sq = wp.dot(v, v)
-        bits = k << 1
+    best, bits = _nearer(best, bits, v, k << 1)
     v, k = _closest_on_segment(c, a)
-    if wp.dot(v, v) < best_sq:
-        best = v
-        bits = ((k & 1) << 2) | (k >> 1)
-    return best, bits
+    return _nearer(best, bits, v, ((k & 1) << 2) | (k >> 1))
 
 
 @wp.func
@@ -166,32 +161,20 @@ def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
 
     All four bits are set if the origin lies inside.
     """
-    best = wp.vec3(0.0)
-    best_sq = float(1.0e30)
+    best = wp.vec3(1.0e15)  # further away than anything
     bits = int(15)
     if _beyond(p0, p1, p2, p3):
         v, k = _closest_on_triangle(p0, p1, p2)
-        if wp.dot(v, v) < best_sq:
-            best_sq = wp.dot(v, v)
-            best = v
-            bits = k
+        best, bits = _nearer(best, bits, v, k)
     if _beyond(p0, p1, p3, p2):
         v, k = _closest_on_triangle(p0, p1, p3)
-        if wp.dot(v, v) < best_sq:
-            best_sq = wp.dot(v, v)
-            best = v
-            bits = (k & 3) | ((k & 4) << 1)
+        best, bits = _nearer(best, bits, v, (k & 3) | ((k & 4) << 1))
     if _beyond(p0, p2, p3, p1):
         v, k = _closest_on_triangle(p0, p2, p3)
-        if wp.dot(v, v) < best_sq:
-            best_sq = wp.dot(v, v)
-            best = v
-            bits = (k & 1) | ((k & 6) << 1)
+        best, bits = _nearer(best, bits, v, (k & 1) | ((k & 6) << 1))
     if _beyond(p1, p2, p3, p0):
         v, k = _closest_on_triangle(p1, p2, p3)
-        if wp.dot(v, v) < best_sq:
-            best = v
-            bits = k << 1
+        best, bits = _nearer(best, bits, v, k << 1)
     return best, bits
 
 

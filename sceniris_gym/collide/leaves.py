@@ -108,10 +108,7 @@ def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> Ov
     """Return a plane as seen from a body, given the world poses of both bodies."""
     up = compose(plane_pose, piece_pose(program, plane))
     axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
-    over = OverPlane()
-    over.normal = wp.transpose(pose.rot) * axis
-    over.height = wp.dot(axis, pose.pos - up.pos)
-    return over
+    return OverPlane(wp.transpose(pose.rot) * axis, wp.dot(axis, pose.pos - up.pos))
 
 
 @wp.func
@@ -174,17 +171,10 @@ def _piece_of(program: Program, leaf: int) -> int:
 @wp.func
 def _leaf_shape(program: Program, leaf: int) -> Shape:
     """Return the shape of a leaf: that of its piece, or the hull of a triangle's corners."""
-    s = Shape()
     piece = _piece_of(program, leaf)
     if piece >= 0:
-        s = piece_shape(program, piece)
-    else:
-        s.kind = PieceType.HULL
-        s.size = wp.vec3(0.0)
-        s.vertadr = program.face_vertadr + 3 * leaf
-        s.vertnum = int(3)
-        s.radius = float(0.0)
-    return s
+        return piece_shape(program, piece)
+    return Shape(kind=PieceType.HULL, size=wp.vec3(0.0), vertadr=program.face_vertadr + 3 * leaf, vertnum=3, radius=0.0)
 
 
 @wp.func
@@ -199,13 +189,10 @@ def _leaf_radius(program: Program, leaf: int) -> float:
 @wp.func
 def _leaf_pose(program: Program, leaf: int) -> Pose:
     """Return the pose of a leaf's frame in its body's frame."""
-    p = Pose()
-    p.pos = wp.vec3(0.0)
-    p.rot = wp.identity(n=3, dtype=float)
     piece = _piece_of(program, leaf)
     if piece >= 0:
-        p = piece_pose(program, piece)
-    return p
+        return piece_pose(program, piece)
+    return Pose(wp.vec3(0.0), wp.identity(n=3, dtype=float))
 
 
 @wp.func

@@ -80,9 +80,7 @@ def near_parts_separated(
     part_b, middle_b, some_b = _near_part(b, -(wp.transpose(rel.rot) * rel.pos), radius_a + reach)
     if not some_a or not some_b:
         return True
-    near = Pose()
-    near.rot = rel.rot
-    near.pos = rel.pos + rel.rot * middle_b - middle_a
+    near = Pose(rel.pos + rel.rot * middle_b - middle_a, rel.rot)
     if a.kind == PieceType.BOX and b.kind == PieceType.BOX:
         if _boxes_apart(part_a.size, part_b.size, near, margin):
             return True

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from sceniris_gym.audit.contacts import deepest_contacts
 from sceniris_gym.commands.narrowing import narrow
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.scene import SceneConfig
@@ -312,11 +313,4 @@ def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.n
 def _depths(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], float]:
     """Return the pairs of geoms that overlap in a state, with their depth [m]."""
     mujoco.mj_kinematics(mjm, data)
-    mujoco.mj_comPos(mjm, data)
-    mujoco.mj_collision(mjm, data)
-    found: dict[tuple[int, int], float] = {}
-    for contact in data.contact:
-        if contact.dist < 0.0:
-            geoms = int(contact.geom[0]), int(contact.geom[1])
-            found[geoms] = max(found.get(geoms, 0.0), -contact.dist)
-    return found
+    return {geoms: -dist for geoms, (dist, _) in deepest_contacts(mjm, data).items() if dist < 0.0}

@@ -12,7 +12,6 @@ import warp as wp
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.compile import compile_scene
@@ -104,10 +103,10 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
     free, mocap = np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE), mjm.body_mocapid >= 0
     data.xquat[mjm.jnt_bodyid[free]] = data.qpos[mjm.jnt_qposadr[free][:, None] + np.arange(3, 7)]
     data.xquat[mocap] = data.mocap_quat[mjm.body_mocapid[mocap]]
-    objects, members = {}, owners_of(compiled.config.variants)
+    objects = {}
     present = dict(zip(compiled.slots, table.present[0], strict=True))
     for name, body in compiled.scene.bodies.items():
-        if name in members and not present[name]:
+        if name in compiled.config.owners and not present[name]:
             continue
         joints = {joint: float(data.qpos[mjm.jnt_qposadr[i]]) for joint, i in compiled.scene.joints(name).items()}
         objects[name] = {"pos": data.xpos[body].tolist(), "quat": data.xquat[body].tolist(), "joints": joints}

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from sceniris_gym.config.fields import listed, wrong
+from sceniris_gym.errors import ModelWarning
 
 MANIFEST = "manifest.json"
 """The file that `sceniris-gym import` writes into the folder of an asset's meshes."""
 
 
-def is_pattern(asset: Any) -> bool:
+def is_pattern(asset: Any) -> TypeGuard[str]:
     """Return whether an asset is a pattern of file names."""
     return isinstance(asset, str) and "*" in asset
 
@@ -21,13 +23,19 @@ def is_pattern(asset: Any) -> bool:
 def files_of(pattern: str) -> list[Path]:
     """Return the MJCF files that a pattern matches, in the order of their names.
 
+    Warns of files whose names are no text, which are left out.
+
     Raises:
         PydanticCustomError: There is none.
     """
     found = sorted(path for path in Path(pattern).parent.glob(Path(pattern).name) if path.suffix == ".xml")
-    if not found:
+    named = [path for path in found if path.name.isprintable()]
+    if not named:
         raise wrong("should match MJCF files, as `sceniris-gym import` writes them")
-    return found
+    if len(named) < len(found):
+        odd = ascii(next(path.name for path in found if path not in named))
+        warnings.warn(ModelWarning(f"{pattern}: files whose names are no text are left out: {odd}"), stacklevel=2)
+    return named
 
 
 def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:

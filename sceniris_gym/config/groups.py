@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Strict, model_validator
@@ -47,14 +46,6 @@ class GroupConfig(Section):
     def weights_in(self, split: str) -> list[float]:
         """Return the weights of the members in a split, 'train' or 'eval'; 0 for those that are not drawn there."""
         return [self.weights.get(n, 1.0) if self.splits.get(n, split) == split else 0.0 for n in self.of]
-
-    def without(self, names: Collection[str], splits: Mapping[str, str]) -> GroupConfig:
-        """Return the group without some of its members, with these splits of the others."""
-        words = {"weights": self.weights, "splits": splits}
-        kept = {word: {n: value for n, value in of.items() if n not in names} for word, of in words.items()}
-        return GroupConfig(
-            of=tuple(name for name in self.of if name not in names), count=self.count, missing=self.missing, **kept
-        )
 
     @property
     def is_uniform(self) -> bool:

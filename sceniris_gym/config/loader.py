@@ -31,7 +31,7 @@ SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene
 # The longest dotted key of a scene has five.
 _MOST_KEYS = 16
 
-VARIANTS, HOLDOUT, TAGS = "variants", "holdout", "tags"
+OF_VARIANTS = VARIANTS, HOLDOUT, TAGS = "variants", "holdout", "tags"
 """Words of an object with variants."""
 # Sets of keys of which only one may be given. When scenes are merged, a later one replaces an earlier one.
 SUPPORT_WORDS = ("on", "inside", "in")
@@ -124,8 +124,14 @@ def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
 
 
 def _check_there(parts: Any, keys: list[str], where: str) -> None:
-    if isinstance(parts, Mapping) and keys[1] not in parts:
-        raise UnknownNameError(keys[0].removesuffix("s"), keys[1], f"{where}: overrides: {'.'.join(keys)}", parts)
+    name, where = keys[1], f"{where}: overrides: {'.'.join(keys)}"
+    if not isinstance(parts, Mapping):
+        return
+    if name not in parts and name.partition("/")[0] not in parts:  # a variant has the name of its object before its own
+        raise UnknownNameError(keys[0].removesuffix("s"), name, where, parts)
+    known = parts[name].get(VARIANTS) if isinstance(parts.get(name), Mapping) else None
+    if keys[2] == VARIANTS and len(keys) > 4 and isinstance(known, Mapping) and keys[3] not in known:
+        raise UnknownNameError("variant", keys[3], where, map(str, known))
 
 
 def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:

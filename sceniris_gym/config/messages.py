@@ -19,6 +19,8 @@ where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
 # Our own types of error. Context of the first: key, valid; of the second: advice (a phrase that begins with "should"),
 # hint (a guess at what was meant).
 UNKNOWN_KEY, ADVICE = "unknown_key", "advice"
+DRAWN = ("weight", "split")
+"""Words of a variant about how it is drawn."""
 
 _SHOULD = {
     "float_type": "should be a number",
@@ -40,6 +42,7 @@ _SHOULD = {
     ADVICE: "{advice}",
 }
 """Advice by the type of pydantic's error, with the keys of its context."""
+_VARIANT = re.compile(r"^(objects\.[^./]*)/[^.]*")
 
 
 @contextmanager
@@ -57,7 +60,13 @@ def reading(where: str) -> Iterator[None]:
 def _told(error: ValidationError | UnicodeError, where: str) -> str:
     with suppress(UnicodeError):  # half of a surrogate pair, which pydantic cannot put into an error
         if isinstance(error, ValidationError):
-            return "\n".join(f"{where}: {_path(e)}: {_sentence(e)}" for e in error.errors(include_url=False))
+            found: dict[tuple[str, str], list[str]] = {}
+            for each in error.errors(include_url=False):
+                path = _path(each)
+                found.setdefault((_VARIANT.sub(r"\1", path), _sentence(each)), []).append(path)
+            # what all variants of an object have alike is told once
+            told = (f"{path if len(own) > 1 else own[0]}: {sentence}" for (path, sentence), own in found.items())
+            return "\n".join(f"{where}: {line}" for line in told)
     return f"{where}: a name or a value has a character that is not text."
 
 
@@ -71,7 +80,8 @@ def _path(error: ErrorDetails) -> str:
 def _sentence(error: ErrorDetails) -> str:
     context, kind = error.get("ctx", {}), error["type"]
     if kind == UNKNOWN_KEY:
-        return _unknown_key(context["key"], context["valid"])
+        own = DRAWN if _VARIANT.match(_path(error)) else ()
+        return _unknown_key(context["key"], [*context["valid"], *own])
     if kind == "missing":
         return "is missing."
     advice = _SHOULD[kind].format_map(context) if kind in _SHOULD else f"is wrong: {error['msg']}"

@@ -17,7 +17,8 @@ from pydantic_core import PydanticCustomError
 from sceniris_gym.config import fields
 from sceniris_gym.config.bounds import STANDING_GAP
 from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
-from sceniris_gym.config.loader import HOLDOUT, JOINT_FORMS, REGION_FORMS, SUPPORT_WORDS, TAGS, VARIANTS
+from sceniris_gym.config.loader import JOINT_FORMS, OF_VARIANTS, REGION_FORMS, SUPPORT_WORDS
+from sceniris_gym.config.messages import DRAWN
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
@@ -83,7 +84,9 @@ class ObjectConfig(Section):
     """One object of the scene; docs/language/ explains each word."""
 
     model_config = ConfigDict(populate_by_name=True)
-    misplaced = dict.fromkeys(RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]")
+    misplaced = dict.fromkeys(
+        RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]"
+    ) | dict.fromkeys(DRAWN, "should be a word of one of several variants, as in variants: {can: {weight: 2, ...}}")
     asset: str | None = None
     scale: fields.Scale = 1.0
     body: str | None = None
@@ -147,7 +150,7 @@ class ObjectConfig(Section):
 
     @classmethod
     def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
-        return super()._problem(key, valid if key in (VARIANTS, HOLDOUT, TAGS) else [*valid, VARIANTS, HOLDOUT, TAGS])
+        return super()._problem(key, [*valid, *OF_VARIANTS])
 
     @model_validator(mode="before")
     @classmethod

@@ -4,79 +4,35 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
-from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 from pydantic import (
-    BeforeValidator,
-    Field,
     ModelWrapValidatorHandler,
     PrivateAttr,
-    Strict,
-    field_validator,
+    TypeAdapter,
+    ValidationInfo,
     model_validator,
 )
 
-from sceniris_gym.config.cameras import CameraConfig
-from sceniris_gym.config.fields import ROBOT, Extents2, MemberName, Model, ObjectName, PartName, in_memory, wrong
+from sceniris_gym.config.fields import in_memory, wrong
 from sceniris_gym.config.folders import is_pattern
-from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import HeapConfig, with_places
-from sceniris_gym.config.limits import MOST_ATTEMPTS
-from sceniris_gym.config.loader import HOLDOUT, override, read_scene
+from sceniris_gym.config.heaps import with_places
+from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
-from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.randomize import SceneDraws
-from sceniris_gym.config.robot import RobotConfig
-from sceniris_gym.config.section import Section
-from sceniris_gym.config.stacks import StackConfig, with_chains
-from sceniris_gym.config.start import StartConfig, check_starts
-from sceniris_gym.config.validation import SceneNames, check_names
-from sceniris_gym.config.variants import check_shared, held_out, owners_of, variants_of, with_members, with_variants
+from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.stacks import with_chains
+from sceniris_gym.config.start import check_starts
+from sceniris_gym.config.validation import check_names
+from sceniris_gym.config.variants import check_shared, with_members, with_variants
 
-AUTO = "auto"
-"""The value of `attempts` that lets `compile_scene` choose."""
-DEFAULT_BANK = 64
-"""Number of valid layouts that are kept for each split, for worlds that run out of restarts."""
 _FILES = ("asset", "model", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
+_WRITTEN = TypeAdapter(dict[str, Any])
+"""The words of a scene, some of which may be parts made in Python."""
 
 
-def _overridden(data: dict, overrides: Mapping[str, Any], where: str) -> dict:
-    """Return a scene updated with overrides, those of single variants last, as they reach them written out."""
-    single = {}
-    if isinstance(overrides, Mapping):
-        single = {key: value for key, value in overrides.items() if "/" in str(key).partition(".")[2].partition(".")[0]}
-        overrides = {key: value for key, value in overrides.items() if key not in single}
-    data = override(data, overrides, where)
-    if not single:
-        return data
-    with reading(where):
-        data = with_members(data)
-    return override(data, single, where)
-
-
-def _count_or_auto(value: Any) -> Any:
-    if isinstance(value, str) and value != AUTO:
-        raise wrong(f"should be a whole number or '{AUTO}'", value, [AUTO])
-    if value != AUTO and (isinstance(value, bool) or not isinstance(value, int)):
-        raise wrong(f"should be a whole number or '{AUTO}'")
-    if value != AUTO and not 1 <= value <= MOST_ATTEMPTS:
-        raise wrong("should be at least 1" if value < 1 else f"should be at most {MOST_ATTEMPTS}")
-    return value
-
-
-Attempts = Annotated[int | Literal["auto"], BeforeValidator(_count_or_auto)]
-
-
-class Floor(Section):
-    """The ground workspace: a rectangle around the world's origin with the full extents `size` = (x, y) [m]."""
-
-    size: Extents2
-
-
-class SceneConfig(Section):
+class SceneConfig(SceneWords):
     """A whole scene, validated. Made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
 
     `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`; None for a scene of assets alone.
@@ -87,25 +43,8 @@ class SceneConfig(Section):
         CycleError: Objects that are placed relative to each other.
     """
 
-    name: str = "scene"
-    floor: Floor | None = None
-    robot: RobotConfig | None = None
-    robots: dict[ObjectName, RobotConfig] = Field(default_factory=dict)
-    objects: dict[PartName, ObjectConfig] = Field(default_factory=dict)
-    groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
-    heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
-    stacks: dict[ObjectName, StackConfig] = Field(default_factory=dict)
-    cameras: dict[ObjectName, CameraConfig] = Field(default_factory=dict)
-    start: tuple[StartConfig, ...] = ()
-    geometry: Literal["physics", "visual"] = "physics"
-    attempts: Attempts = 10
-    restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
-    bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
-    model: Model = None
-    home: str | None = None
-    randomize: SceneDraws | None = None
     _where: str = PrivateAttr("SceneConfig")
-    _written: Mapping[str, Any] | None = PrivateAttr(None)
+    _written: dict[str, Any] | None = PrivateAttr(None)
 
     @classmethod
     def load(cls, scene: str | Path | Mapping | SceneConfig, overrides: Mapping[str, Any] | None = None) -> SceneConfig:
@@ -125,15 +64,22 @@ class SceneConfig(Section):
         if isinstance(scene, SceneConfig):
             if overrides is None:
                 return scene
-            data = dict(scene._written or scene.model_dump(by_alias=True, exclude_unset=True))
+            data = scene.model_dump(by_alias=True, exclude_unset=True)
+            if scene._written:
+                data = _WRITTEN.dump_python(scene._written, by_alias=True, exclude_unset=True)
             where, name = scene.where, scene.name
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
         if overrides is not None:
-            data = _overridden(data, overrides, where)
+            data = override(data, overrides, where)
+        return cls._made({"name": name, **data}, where)
+
+    @classmethod
+    def _made(cls, words: Mapping[str, Any], where: str, left_out: Collection[str] = ()) -> SceneConfig:
+        """Return the scene of some words, without some of the variants of its objects; errors begin with `where`."""
         with reading(where):
-            config = cls.model_validate({"name": name, **data})
+            config = cls.model_validate(words, context=left_out)
         config._where = where
         return config
 
@@ -141,22 +87,6 @@ class SceneConfig(Section):
     def where(self) -> str:
         """The file that the scene was read from, for messages."""
         return self._where
-
-    @property
-    def all_robots(self) -> dict[str, RobotConfig]:
-        """The robots by the names that objects refer to: those of `robots`, or the one of `robot` as 'robot'."""
-        return self.robots if self.robot is None else {ROBOT: self.robot}
-
-    @cached_property
-    def parts(self) -> dict[str, ObjectConfig]:
-        """The objects, followed by the robots whose base is drawn, in the words of objects."""
-        drawn = {name: robot.placing for name, robot in self.all_robots.items()}
-        return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
-
-    @cached_property
-    def variants(self) -> dict[str, tuple[str, ...]]:
-        """The objects with variants, as others refer to them, and the names of their members in `objects`."""
-        return variants_of(self.groups)
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the names placed before an object or a robot: those it refers to, and its robot with a drawn base.
@@ -185,21 +115,12 @@ class SceneConfig(Section):
         by = self.objects[name].by
         return by if by in self.all_robots else next(iter(self.all_robots))
 
-    def key(self, name: str) -> str:
-        """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'."""
-        robot = self.all_robots.get(name)
-        return f"objects.{name}" if robot is None else robot.section
-
     def with_shared_objects(self) -> SceneConfig:
         """Return the scene in which an object with variants is one object, in the words of its first variant."""
-        variant = {member: name for name, members in self.variants.items() for member in members}
-        objects = {variant.get(name, name): part for name, part in reversed(self.objects.items())}
+        objects = {self.owners.get(name, name): part for name, part in reversed(self.objects.items())}
         groups = {name: group for name, group in self.groups.items() if name not in self.variants}
         fields = {name: getattr(self, name) for name in self.model_fields_set}
-        with reading(self.where):
-            config = SceneConfig(**fields | {"objects": dict(reversed(objects.items())), "groups": groups})
-        config._where = self.where
-        return config
+        return self._made(fields | {"objects": dict(reversed(objects.items())), "groups": groups}, self.where)
 
     @property
     def folders(self) -> dict[str, tuple[str, ...]]:
@@ -209,21 +130,7 @@ class SceneConfig(Section):
 
     def without(self, members: Collection[str]) -> SceneConfig:
         """Return the scene without some of the variants of its objects."""
-        written = (self._written or {}).get("objects", {})
-        with reading(self.where):
-            groups = {}
-            for name, group in self.groups.items():
-                left, share = [m for m in group.of if m not in members], written.get(name, {}).get(HOLDOUT)
-                anew = len(left) < len(group.of) and share is not None
-                groups[name] = group.without(members, held_out(name, share, left) if anew else group.splits)
-        known = owners_of(self.variants)
-        named = {MemberName(name) if name in known else name: part for name, part in self.objects.items()}
-        objects = {name: part for name, part in named.items() if name not in members}
-        fields = {name: getattr(self, name) for name in self.model_fields_set}
-        with reading(self.where):
-            config = SceneConfig(**fields | {"objects": objects, "groups": groups})
-        config._where, config._written = self.where, self._written
-        return config
+        return self._made({"name": self.name, **(self._written or {})}, self.where, members)
 
     @property
     def is_randomized(self) -> bool:
@@ -248,11 +155,6 @@ class SceneConfig(Section):
                 part.pop(word, None)
         return json.dumps(data, separators=(",", ":"))
 
-    @field_validator("robots")
-    @classmethod
-    def _know_their_names(cls, robots: dict[str, RobotConfig]) -> dict[str, RobotConfig]:
-        return {name: robot.called(name) for name, robot in robots.items()}
-
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> SceneConfig:
         if self.robot is not None and self.robots:
@@ -272,9 +174,10 @@ class SceneConfig(Section):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _variants_are_members(cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig]) -> SceneConfig:
-        written = with_members(data)
-        config = handler(written)
+    def _variants_are_members(
+        cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig], info: ValidationInfo
+    ) -> SceneConfig:
+        config = handler(with_members(data, info.context or ()))
         check_shared(config.variants, config.objects)
         if config.variants or config.stacks:
             config._written = data
@@ -287,16 +190,7 @@ class SceneConfig(Section):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:
-        names = SceneNames(
-            self.objects,
-            self.groups,
-            {name: robot.placing for name, robot in self.all_robots.items()},
-            self.heaps,
-            self.stacks,
-            has_floor=self.floor is not None,
-            has_model=self.model is not None,
-        )
         where = where_now.get() or type(self).__name__
-        check_names(names, where)
+        check_names(self, where)
         check_starts(self.start, self.objects, self.groups, where)
         return self

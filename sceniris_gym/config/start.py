@@ -103,7 +103,7 @@ def check_starts(
 def _check_object(name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
     """Check that there is an object, in all worlds."""
     if name not in objects:
-        raise UnknownNameError("object", name, where, objects)
+        raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
     if name in absent:
         raise SceneKeyError(f"{where}: '{name}' may be absent, as one of a group or of variants. Name another object.")
 

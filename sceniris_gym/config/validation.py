@@ -3,54 +3,17 @@
 from __future__ import annotations
 
 import graphlib
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 
-from sceniris_gym.config.fields import FLOOR, ROBOT
-from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import PLACING, HeapConfig
+from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.heaps import PLACING
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
-from sceniris_gym.config.stacks import StackConfig
-from sceniris_gym.config.variants import variants_of, with_variants
+from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
 
 
-@dataclass(frozen=True)
-class SceneNames:
-    """The named parts of a scene.
-
-    Attributes:
-        objects: The objects by name.
-        groups: The groups by name.
-        robots: The robots by name, 'robot' for the only one: the words that a drawn base is placed by, else None.
-        heaps: The heaps by name.
-        stacks: The stacks by name.
-        has_floor, has_model: Whether the scene has a floor, a model of its own.
-    """
-
-    objects: Mapping[str, ObjectConfig]
-    groups: Mapping[str, GroupConfig]
-    robots: Mapping[str, ObjectConfig | None]
-    heaps: Mapping[str, HeapConfig]
-    stacks: Mapping[str, StackConfig]
-    has_floor: bool
-    has_model: bool
-
-    @cached_property
-    def variants(self) -> dict[str, tuple[str, ...]]:
-        """The objects with variants: names of their members."""
-        return variants_of(self.groups)
-
-    @property
-    def placed(self) -> list[tuple[str, str, ObjectConfig]]:
-        """The objects, and the robots whose base is drawn: (key, name, words)."""
-        drawn = [(ROBOT if n == ROBOT else f"robots.{n}", n, part) for n, part in self.robots.items() if part]
-        return [*((f"objects.{name}", name, part) for name, part in self.objects.items()), *drawn]
-
-
-def check_names(scene: SceneNames, where: str) -> None:
+def check_names(scene: SceneWords, where: str) -> None:
     """Check all names of objects in a scene; errors begin with `where`.
 
     Raises:
@@ -65,7 +28,8 @@ def check_names(scene: SceneNames, where: str) -> None:
         _check_body(scene, name, part, where)
         if part.reachable:
             _check_robot(scene, name, part, where)
-    for key, name, part in scene.placed:
+    for name, part in scene.parts.items():
+        key = scene.key(name)
         if part.support is not None:
             _check_parent(scene, f"{where}: {key}.{part.support.word}", name, part.support.parent)
         for path, other in part.references:
@@ -76,27 +40,27 @@ def check_names(scene: SceneNames, where: str) -> None:
     _check_cycles(scene, where)
 
 
-def _check_robot(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
+def _check_robot(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
     """Check that one robot is meant to reach an object."""
-    if not scene.robots:
+    if not scene.all_robots:
         raise SceneKeyError(
             f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
             "in 'robot: {asset: panda}', or leave 'reachable' out."
         )
-    if part.by not in scene.robots and "by" in part.model_fields_set:
-        raise UnknownNameError("robot", part.by, f"{where}: objects.{name}.by", scene.robots)
-    if part.by not in scene.robots and len(scene.robots) > 1:
+    if part.by not in scene.all_robots and "by" in part.model_fields_set:
+        raise UnknownNameError("robot", part.by, f"{where}: objects.{name}.by", scene.all_robots)
+    if part.by not in scene.all_robots and len(scene.all_robots) > 1:
         raise SceneKeyError(
             f"{where}: objects.{name}.reachable: should say which robot has to reach it, as in 'reachable: {{by: "
-            f"{next(iter(scene.robots))}}}'. Robots: {', '.join(scene.robots)}."
+            f"{next(iter(scene.all_robots))}}}'. Robots: {', '.join(scene.all_robots)}."
         )
 
 
-def _check_bodies(scene: SceneNames, where: str) -> None:
+def _check_bodies(scene: SceneWords, where: str) -> None:
     """Check that the scene has a model if an object names a body, and that no two objects are one body."""
     owners: dict[str, str] = {}
     for name, part in scene.objects.items():
-        if part.body is not None and not scene.has_model:
+        if part.body is not None and scene.model is None:
             raise SceneKeyError(
                 f"{where}: objects.{name}.body: there is no model that could have a body '{part.body}'. Give the scene "
                 "a 'model', or the object an 'asset'."
@@ -109,9 +73,9 @@ def _check_bodies(scene: SceneNames, where: str) -> None:
             )
 
 
-def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) -> None:
+def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
     """Check an object without an asset of its own."""
-    if part.asset is not None or scene.has_model:
+    if part.asset is not None or scene.model is not None:
         return
     if part.kind != "marker":
         raise SceneKeyError(
@@ -131,36 +95,41 @@ def _check_body(scene: SceneNames, name: str, part: ObjectConfig, where: str) ->
             )
 
 
-def _check_parent(scene: SceneNames, where: str, name: str, parent: str) -> None:
+def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None:
     owner = parent.split("/")[0]
     if owner in scene.variants:
         raise SceneKeyError(
             f"{where}: '{owner}' has variants, and nothing can be placed on any of them. Name another support."
         )
-    others = [other for other, part in scene.objects.items() if other != name and part.kind != "marker"]
-    if owner not in scene.objects and scene.has_model and (parent != FLOOR or not scene.has_floor):
+    others = [n for n in _alone(scene) if n != name and scene.objects[n].kind != "marker"]
+    if owner not in scene.objects and scene.model is not None and (parent != FLOOR or scene.floor is None):
         return  # a geom or a body of the model, which is not loaded yet
-    if parent == FLOOR and not scene.has_floor:
+    if parent == FLOOR and scene.floor is None:
         raise UnknownNameError(
             "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", others
         )
     if parent != FLOOR and owner not in scene.objects:
-        raise UnknownNameError("support", parent, where, [*([FLOOR] if scene.has_floor else []), *others])
+        raise UnknownNameError("support", parent, where, [*([FLOOR] if scene.floor is not None else []), *others])
     if parent != FLOOR and scene.objects[owner].kind == "marker":
         raise NoSupportError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
 
 
-def _check_reference(scene: SceneNames, where: str, name: str, other: str) -> None:
-    known = [*scene.objects, *scene.robots, *scene.variants]
+def _alone(scene: SceneWords) -> list[str]:
+    """Return the objects that are no variants of others."""
+    return [name for name in scene.objects if name not in scene.owners]
+
+
+def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> None:
+    known = [*scene.objects, *scene.all_robots, *scene.variants]
     if other not in known:
         is_frame = where.endswith(".frame")
-        valid = [*(FRAMES if is_frame else ()), *(n for n in known if n != name)]
-        raise UnknownNameError("frame" if is_frame else "object", other, where, valid)
+        valid = (*_alone(scene), *scene.all_robots, *scene.variants, *(FRAMES if is_frame else ()))
+        raise UnknownNameError("frame" if is_frame else "object", other, where, [n for n in valid if n != name])
     if other in (name, name.partition("/")[0]):
         raise SceneKeyError(f"{where}: '{other}' should be a different object from the one that is placed.")
 
 
-def _check_members(scene: SceneNames, where: str) -> None:
+def _check_members(scene: SceneWords, where: str) -> None:
     """Check that the members of groups, heaps and stacks are objects, each in one of them at most."""
     owners: dict[str, str] = {}
     for kind, parts in (("group", scene.groups), ("heap", scene.heaps), ("stack", scene.stacks)):
@@ -170,7 +139,7 @@ def _check_members(scene: SceneNames, where: str) -> None:
                 if name in scene.variants and label != name:
                     raise SceneKeyError(f"{path}: '{name}' has variants, so it cannot be in a {kind}. Leave it out.")
                 if name not in scene.objects:
-                    raise UnknownNameError("object", name, path, scene.objects)
+                    raise UnknownNameError("object", name, path, _alone(scene))
                 if name in owners:
                     raise SceneKeyError(
                         f"{path}: '{name}' is also in the {owners[name]}. It should be in one of them at most."
@@ -178,7 +147,7 @@ def _check_members(scene: SceneNames, where: str) -> None:
                 owners[name] = f"{kind} '{label}'"
 
 
-def _check_groups(scene: SceneNames, where: str) -> None:
+def _check_groups(scene: SceneWords, where: str) -> None:
     """Check that members can be absent, and that the other objects can be placed without them."""
     group_of = {name: group for group, part in scene.groups.items() for name in part.of}
     for name, group in group_of.items():
@@ -189,11 +158,11 @@ def _check_groups(scene: SceneNames, where: str) -> None:
                 "support or a 3D region, or take it out of the group."
             )
     absent = {name: group for name, group in group_of.items() if not scene.groups[group].always_whole}
-    for key, _, part in scene.placed:
-        _check_absent(scene, key, part, absent, where)
+    for name, part in scene.parts.items():
+        _check_absent(scene, scene.key(name), part, absent, where)
 
 
-def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
+def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
     """Check that an object can be placed in worlds without some members of groups."""
     support = part.support
     owner = support.parent.split("/")[0] if support is not None else FLOOR
@@ -220,7 +189,7 @@ def _check_absent(scene: SceneNames, key: str, part: ObjectConfig, absent: dict[
             )
 
 
-def _check_heaps(scene: SceneNames, where: str) -> None:
+def _check_heaps(scene: SceneWords, where: str) -> None:
     """Check that the objects of heaps have no other place, and that containers stand upright."""
     things = {name for part in scene.heaps.values() for name in part.of}
     for heap, part in scene.heaps.items():
@@ -244,7 +213,7 @@ def _check_heaps(scene: SceneNames, where: str) -> None:
             )
 
 
-def _check_stacks(scene: SceneNames, where: str) -> None:
+def _check_stacks(scene: SceneWords, where: str) -> None:
     """Check that the things of stacks have no other support."""
     for stack, part in scene.stacks.items():
         for name, below in zip(part.of, (part.on, *part.of), strict=False):
@@ -255,8 +224,8 @@ def _check_stacks(scene: SceneNames, where: str) -> None:
                 )
 
 
-def _check_cycles(scene: SceneNames, where: str) -> None:
-    needs = {name: with_variants(part.needs, scene.variants) for _, name, part in scene.placed}
+def _check_cycles(scene: SceneWords, where: str) -> None:
+    needs = {name: with_variants(part.needs, scene.variants) for name, part in scene.parts.items()}
     try:
         graphlib.TopologicalSorter(needs).prepare()
     except graphlib.CycleError as error:

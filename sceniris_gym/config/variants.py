@@ -7,8 +7,9 @@ words of both levels, and a group `target` of which one member is present. All e
 from __future__ import annotations
 
 import hashlib
-import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn
 
 from pydantic import ValidationError
@@ -17,13 +18,19 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS, GroupConfig
-from sceniris_gym.config.loader import HOLDOUT, TAGS, VARIANTS, merge
+from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, merge
+from sceniris_gym.config.messages import DRAWN, where_now
 from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.errors import UnknownNameError
 
-DRAWN = ("weight", "split")
-"""Words of a variant about how it is drawn."""
 # The words of which a list means variants.
 _LISTS = ("asset", "scale")
+# The words that all variants have alike, and what to do instead.
+_SHARED = {
+    "kind": "should be the kind of the other variants: one body is all of them",
+    "randomize": "should be the draws of the other variants: one body is all of them. A task draws for one of them "
+    "alone by State.scale_field, in on_reset",
+}
 
 
 def variants_of(groups: Mapping[str, GroupConfig]) -> dict[str, tuple[str, ...]]:
@@ -41,26 +48,38 @@ def with_variants(names: Iterable[str], variants: Mapping[str, tuple[str, ...]])
     return tuple(dict.fromkeys(member for name in names for member in variants.get(name, (name,))))
 
 
-def with_members(scene: Any) -> Any:
+def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
     """Return the words of a scene with the variants of its objects written out; the scene itself if it has none.
+
+    Args:
+        scene: The words. Those of an object `target/can` are words of that variant of `target` alone.
+        left_out: Full names of variants that are left out.
 
     Raises:
         ValidationError: A variant, or what is said about all of them, is wrong.
+        UnknownNameError: An object has no such variant.
     """
     objects = scene.get("objects") if isinstance(scene, Mapping) else None
-    if not isinstance(objects, Mapping) or not any(has_variants(part) for part in objects.values()):
+    slots = [name for name, part in objects.items() if has_variants(part)] if isinstance(objects, Mapping) else []
+    if objects is None or not slots:
         return scene
+    owners = {name: str(name).partition("/")[0] for name in objects if "/" in str(name)}
+    single = {name: objects[name] for name, owner in owners.items() if owner in slots}
     groups, written = dict(scene.get("groups") or {}), {}
     for name, part in objects.items():
-        if not has_variants(part):
-            if name in written:
-                _refuse(("objects", name), "should have another name: a variant has this one", part)
+        if name in single:
+            continue
+        if name not in slots:
             written[name] = part
             continue
         if name in groups:
             _refuse(("groups", name), "should have another name: an object with variants has this one", groups[name])
-        members, groups[name] = _members(str(name), part)
+        members, groups[name] = _members(str(name), part, single, left_out)
         written |= members
+    for name in single:
+        of = groups[owners[name]]["of"]
+        if name not in (*of, *left_out):
+            raise UnknownNameError("variant", name, f"{where_now.get()}: objects", of)
     return {**scene, "objects": written, "groups": groups}
 
 
@@ -70,48 +89,52 @@ def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, 
     Raises:
         ValidationError: They do not.
     """
-    for name, members in variants.items():
-        for word, what in (("kind", "kind"), ("randomize", "draws")):
-            first, *others = (objects[member] for member in members)
-            for member, part in zip(members[1:], others, strict=True):
-                if getattr(part, word) != getattr(first, word):
-                    value = part.model_dump(include={word}, exclude_none=True)[word]
-                    place = ("objects", name, VARIANTS, member.partition("/")[2], word)
-                    _refuse(place, f"should be the {what} of the other variants: one body is all of them", value)
+    for name, (first, *others) in variants.items():
+        for member in others:
+            for word, advice in _SHARED.items():
+                if getattr(objects[member], word) != getattr(objects[first], word):
+                    value = objects[member].model_dump(include={word}, exclude_none=True)[word]
+                    _refuse(("objects", name, VARIANTS, member.partition("/")[2], word), advice, value)
 
 
 def has_variants(part: Any) -> bool:
     """Return whether the words of an object name variants, at length or by a list."""
     return isinstance(part, Mapping) and (
-        VARIANTS in part
-        or HOLDOUT in part
-        or TAGS in part
+        any(word in part for word in OF_VARIANTS)
         or is_pattern(part.get("asset"))
         or any(isinstance(listed(part.get(word)), list | tuple) for word in _LISTS)
     )
 
 
-def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]:
-    """Return the words of each member of an object with variants, and those of their group."""
+def _members(
+    name: str, part: Mapping, single: Mapping[Any, Any], left_out: Collection[str]
+) -> tuple[dict[str, dict], dict[str, Any]]:
+    """Return the words of each member of an object with variants, and those of their group.
+
+    Args:
+        name: The object.
+        part: Its words.
+        single: Words of single variants, by full name.
+        left_out: As in `with_members`.
+    """
     at = ("objects", name)
-    shared = {word: value for word, value in part.items() if word not in (VARIANTS, HOLDOUT, TAGS)}
+    shared = {word: value for word, value in part.items() if word not in OF_VARIANTS}
     variants = _scaled(at, _listed(at, part, shared), shared)
+    if not variants:
+        _refuse((*at, VARIANTS), "should have at least one variant", variants)
     members: dict[str, dict] = {}
     drawn: dict[str, dict[str, Any]] = {word: {} for word in DRAWN}
     for variant, words in variants.items():
-        place = (*at, VARIANTS, str(variant))
-        if not isinstance(words, Mapping):
-            _refuse(place, "should be a mapping of keys to values", words)
-        try:
-            member = MemberName(f"{name}/{object_name(str(variant))}")
-        except PydanticCustomError as error:
-            _refuse_as(place, error, variant)
-        for word in DRAWN:
-            if word in words:
-                drawn[word][member] = words[word]
-        own = {word: value for word, value in words.items() if word not in DRAWN}
-        members[member] = merge({"objects": {name: shared}}, {"objects": {name: own}})["objects"][name]
-    splits = held_out(name, part[HOLDOUT], list(members)) if HOLDOUT in part else {}
+        member = MemberName(f"{name}/{variant}")
+        if member in left_out:
+            continue
+        if not isinstance(single.get(member, {}), Mapping):
+            _refuse(("objects", member), "should be a mapping of keys to values", single[member])
+        own = merge(words, single.get(member, {}), at)
+        for word in own.keys() & drawn.keys():
+            drawn[word][member] = own.pop(word)
+        members[member] = merge(shared, own, at)
+    splits = _held_out(at, part[HOLDOUT], members) if HOLDOUT in part else {}
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
     for split in SPLITS:
         drawable = [name for name in members if group["splits"].get(name, split) == split]
@@ -120,80 +143,78 @@ def _members(name: str, part: Mapping) -> tuple[dict[str, dict], dict[str, Any]]
     return members, {word: value for word, value in group.items() if value}
 
 
-def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping:
+def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Mapping]:
     """Return the variants of an object by name, those of a list of assets too, which is taken out of `shared`."""
-    assets, variants = listed(part.get("asset")), part.get(VARIANTS)
-    if is_pattern(assets):
-        assets = _found(at, assets, part)
-    elif TAGS in part:
+    assets = listed(part.get("asset"))
+    if TAGS in part and not is_pattern(assets):
         _refuse((*at, TAGS), "should be beside an 'asset' with a '*', of whose files they choose some", part[TAGS])
-    if isinstance(assets, list | tuple):
-        if VARIANTS in part:
-            _refuse((*at, "asset"), "should be a list, or there should be 'variants', not both", assets)
-        variants = {}
-        for asset in assets:
-            stem = _stem(asset)
-            if stem in variants:
-                _refuse((*at, "asset"), f"should name each thing once, but has two of the name '{stem}'", assets)
-            variants[stem] = {"asset": asset}
-        del shared["asset"]
-    elif VARIANTS not in part:
-        variants = {_stem(assets): {}}
-    if not isinstance(variants, Mapping):
-        _refuse((*at, VARIANTS), "should be a mapping of names to settings", variants)
-    if not variants:
-        _refuse((*at, VARIANTS), "should have at least one variant", variants)
+    if not is_pattern(assets) and not isinstance(assets, list | tuple):
+        if VARIANTS not in part and not isinstance(assets, str):
+            _refuse((*at, "asset"), "should be an asset, a list of assets, or a pattern of files", assets)
+        return _named(at, part[VARIANTS]) if VARIANTS in part else {_stem(assets): {}}
+    if VARIANTS in part:
+        advice = (
+            f"should have no 'variants' beside it: one thing has words of its own in an object '{at[1]}/<its name>'"
+        )
+        _refuse((*at, "asset"), advice, assets)
+    del shared["asset"]
+    if is_pattern(assets):
+        with _at((*at, "asset"), assets):
+            files = files_of(assets)
+        with _at((*at, TAGS), part.get(TAGS)):
+            assets = [str(path) for path in (with_tags(files, part[TAGS]) if TAGS in part else files)]
+    variants: dict[str, Mapping] = {}
+    for asset in assets:
+        stem = _stem(asset)
+        if stem in variants:
+            _refuse((*at, "asset"), f"should name each thing once, but has two of the name '{stem}'", assets)
+        variants[stem] = {"asset": asset}
     return variants
 
 
-def _found(at: tuple[str, ...], pattern: str, part: Mapping) -> list[str]:
-    """Return the files that a pattern matches, those with the object's `tags` if it has some."""
-    word = "asset"
-    try:
-        files = files_of(pattern)
-        if TAGS in part:
-            word = TAGS
-            files = with_tags(files, part[TAGS])
-    except PydanticCustomError as error:
-        _refuse_as((*at, word), error, part[word])
-    return [str(path) for path in files]
+def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
+    """Return the variants that are written at length, after a check."""
+    if not isinstance(variants, Mapping):
+        _refuse((*at, VARIANTS), "should be a mapping of names to settings", variants)
+    for name, words in variants.items():
+        place = (*at, VARIANTS, str(name))
+        if not isinstance(words, Mapping):
+            _refuse(place, "should be a mapping of keys to values", words)
+        with _at(place, name):
+            object_name(str(name))
+    return variants
 
 
 def _stem(asset: Any) -> str:
     """Return the name that an asset gives to a variant: its own, or that of its file without the ending."""
-    return re.sub(r"\.[^.]*$", "", str(asset).rpartition("/")[2])
+    stem = Path(str(asset)).stem.replace(".", "_")  # a dot would end a word in the keys of overrides
+    return "world_" if stem == "world" else stem  # the name of a body that each model has
 
 
-def _scaled(at: tuple[str, ...], variants: Mapping, shared: dict) -> dict[str, Any]:
+def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) -> dict[str, Mapping]:
     """Return the variants with a list of scales, of the object or of a variant, written out."""
     common = listed(shared.get("scale"))
     if isinstance(common, list | tuple):
         del shared["scale"]
-    found: dict[str, Any] = {}
+    found: dict[str, Mapping] = {}
     for name, words in variants.items():
-        scales = listed(words.get("scale", common)) if isinstance(words, Mapping) else None
-        if not isinstance(scales, list | tuple):
-            found[name] = words
-            continue
-        if not scales:
-            _refuse((*at, "scale"), "should be a number or a list of numbers", scales)
-        for scale in scales:
-            if isinstance(scale, bool) or not isinstance(scale, int | float):
-                _refuse((*at, "scale"), "should be a number or a list of numbers", scales)
-            scaled = f"{name}-{100 * scale:g}".replace(".", "_")
-            if scaled in found:
-                _refuse((*at, "scale"), "should have each scale once", scales)
-            found[scaled] = {**words, "scale": scale}
+        place = (*at, VARIANTS, name, "scale") if "scale" in words else (*at, "scale")
+        named, scales = {name: words}, listed(words.get("scale", common))
+        if isinstance(scales, list | tuple):
+            if not scales or any(isinstance(scale, bool) or not isinstance(scale, int | float) for scale in scales):
+                _refuse(place, "should be a number or a list of numbers", scales)
+            named = {f"{name}-{100 * scale:g}".replace(".", "_"): {**words, "scale": scale} for scale in scales}
+            if len(named) < len(scales):
+                _refuse(place, "should have each scale once", scales)
+        twice = next((new for new in named if new in found), None)
+        if twice is not None:
+            _refuse((*at, VARIANTS), "should be the name of one variant only", twice)
+        found |= named
     return found
 
 
-def held_out(name: str, share: Any, members: Collection[str]) -> dict[str, str]:
-    """Return the split of each member of an object: a share of them, by the hashes of their names, is for `eval`.
-
-    Raises:
-        ValidationError: The share is none, or there is one member only.
-    """
-    at = ("objects", name)
+def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict[str, str]:
+    """Return the split of each member of an object: a share of them, by the hashes of their names, is for `eval`."""
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
         _refuse((*at, HOLDOUT), "should be above 0 and below 1", share)
     if len(members) < 2:
@@ -203,9 +224,18 @@ def held_out(name: str, share: Any, members: Collection[str]) -> dict[str, str]:
     return {name: "eval" if name in ranked[:count] else "train" for name in members}
 
 
+@contextmanager
+def _at(place: tuple[str, ...], value: Any) -> Iterator[None]:
+    """Give errors about a value their place in the scene."""
+    try:
+        yield
+    except PydanticCustomError as error:
+        raise _located(place, error, value) from None
+
+
 def _refuse(place: tuple[str, ...], advice: str, value: Any) -> NoReturn:
-    _refuse_as(place, wrong(advice), value)
+    raise _located(place, wrong(advice), value)
 
 
-def _refuse_as(place: tuple[str, ...], error: PydanticCustomError, value: Any) -> NoReturn:
-    raise ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=place, input=value)])
+def _located(place: tuple[str, ...], error: PydanticCustomError, value: Any) -> ValidationError:
+    return ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=place, input=value)])

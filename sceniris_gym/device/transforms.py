@@ -44,29 +44,20 @@ def quat_mat(q: wp.vec4) -> wp.mat33:
 @wp.func
 def pose_of(pos: wp.vec3, quat: wp.vec4) -> Pose:
     """Return the pose with position `pos` and unit wxyz orientation `quat`."""
-    p = Pose()
-    p.pos = pos
-    p.rot = quat_mat(quat)
-    return p
+    return Pose(pos, quat_mat(quat))
 
 
 @wp.func
 def compose(a: Pose, b: Pose) -> Pose:
     """Return `b`, given in the frame of `a`, in the parent frame of `a`."""
-    p = Pose()
-    p.pos = a.pos + a.rot * b.pos
-    p.rot = a.rot * b.rot
-    return p
+    return Pose(a.pos + a.rot * b.pos, a.rot * b.rot)
 
 
 @wp.func
 def relative(a: Pose, b: Pose) -> Pose:
     """Return `b` in the frame of `a`, both given in one frame."""
     at = wp.transpose(a.rot)
-    p = Pose()
-    p.pos = at * (b.pos - a.pos)
-    p.rot = at * b.rot
-    return p
+    return Pose(at * (b.pos - a.pos), at * b.rot)
 
 
 @wp.func

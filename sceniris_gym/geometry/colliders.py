@@ -10,7 +10,7 @@ import warp as wp
 from sceniris_gym.geometry.box_tree import build_tree
 from sceniris_gym.geometry.depth import most_depth
 from sceniris_gym.geometry.pieces import ROUND, Piece, PieceType, flat_faces
-from sceniris_gym.geometry.ragged import columns, ranges
+from sceniris_gym.geometry.ragged import addressed, columns
 
 # Boxes are grown by this much [m] so that rounding to float32 cannot lose a leaf.
 _GROW = 1.0e-6
@@ -120,13 +120,12 @@ def _collider(
 def collider_arrays(colliders: list[Collider]) -> dict[str, np.ndarray]:
     """Return the fields of `device.Program` that hold colliders, boxes and faces."""
     faces = np.concatenate([*(c.faces for c in colliders), _NO_FACES])
-    points, adr, num = ranges(c.points for c in colliders)
+    points, addresses = addressed("collider_point", (c.points for c in colliders))
     return {
         **columns("collider", colliders, body=1, root=1, plane=1),
         "collider_mesh": np.array([0 if c.mesh is None else c.mesh.id for c in colliders], np.uint64),
         "collider_depth": np.array([c.depth_inside for c in colliders]),
-        "collider_pointadr": adr,
-        "collider_pointnum": num,
+        **addresses,
         "node_center": np.concatenate([*(c.center for c in colliders), _NO_POINTS]),
         "node_half": np.concatenate([*(c.half for c in colliders), _NO_POINTS]),
         "node_child": np.concatenate([*(c.child for c in colliders), np.zeros(0, int)]),

@@ -97,12 +97,9 @@ def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndar
 def points_in_space(region: RegionConfig) -> list[SupportSurface]:
     """Return points in space as surfaces, one for each of their heights; the outlines are boxes seen from above."""
     assert region.points is not None
-    heights: dict[float, list[tuple[float, ...]]] = {}
-    for x, y, z in region.points:
-        heights.setdefault(z, []).append((x, y))
     found = []
-    for z, points in heights.items():
-        seen = MultiPoint(points)
+    for z in dict.fromkeys(z for *_, z in region.points):
+        seen = MultiPoint([point[:2] for point in region.points if point[2] == z])
         found.append(SupportSurface(0, z, MultiPolygon([box(*seen.buffer(_HALF_WIDTH).bounds)]), seen))
     return found
 
@@ -126,9 +123,8 @@ def crop(
         _check_points(surfaces, points, kept[erosion], erosion, where)
     elif not any(kept.values()):
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
-        said = f"erosion by {erosion:.4g} m" if erosion > 0.0 else ""
-        said += " and " if said and region is not None else ""
-        said += "cropping to its region" if region is not None else ""
+        cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to its region": region is not None}
+        said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
         raise ErodedSupportError(
             f"{where}: nothing is left of the support after {said}; its surface spans [{x0:.4g}, {x1:.4g}] x "
             f"[{y0:.4g}, {y1:.4g}] m. Use a smaller ratio_on_support, a region that overlaps it, or a larger support."

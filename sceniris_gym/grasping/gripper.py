@@ -7,7 +7,6 @@ axis, +y the closing axis.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -18,7 +17,15 @@ from sceniris_gym.config.stored_arrays import Array
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.scene.couplings import Coupling, driven_by, equality_label, follow, free_range, joint_couplings
+from sceniris_gym.scene.couplings import (
+    Coupling,
+    driven_by,
+    equality_errors,
+    equality_label,
+    follow,
+    free_range,
+    joint_couplings,
+)
 from sceniris_gym.scene.support import subtree
 
 # The opening of a tool without fingers, which may touch objects of any width [m].
@@ -125,32 +132,18 @@ class Gripper:
 
     def _check_loops(self, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray) -> None:
         """Check that opening the gripper violates no equality in MuJoCo."""
-        alone = copy.copy(mjm)
-        alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        data = mujoco.MjData(alone)
-        data.qpos[:] = home_qpos
-        follow(self.couplings, data.qpos)
-        home = _missed(alone, data)
+        qpos = home_qpos.copy()
+        follow(self.couplings, qpos)
         adr, poses = self.poses(np.linspace(0.0, 1.0, _SHARES))
-        for qpos in poses:
-            data.qpos[adr] = qpos
-            for eq, missed in _missed(alone, data).items():
-                if missed > home.get(eq, 0.0) + _KEPT:
-                    raise NotSupportedError(
-                        f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed:.3g} "
-                        "m or rad: fingers that are joined to a loop cannot be measured. Let one of their joints drive "
-                        "the others by <equality><joint>, as the loop does, or leave out 'reachable'."
-                    )
-
-
-def _missed(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[int, float]:
-    """Return the violation of each active equality [m or rad], by its id."""
-    mujoco.mj_fwdPosition(mjm, data)
-    found: dict[int, float] = {}
-    for row in np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY):
-        eq = int(data.efc_id[row])
-        found[eq] = max(found.get(eq, 0.0), abs(float(data.efc_pos[row])))
-    return found
+        states = np.tile(qpos, (len(poses), 1))
+        states[:, adr] = poses
+        missed = equality_errors(mjm, states)
+        for row, eq in np.argwhere(missed > equality_errors(mjm, qpos[None]) + _KEPT):
+            raise NotSupportedError(
+                f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
+                "m or rad: fingers that are joined to a loop cannot be measured. Let one of their joints drive the "
+                "others by <equality><joint>, as the loop does, or leave out 'reachable'."
+            )
 
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:

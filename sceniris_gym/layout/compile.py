@@ -14,7 +14,8 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.config.scene import AUTO, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, SceneKeyError, UnknownNameError

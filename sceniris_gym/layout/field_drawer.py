@@ -11,7 +11,7 @@ from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import name_hash, named_stream, uniforms
-from sceniris_gym.layout.knobs import KnobTable, launch_write
+from sceniris_gym.layout.knobs import FLOAT, TYPES, KnobTable, launch_write, put_number
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.scene.draws import FieldDraw
 
@@ -25,8 +25,6 @@ _FORMS = ("scale", "add", "abs", "choice", "turn")
 _SCALE, _ADD, _ABS, _CHOICE, _TURN = (wp.constant(i) for i in range(5))
 _DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "choice")
 _LOG_UNIFORM, _NORMAL, _CHOSEN = (wp.constant(i) for i in range(1, 4))
-_TYPES = (wp.float32, wp.int32, wp.bool)
-_FLOAT, _INT, _BOOL = (wp.constant(i) for i in range(3))
 
 
 @wp.struct
@@ -80,7 +78,7 @@ class Field:
         nominal: First element of the values of the model.
         nominal_rows: 1, or nworld if worlds differ in them.
         width: Numbers in a row.
-        kind: Code of the type.
+        kind: The number of its type in TYPES.
     """
 
     address: wp.uint64
@@ -96,21 +94,6 @@ def _nominal(field: Field, worldid: int, offset: int) -> float:
     at = (worldid % field.nominal_rows) * field.width + offset
     values = wp.array(ptr=field.nominal, shape=(at + 1,), dtype=float)
     return values[at]
-
-
-@wp.func
-def _put(field: Field, worldid: int, offset: int, value: float):
-    """Write a number of a field."""
-    at = worldid * field.width + offset
-    if field.kind == _FLOAT:
-        floats = wp.array(ptr=field.address, shape=(at + 1,), dtype=float)
-        floats[at] = value
-    elif field.kind == _INT:
-        integers = wp.array(ptr=field.address, shape=(at + 1,), dtype=int)
-        integers[at] = int(value)
-    else:
-        flags = wp.array(ptr=field.address, shape=(at + 1,), dtype=wp.uint8)
-        flags[at] = wp.uint8(value)
 
 
 @wp.func
@@ -135,7 +118,7 @@ def _value(
 ) -> float:
     """Return what an item writes."""
     nominal = float(0.0)
-    if fields[item.drawn].kind == _FLOAT:
+    if fields[item.drawn].kind == FLOAT:
         nominal = _nominal(fields[item.drawn], worldid, item.drawn_offset)
     value = numbers[item.number]
     if item.form == _SCALE:
@@ -190,7 +173,8 @@ def _draw_fields(
     block_sync()
     for i in range(lane, items.shape[0], wp.block_dim()):
         value = _value(items[i], fields, parameters, worldid, numbers[worldid])
-        _put(fields[items[i].field], worldid, items[i].offset, value)
+        field = fields[items[i].field]
+        put_number(field.address, worldid * field.width + items[i].offset, field.kind, value)
 
 
 class FieldDrawer:
@@ -219,7 +203,7 @@ class FieldDrawer:
         fields, places = [], {}
         for name, array in arrays.items():
             width, made = array[:1].numpy().size, nominal[name]
-            kind = _TYPES.index(array.dtype) if array.dtype in _TYPES else _FLOAT
+            kind = TYPES.index(array.dtype) if array.dtype in TYPES else FLOAT
             places[name] = len(fields), width // (array.shape[1] if array.ndim > 1 else 1)
             fields.append((array.ptr, made.ptr, made.shape[0], width, kind))
         drawn, items, table, self._first = _tables(draws, places)

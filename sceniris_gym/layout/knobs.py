@@ -14,7 +14,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
@@ -22,7 +22,8 @@ from sceniris_gym.program.device import Program, copied
 
 wp.set_module_options({"enable_backward": False})
 
-_FLOAT, _INT, _SAME, _LEAST = (wp.constant(i) for i in range(4))
+TYPES = (wp.float32, wp.int32, wp.bool)
+FLOAT, INT, _FLAG = (wp.constant(i) for i in range(3))
 _KNOB = r"[^=,:]+=(?:[0-9a-f]{8})+"
 PARTS = rf"{_KNOB}(?:,{_KNOB})*"
 """Regular expression of the fifth part of a layout id."""
@@ -36,10 +37,9 @@ class Target:
         address: First element of the array.
         width: Elements of a row.
         offset: Number of the element in a row.
-        kind: A float or an integer with the value of `first`; a flag that tells whether the values from `first` to
-            `last` are as in the scene file; or a least distance, the largest of `nominal`, `first` and `last`.
+        kind: Its number in TYPES. A flag tells whether the values from `first` to `last` are as in the scene file.
         first, last: The columns.
-        nominal: The number in the scene file.
+        least: The least number: that of the scene file for a distance, which is the larger one of both columns.
     """
 
     address: wp.uint64
@@ -48,7 +48,21 @@ class Target:
     kind: int
     first: int
     last: int
-    nominal: float
+    least: float
+
+
+@wp.func
+def put_number(address: wp.uint64, at: int, kind: int, value: float):
+    """Write a number, which is the element `at` of an array of the type with the number `kind` in TYPES."""
+    if kind == FLOAT:
+        floats = wp.array(ptr=address, shape=(at + 1,), dtype=float)
+        floats[at] = value
+    elif kind == INT:
+        integers = wp.array(ptr=address, shape=(at + 1,), dtype=int)
+        integers[at] = int(value)
+    else:
+        flags = wp.array(ptr=address, shape=(at + 1,), dtype=wp.uint8)
+        flags[at] = wp.uint8(value)
 
 
 class KnobTable:
@@ -57,7 +71,6 @@ class KnobTable:
     Args:
         compiled: The scene.
         names: Names of knobs, or patterns such as "objects.*.region".
-        where: Begins errors.
 
     Attributes:
         knobs: The knobs by name, sorted.
@@ -70,16 +83,16 @@ class KnobTable:
         ArgumentError: A part of the scene file that cannot be one, and the reason.
     """
 
-    def __init__(self, compiled: CompiledScene, names: str | Sequence[str], where: str = "knobs") -> None:
+    def __init__(self, compiled: CompiledScene, names: str | Sequence[str]) -> None:
         every = scene_knobs(compiled) if names else {}
         known = {name: knob for name, knob in every.items() if isinstance(knob, Knob)}
         chosen: dict[str, Knob] = {}
         for name in (names,) if isinstance(names, str) else names:
             found = [name] if name in known else fnmatch.filter(known, name)
             if not found and name in every:
-                raise ArgumentError(f"{where}: '{name}' cannot be a knob: {every[name]}")
+                raise ArgumentError(f"knobs: '{name}' cannot be a knob: {every[name]}")
             if not found:
-                raise UnknownNameError("knob", str(name), where, known)
+                raise UnknownNameError("knob", str(name), "knobs", known)
             chosen |= {one: known[one] for one in found}
         self.knobs = {name: chosen[name] for name in sorted(chosen)}
         numbers = [knob.default for knob in self.knobs.values()]
@@ -132,7 +145,9 @@ class KnobTable:
 
         Raises:
             UnknownNameError, ArgumentError: As `rows`.
+            ArgumentTypeError: No mapping of names to values.
         """
+        check_type(values, Mapping, "knobs")
         found = [self.knob(name).checked(value, nworld) for name, value in values.items()]
         columns = [self.first[name] + k for name in values for k in range(len(self.knob(name).default))]
         blank = np.zeros((max(map(len, found), default=1), 1), np.float32)
@@ -168,11 +183,11 @@ class KnobTable:
                     found[name, element].last = column
                     continue
                 array, target = arrays[name], Target()
-                size = 1 if array.dtype is wp.bool else 4
+                target.kind = _FLAG if array.dtype is wp.bool else INT if knob.form == "count" else FLOAT
+                size, others = (1, len(knob.default) - 1) if target.kind == _FLAG else (4, 0)
                 target.address, target.width, target.offset = wp.uint64(array.ptr), array.strides[0] // size, element
-                target.kind = _SAME if size == 1 else {"count": _INT, "clearance": _LEAST}.get(knob.form, _FLOAT)
-                target.first, target.last = column, column + (len(knob.default) - 1 if size == 1 else 0)
-                target.nominal = float(nominal[name][element])
+                target.first, target.last = column, column + others
+                target.least = nominal[name][element] if knob.form == "clearance" else -np.inf
                 found[name, element] = target
         device = next(iter(arrays.values())).device if found else None
         return wp.array([*found.values()], dtype=Target, device=device) if found else None
@@ -210,22 +225,13 @@ def _write(
     row = row_of(worldid, rows) % knob.shape[0]
     target = targets[i]
     at = worldid * target.width + target.offset
-    value = knob[row, target.first]
-    if target.kind == _LEAST:
-        value = wp.max(target.nominal, wp.max(value, knob[row, target.last]))
-    if target.kind == _FLOAT or target.kind == _LEAST:
-        floats = wp.array(ptr=target.address, shape=(at + 1,), dtype=float)
-        floats[at] = value
-    elif target.kind == _INT:
-        integers = wp.array(ptr=target.address, shape=(at + 1,), dtype=int)
-        integers[at] = int(value)
-    else:
-        same = wp.uint8(1)
+    value = wp.max(target.least, wp.max(knob[row, target.first], knob[row, target.last]))
+    if target.kind == _FLAG:
+        value = float(1.0)
         for k in range(target.first, target.last + 1):
             if knob[row, k] != default_knob[k]:
-                same = wp.uint8(0)
-        flags = wp.array(ptr=target.address, shape=(at + 1,), dtype=wp.uint8)
-        flags[at] = same
+                value = 0.0
+    put_number(target.address, at, target.kind, value)
 
 
 def launch_write(
@@ -262,13 +268,10 @@ def _set(
     if mask:
         if not mask[worldid]:
             return
-    column = int(k)
-    if columns:
-        column = columns[k]
-    knob[worldid, column] = values[worldid % values.shape[0], k]
+    knob[worldid, columns[k]] = values[worldid % values.shape[0], k]
 
 
-def launch_set(knob: wp.array, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+def launch_set(knob: wp.array, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
     """Write numbers into columns of the masked worlds, all if None; `values` have one row, or one per world."""
     dim = (knob.shape[0], values.shape[1])
     wp.launch(_set, dim, inputs=[mask, columns, values], outputs=[knob], device=knob.device)

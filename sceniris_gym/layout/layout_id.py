@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Any
 
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.layout.knobs import PARTS
@@ -40,15 +41,17 @@ class LayoutId:
         return cls(found[1], found[2], int(found[3]), int(found[4]), found[5] or "")
 
     @classmethod
-    def of_scene(cls, text: str, scene: SceneModel, cure: str) -> LayoutId:
-        """Read the id of a layout of a scene.
+    def of_scene(cls, text: Any, scene: SceneModel, cure: str, split: str | None = None) -> LayoutId:
+        """Read the id of a layout of a scene, and of a split if one is given; a LayoutId is taken as it is.
 
         Raises:
             LayoutIdError: The text is not of the form of an id.
-            SceneMismatchError: It is of another scene; the message ends with the cure. Or it is an id of a version
-                with other layouts of this one.
+            SceneMismatchError: It is of another scene or split; the message ends with the cure. Or it is an id of a
+                version with other layouts of this one.
         """
-        found = cls.parse(text)
+        found = text if isinstance(text, cls) else cls.parse(str(text))
         if found.scene != scene.hash:
             raise SceneMismatchError(f"layout '{text}': {scene.mismatch(found.scene, cure)}")
+        if split not in (None, found.split):
+            raise SceneMismatchError(f"layout '{text}' is of the split '{found.split}', not of split '{split}'. {cure}")
         return found

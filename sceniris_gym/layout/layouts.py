@@ -290,6 +290,15 @@ class Layouts(StaysHere):
             allocate_record(view, rejected)
         return cls(compiled, view, mocap_pose, table)
 
+    def ids(self, split: str) -> list[str]:
+        """Return the ids of the layouts, of this split, with the knobs that differ. Waits for the device.
+
+        Raises:
+            ArgumentError: Another split, or a world without a layout.
+        """
+        rows = zip(self.seed.numpy(), self.episode.numpy(), self.knob.numpy(), strict=True)
+        return [self.compiled.layout_id(seed, episode, split, self.knobs.text(knob)) for seed, episode, knob in rows]
+
     @property
     def nworld(self) -> int:
         """Number of rows."""

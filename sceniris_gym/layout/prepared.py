@@ -312,7 +312,7 @@ class PreparedLayouts(LayoutSource):
         dim = (nworld, max(layout_width(served), served.rejections.shape[0]))
         wp.launch(_serve, dim=dim, inputs=[prepared, mask, missing], outputs=[served], device=device)
 
-    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; what was made ahead for the masked worlds is made anew."""
         super().launch_set_knobs(columns, values, mask)
         outputs = [self._stage, self._nwaiting]

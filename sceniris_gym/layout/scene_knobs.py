@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -90,7 +90,8 @@ class Knob:
 
 def scene_knobs(compiled: CompiledScene) -> dict[str, Knob | str]:
     """Return all knobs of a scene by name, and the reason for each part of a like kind that cannot be one."""
-    return {name: found for find in _FINDERS for name, found in find(compiled)}
+    finders = (_joints, _groups, _starts, _distances, _regions, _randomize, _clearances)
+    return {name: found for find in finders for name, found in find(compiled)}
 
 
 def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
@@ -210,9 +211,3 @@ def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
         name, least = f"{config.key(owner)}.clearance", np.array([part.clearance], np.float32)
         known = Knob(name, least, "clearance", places=tuple(places[owner]))
         yield name, known if known.places else "nothing is placed that it keeps off."
-
-
-_FINDERS: tuple[Callable[[CompiledScene], Iterator[tuple[str, Knob | str]]], ...] = (
-    *(_joints, _groups, _starts, _distances),
-    *(_regions, _randomize, _clearances),
-)

@@ -50,11 +50,11 @@ class LayoutSource(StaysHere):
         """
         launch_reseed(self.layouts.view, seeds, mask, episodes)
 
-    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """Write numbers of knobs, with which the next layouts of the masked worlds are made.
 
         Args:
-            columns: Their columns, shape (n,), int32; None is all of them.
+            columns: Their columns, shape (n,), int32.
             values: Numbers, shape (1 or nworld, n), float32.
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
@@ -113,8 +113,8 @@ class LayoutSource(StaysHere):
         first = None if episodes is None else episodes_on_device(episodes, nworld, device)
         on_device = self._checked(mask)
         self.launch_reseed(wanted, on_device, first)
-        if knobs is not None and knobs.size:
-            self.launch_set_knobs(None, wp.array(knobs, dtype=float, ndim=2, device=device), on_device)
+        if knobs is not None:
+            self._set_knobs(np.arange(knobs.shape[1]), knobs, on_device)
 
     @launching
     def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:
@@ -130,12 +130,13 @@ class LayoutSource(StaysHere):
             ArgumentError: A value that does not lie within that of the scene file.
             MaskError, MaskTypeError: As in generate.
         """
-        table, nworld, device = self.layouts.knobs, self.layouts.nworld, self.layouts.seed.device
-        columns, rows = table.part(values, nworld)
-        on_device = self._checked(mask)
+        columns, rows = self.layouts.knobs.part(values, self.layouts.nworld)
+        self._set_knobs(columns, rows, self._checked(mask))
+
+    def _set_knobs(self, columns: np.ndarray, rows: np.ndarray, mask: wp.array | None) -> None:
         if len(columns):
-            where, numbers = wp.array(columns, dtype=int, device=device), wp.array(rows, dtype=float, device=device)
-            self.launch_set_knobs(where, numbers, on_device)
+            with wp.ScopedDevice(self.layouts.seed.device):
+                self.launch_set_knobs(wp.array(columns, dtype=int), wp.array(rows, dtype=float), mask)
 
     def _checked(self, mask: Any) -> wp.array | None:
         return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)

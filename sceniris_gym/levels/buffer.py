@@ -1,6 +1,6 @@
 """`Buffer`: levels and their values on the device, and the kernels that choose and update them."""
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -198,7 +198,9 @@ def _tell(
     outcome: float,
     knob: wp.array2d[float],
 ):
-    """Update the level of a row, or insert it."""
+    """Update the level of a row, or insert it; a layout from the bank, with level -2, is none."""
+    if level < -1:
+        return
     if level >= 0 and level < buffer.seed.shape[0]:
         if buffer.seed[level] == seed[row] and buffer.episode[level] == episode[row]:
             buffer.value[level] = _moved(buffer, buffer.value[level], outcome)
@@ -250,7 +252,8 @@ def launch_update(
 
     Args:
         buffer: The buffer.
-        level: Place in the buffer that each level had when it was played, -1 for none, shape (n,), int32.
+        level: Place in the buffer that each level had when it was played, -1 for none, shape (n,), int32. Rows with -2
+            do not count.
         seed: Its seed, shape (n,), uint64.
         episode: Its episode, shape (n,), int32.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
@@ -298,18 +301,14 @@ def launch_finish(buffer: Buffer, layouts: LayoutsView, success: wp.array, finis
 def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
     """Allocate an empty buffer for the worlds of some layouts; what is chosen for them is what they get next."""
     buffer, capacity, (nworld, nknob) = Buffer(), levels.capacity, layouts.next_knob.shape
-    sizes: dict[str, Any] = {
-        "seed episode value age cumulative": capacity,
-        "count better ages weight": BINS,
-        "total_weight total_age": 1,
-        "decision level next_level inserted probe next_probe": nworld,
-        "knob": (capacity, nknob),
-        "column other present least most step band episodes successes": 0,
-    }
+    zeros, vacant = partial(allocate, Buffer, buffer), min(-(-capacity // _LOWEST), _SHARE * nworld)
     with wp.ScopedDevice(layouts.next_knob.device):
-        for names, size in sizes.items():
-            allocate(Buffer, buffer, size, names)
-        vacant = min(-(-capacity // _LOWEST), _SHARE * nworld)
+        zeros(capacity, "seed episode value age cumulative")
+        zeros((capacity, nknob), "knob")
+        zeros(BINS, "count better ages weight")
+        zeros(1, "total_weight total_age")
+        zeros(nworld, "decision level next_level inserted probe next_probe")
+        zeros(0, "column other present least most step band episodes successes")
         buffer.vacant = wp.array(np.arange(vacant), dtype=int)
     for array in (buffer.age, buffer.level, buffer.next_level, buffer.probe, buffer.next_probe):
         array.fill_(-1)

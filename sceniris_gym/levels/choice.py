@@ -54,8 +54,9 @@ class Levels:
     Attributes:
         score: "learnability" or "failure", which count successes, or "given", by `LevelSampler.update`.
         replay: Probability that a level is replayed rather than a fresh one.
-        capacity: Levels in the buffer, 24 bytes each on the device. New ones take empty places while there are some,
-            and then those of the lowest levels; which these are is found anew at every refresh of the weights.
+        capacity: Levels in the buffer, each 24 bytes on the device and 4 for each number of the worlds' knobs. New ones
+            take empty places while there are some, and then those of the lowest levels; which these are is found anew
+            at every refresh of the weights.
         priority: "rank" weighs levels by rank^(-1 / temperature), the best first, "proportional" by score^(1 /
             temperature), "uniform" all alike. Scores within 4% of each other may count as equal.
         temperature: See `priority`.

@@ -33,7 +33,8 @@ class LevelSampler(LayoutSource):
 
     A world's next level is chosen when its present one begins, so that it can be made ahead, and the score of an
     episode counts from the next choice on. Nothing waits for the host. Choices are a pure function of the seeds of the
-    worlds and of all outcomes, whatever the device runs beside.
+    worlds and of all outcomes, but for a race on a GPU: of several worlds that end on one level in the same step, one
+    may count.
 
     Weights are refreshed every `Levels.every` resets, outside of graphs of the caller's own; until then choices go by
     the old ones.
@@ -72,7 +73,7 @@ class LevelSampler(LayoutSource):
             launch_move(self._buffer, self.levels.ranges)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
 
-    def launch_set_knobs(self, columns: wp.array | None, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
         launch_set(self._buffer.base_knob, columns, values, mask)
         launch_forget(self._buffer, None, mask)
@@ -110,8 +111,8 @@ class LevelSampler(LayoutSource):
         if sums[-1] == 0:
             raise ArgumentError("LevelSampler.sample: the buffer is empty. Play, or insert levels, first.")
         level = np.searchsorted(sums, np.random.default_rng(seed).integers(sums[-1], size=number), side="right")
-        found = {name: getattr(self._buffer, name).numpy()[level] for name in ("seed", "episode", "knob")}
-        return {"level": level, **found, "knobs": self.layouts.knobs.named(found.pop("knob"))}
+        seed, episode, knob = (getattr(self._buffer, name).numpy()[level] for name in ("seed", "episode", "knob"))
+        return {"level": level, "seed": seed, "episode": episode, "knobs": self.layouts.knobs.named(knob)}
 
     @property
     def ranges(self) -> dict[str, np.ndarray]:
@@ -127,8 +128,9 @@ class LevelSampler(LayoutSource):
         A level is inserted in the place of one with a lower score, if there is one.
 
         Args:
-            level: `layout_level` of an info, shape (n,): a torch tensor or NumPy array of integers, as all others.
-                None inserts as many levels as there is room for, as `insert` does.
+            level: `layout_level` of an info, shape (n,): a torch tensor or NumPy array of integers, as all others. Rows
+                with -2, layouts from the bank, do not count. None inserts as many levels as there is room for, as
+                `insert` does.
             seed: `layout_seed` of the same info, shape (n,).
             episode: `layout_episode`, shape (n,).
             score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
@@ -179,7 +181,8 @@ class LevelSampler(LayoutSource):
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device."""
-        return {name: array.numpy().copy() for name, array in arrays_of(self._buffer).items()}
+        arrays = {name: array.numpy().copy() for name, array in arrays_of(self._buffer).items()}
+        return arrays | {"resets": np.array(self._since)}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Go on from a `state` of a sampler of the same capacity and number of worlds.
@@ -192,3 +195,4 @@ class LevelSampler(LayoutSource):
                 raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
             if array.size:
                 array.assign(state[name])
+        self._since = int(state["resets"])

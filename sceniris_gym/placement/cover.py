@@ -20,10 +20,8 @@ _ROUNDING = wp.constant(1.0e-5)
 @wp.func
 def _upward(point: wp.vec3) -> Pose:
     """Return a frame whose x axis points up, centred on the segment over `point` in which obstacles count."""
-    p = Pose()
-    p.pos = point + wp.vec3(0.0, 0.0, _OVERHEAD_START + 0.5 * _OVERHEAD_REACH)
-    p.rot = wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
-    return p
+    middle = point + wp.vec3(0.0, 0.0, _OVERHEAD_START + 0.5 * _OVERHEAD_REACH)
+    return Pose(middle, wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0))
 
 
 @wp.func

@@ -51,10 +51,8 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
     length = wp.length(along)
     c = along[0] / length
     s = along[1] / length
-    frame = Pose()
-    frame.pos = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
-    frame.rot = wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
-    seen = relative(frame, rel)
+    middle = wp.vec3(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.0)
+    seen = relative(Pose(middle, wp.mat33(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)), rel)
     beside = wp.max(wp.abs(seen.pos[0]) - 0.5 * length, 0.0)
     if wp.length(wp.vec2(beside, seen.pos[1])) > program.piece_radius[piece]:
         return False

@@ -28,18 +28,15 @@ def tcp_of(reach: Reach, grasp: int, body_pos: wp.array[wp.vec3], body_quat: wp.
 
 
 @wp.func
-def from_below(reach: Reach, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
-    """Test whether the approach axis of a grasp rises so steeply that the hand would come through the support."""
-    rot = quat_mat(mul_quat(body_quat[reach.grasp_body[grasp]], reach.grasp_quat[grasp]))
-    return rot[2, 2] > MOST_RISING
-
-
-@wp.func
 def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
-    """Test whether the hand can approach a grasp without coming through the support of its object."""
+    """Test whether the hand can approach a grasp without coming through the support of its object.
+
+    It would where the approach axis rises too steeply.
+    """
     if not reach.reach_below[column]:
         return True
-    return not from_below(reach, grasp, body_quat)
+    rot = quat_mat(mul_quat(body_quat[reach.grasp_body[grasp]], reach.grasp_quat[grasp]))
+    return rot[2, 2] <= MOST_RISING
 
 
 @wp.func

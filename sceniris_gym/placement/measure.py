@@ -11,6 +11,36 @@ from sceniris_gym.program.device import Measure, OrientationType, Program
 
 
 @wp.func
+def _least(
+    program: Program, obj: int, axis: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
+) -> float:
+    """Return the least coordinate [m] of a posed object along a unit vector of the world."""
+    least = float(1.0e30)
+    for i in range(program.obj_piecenum[obj]):
+        piece = program.piece_list[program.obj_pieceadr[obj] + i]
+        body = program.piece_body[piece]
+        along = wp.transpose(quat_mat(body_quat[body])) * axis
+        least = wp.min(least, wp.dot(body_pos[body], axis) + lowest(program, piece, along))
+    return least
+
+
+@wp.func
+def _extents(
+    program: Program,
+    obj: int,
+    x: wp.vec3,
+    y: wp.vec3,
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+) -> wp.vec4:
+    """Return where a posed object begins and ends along two axes [m]: low x, low y, high x, high y."""
+    low_x = _least(program, obj, x, body_pos, body_quat)
+    low_y = _least(program, obj, y, body_pos, body_quat)
+    high_x = -_least(program, obj, -x, body_pos, body_quat)
+    return wp.vec4(low_x, low_y, high_x, -_least(program, obj, -y, body_pos, body_quat))
+
+
+@wp.func
 def measure(
     program: Program,
     obj: int,
@@ -27,51 +57,16 @@ def measure(
     body_pos[program.obj_body[obj]] = wp.vec3(0.0)
     body_quat[program.obj_body[obj]] = drawn.quat
     pose_bodies(program, obj, 1, qpos, body_pos, body_quat)
-    whole = program.obj_measured[obj] == Measure.WHOLE
-    low = wp.vec3(1.0e30)
-    high = wp.vec3(1.0e30)  # negated: the least coordinate along the opposite direction
-    for i in range(program.obj_piecenum[obj]):
-        piece = program.piece_list[program.obj_pieceadr[obj] + i]
-        body = program.piece_body[piece]
-        back = wp.transpose(quat_mat(body_quat[body]))
-        low[2] = wp.min(low[2], body_pos[body][2] + lowest(program, piece, back * wp.vec3(0.0, 0.0, 1.0)))
-        if whole:
-            for axis in range(2):
-                along = back * wp.vec3(float(1 - axis), float(axis), 0.0)
-                at = body_pos[body][axis]
-                low[axis] = wp.min(low[axis], at + lowest(program, piece, along))
-                high[axis] = wp.min(high[axis], lowest(program, piece, -along) - at)
     bottom = quat_mat(drawn.quat) * drawn.pivot
-    if whole:
-        for axis in range(2):
-            high[axis] = -high[axis]
-            if program.obj_orientation[obj] == OrientationType.ANY:
-                bottom[axis] = 0.5 * (low[axis] + high[axis])
-        drawn.bounds = wp.vec4(low[0] - bottom[0], low[1] - bottom[1], high[0] - bottom[0], high[1] - bottom[1])
-    bottom[2] = low[2]
+    if program.obj_measured[obj] == Measure.WHOLE:
+        ends = _extents(program, obj, wp.vec3(1.0, 0.0, 0.0), wp.vec3(0.0, 1.0, 0.0), body_pos, body_quat)
+        if program.obj_orientation[obj] == OrientationType.ANY:
+            bottom[0] = 0.5 * (ends[0] + ends[2])
+            bottom[1] = 0.5 * (ends[1] + ends[3])
+        drawn.bounds = ends - wp.vec4(bottom[0], bottom[1], bottom[0], bottom[1])
+    bottom[2] = _least(program, obj, wp.vec3(0.0, 0.0, 1.0), body_pos, body_quat)
     drawn.pivot = wp.transpose(quat_mat(drawn.quat)) * bottom
     return drawn
-
-
-@wp.func
-def _extent(
-    program: Program,
-    obj: int,
-    axis: wp.vec3,
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
-) -> wp.vec2:
-    """Return the least and greatest coordinate [m] of a posed object along a unit vector of the world."""
-    low = float(1.0e30)
-    high = float(1.0e30)  # negated
-    for i in range(program.obj_piecenum[obj]):
-        piece = program.piece_list[program.obj_pieceadr[obj] + i]
-        body = program.piece_body[piece]
-        along = wp.transpose(quat_mat(body_quat[body])) * axis
-        at = wp.dot(body_pos[body], axis)
-        low = wp.min(low, at + lowest(program, piece, along))
-        high = wp.min(high, lowest(program, piece, -along) - at)
-    return wp.vec2(low, -high)
 
 
 @wp.func
@@ -90,8 +85,6 @@ def bounds_of(
     ahead = wp.vec3(to[0], to[1], 0.0)
     across = wp.vec3(-ahead[1], ahead[0], 0.0)
     pivot = wp.vec3(place[0], place[1], 0.0)
-    x = _extent(program, obj, ahead, body_pos, body_quat)
-    y = _extent(program, obj, across, body_pos, body_quat)
-    px = wp.dot(pivot, ahead)
-    py = wp.dot(pivot, across)
-    return wp.vec4(x[0] - px, y[0] - py, x[1] - px, y[1] - py)
+    x = wp.dot(pivot, ahead)
+    y = wp.dot(pivot, across)
+    return _extents(program, obj, ahead, across, body_pos, body_quat) - wp.vec4(x, y, x, y)

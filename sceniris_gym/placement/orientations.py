@@ -57,21 +57,17 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 @wp.func
 def draw_variant(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVariant:
     """Draw an orientation from two draws of uniform numbers; of `u` only the first number is used."""
-    t = DrawnVariant()
     variant = program.obj_variantadr[obj]
     last = variant + program.obj_variantnum[obj] - 1
     while variant < last and w[3] >= program.variant_cdf[variant]:
         variant += 1
-    t.variant = variant
-    t.quat = program.variant_quat[variant]
-    t.pivot = program.variant_pivot[variant]
-    t.bounds = program.variant_bounds[variant]
-    t.yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
+    quat = program.variant_quat[variant]
+    yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
     if program.obj_orientation[obj] == OrientationType.ANY:
-        quat = _any_quat(w)
-        t.yaw = heading_of(quat)
-        t.quat = mul_quat(quat_z(-t.yaw), quat)
-    return t
+        turn = _any_quat(w)
+        yaw = heading_of(turn)
+        quat = mul_quat(quat_z(-yaw), turn)
+    return DrawnVariant(variant, quat, yaw, program.variant_pivot[variant], program.variant_bounds[variant])
 
 
 @wp.func

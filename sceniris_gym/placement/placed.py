@@ -18,12 +18,7 @@ class Placed:
 @wp.func
 def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
     """Return an object from its pivot [m], heading [rad] and bounds (low x, low y, high x, high y)."""
-    p = Placed()
-    p.at = at
-    p.axis = unit_circle(heading)
-    p.low = wp.vec2(bounds[0], bounds[1])
-    p.high = wp.vec2(bounds[2], bounds[3])
-    return p
+    return Placed(at, unit_circle(heading), wp.vec2(bounds[0], bounds[1]), wp.vec2(bounds[2], bounds[3]))
 
 
 @wp.func

@@ -16,16 +16,6 @@ class HalfPlane:
 
 
 @wp.func
-def half_plane(normal: wp.vec2, origin: wp.vec2, offset: float) -> HalfPlane:
-    """Return the half-plane with these fields."""
-    h = HalfPlane()
-    h.normal = normal
-    h.origin = origin
-    h.offset = offset
-    return h
-
-
-@wp.func
 def cross2(a: wp.vec2, b: wp.vec2) -> float:
     """Return the z component of the cross product of two plane vectors."""
     return a[0] * b[1] - a[1] * b[0]

@@ -23,7 +23,7 @@ from sceniris_gym.placement.placed import (
     placed,
     turned,
 )
-from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2, half_plane
+from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program
 
 _PI = wp.constant(math.pi)
@@ -67,13 +67,16 @@ def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) 
 
 
 @wp.func
+def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, reach: float) -> ResolvedRelation:
+    """Return the strip from `low` to `high` along `along` from `apex`, by `half` to both sides [m], as a region."""
+    return ResolvedRelation(True, 0, apex, 0.0, 0.0, along, low, high, half, reach)
+
+
+@wp.func
 def _between(
     width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2], first: int
 ) -> ResolvedRelation:
     """Resolve `between`: the hull of the anchors, or a strip if they lie on a line, or a square if at one point."""
-    s = ResolvedRelation()
-    s.active = num >= 2
-    s.reach = _NO_LIMIT
     a = int(0)
     b = int(0)
     longest = float(0.0)
@@ -84,16 +87,11 @@ def _between(
                 longest = length
                 a = i
                 b = j
-    s.apex = 0.5 * (points[a] + points[b])
-    s.half = 0.5 * width
-    s.along = wp.vec2(1.0, 0.0)
-    s.low = -s.half
-    s.high = s.half
+    half = 0.5 * width
+    s = _strip(0.5 * (points[a] + points[b]), wp.vec2(1.0, 0.0), -half, half, half, _NO_LIMIT)
     if longest > _THIN:
-        s.apex = points[a]
-        s.along = (points[b] - points[a]) / longest
-        s.low = 0.0
-        s.high = longest
+        s = _strip(points[a], (points[b] - points[a]) / longest, 0.0, longest, half, _NO_LIMIT)
+    s.active = num >= 2
     left = float(0.0)
     right = float(0.0)
     for i in range(num):
@@ -108,35 +106,23 @@ def _between(
 @wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
     """Resolve `beside`: the pivots with bounds `gap` apart, the narrower one within the span of the wider one."""
-    s = ResolvedRelation()
-    s.active = True
-    s.reach = _NO_LIMIT
     side = turned(wp.vec2(1.0, 0.0), axis)
-    s.along = wp.vec2(-side[1], side[0])
+    along = wp.vec2(-side[1], side[0])
     offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
-    wide = bounds_extent(anchor, s.along)
-    narrow = bounds_extent(own, s.along)
-    s.apex = anchor.at + side * offset
+    wide = bounds_extent(anchor, along)
+    narrow = bounds_extent(own, along)
     # extended at both ends as well: it is a point if both are equally wide
-    s.low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
-    s.high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
-    s.half = _LINE
-    return s
+    low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
+    high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
+    return _strip(anchor.at + side * offset, along, low, high, _LINE, _NO_LIMIT)
 
 
 @wp.func
 def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
     """Resolve `beside` at sites: the point of the pivot at which the two sites meet."""
-    s = ResolvedRelation()
-    s.active = True
     sites = program.rel_sites[rel]
-    s.apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
-    s.along = wp.vec2(1.0, 0.0)
-    s.low = -_LINE
-    s.high = _LINE
-    s.half = _LINE
-    s.reach = 2.0 * _LINE
-    return s
+    apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
+    return _strip(apex, wp.vec2(1.0, 0.0), -_LINE, _LINE, _LINE, 2.0 * _LINE)
 
 
 @wp.func
@@ -219,7 +205,7 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
     inner = s.low * unit_circle(0.5 * slice)[0]
-    everything = half_plane(wp.vec2(0.0, 0.0), s.apex, 0.0)
+    everything = HalfPlane(wp.vec2(0.0), s.apex, 0.0)
     for piece in range(pieces):
         adr = first + 4 * piece
         start = s.axis - s.half_angle + slice * float(piece)
@@ -228,13 +214,13 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
         sides[adr + 2] = everything
         sides[adr + 3] = everything
         if s.half_angle < _PI or pieces > 1:
-            sides[adr] = half_plane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
-            sides[adr + 1] = half_plane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
+            sides[adr] = HalfPlane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
+            sides[adr + 1] = HalfPlane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
         middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
         if s.low > 0.0:
-            sides[adr + 2] = half_plane(-middle, s.apex, -inner)
+            sides[adr + 2] = HalfPlane(-middle, s.apex, -inner)
         if s.high < _NO_LIMIT:
-            sides[adr + 3] = half_plane(middle, s.apex, s.high)
+            sides[adr + 3] = HalfPlane(middle, s.apex, s.high)
 
 
 @wp.func
@@ -257,15 +243,15 @@ def write_sides(
         for k in range(s.hullnum):
             a = hull[corner + k]
             edge = hull[corner + (k + 1) % s.hullnum] - a
-            sides[first + k] = half_plane(wp.vec2(edge[1], -edge[0]), a, 0.0)
+            sides[first + k] = HalfPlane(wp.vec2(edge[1], -edge[0]), a, 0.0)
     elif program.rel_type[rel] == RelationType.SECTOR:
         _slice_sides(program, rel, s, sides, first)
     else:
         across = wp.vec2(-s.along[1], s.along[0])
-        sides[first] = half_plane(s.along, s.apex, s.high)
-        sides[first + 1] = half_plane(-s.along, s.apex, -s.low)
-        sides[first + 2] = half_plane(across, s.apex, s.half)
-        sides[first + 3] = half_plane(-across, s.apex, s.half)
+        sides[first] = HalfPlane(s.along, s.apex, s.high)
+        sides[first + 1] = HalfPlane(-s.along, s.apex, -s.low)
+        sides[first + 2] = HalfPlane(across, s.apex, s.half)
+        sides[first + 3] = HalfPlane(-across, s.apex, s.half)
 
 
 @wp.func

@@ -16,7 +16,7 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_FOOT, MAX_LEVELS
 from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
-from sceniris_gym.placement.polygons import area, clip, cross2, half_plane
+from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 
@@ -73,12 +73,12 @@ def weigh(
 
 
 @wp.func
-def _side(statics: Statics, number: int, ground: Pose) -> wp.vec4:
-    """Return an edge of a part of a surface: from x, y, to x, y."""
+def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
+    """Return the half-plane that an edge of a part of a surface bounds."""
     ends = statics.side[number]
     a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
     b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
-    return wp.vec4(a[0], a[1], b[0], b[1])
+    return HalfPlane(wp.vec2(b[1] - a[1], a[0] - b[0]), wp.vec2(a[0], a[1]), 0.0)
 
 
 @wp.func
@@ -88,23 +88,11 @@ def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, surface: int, gr
         part = statics.surface_partadr[surface] + i
         nearest = float(1.0e30)
         for s in range(statics.part_sidenum[part]):
-            ends = _side(statics, statics.part_sideadr[part] + s, ground)
-            a = wp.vec2(ends[0], ends[1])
-            nearest = wp.min(nearest, cross2(wp.normalize(wp.vec2(ends[2], ends[3]) - a), at - a))
+            side = _side(statics, statics.part_sideadr[part] + s, ground)
+            nearest = wp.min(nearest, wp.dot(wp.normalize(side.normal), side.origin - at))
         if nearest > statics.variant_radius[variant]:
             return True
     return False
-
-
-@wp.func
-def _widen(statics: Statics, points: wp.array[wp.vec2], num: int, best: wp.array[float], patch: wp.array[wp.vec2]):
-    """Take points into a patch: its corner in each direction is the one that is furthest along it."""
-    for i in range(DIRECTIONS):
-        for k in range(num):
-            far = wp.dot(points[k], statics.direction[i])
-            if far > best[i]:
-                best[i] = far
-                patch[i] = points[k]
 
 
 @wp.func
@@ -146,11 +134,15 @@ def find_patch(
         if feet > 1:
             least = _SLIVER * area(points, num)
         for s in range(statics.part_sidenum[part]):
-            ends = _side(statics, statics.part_sideadr[part] + s, ground)
-            outward = wp.vec2(ends[3] - ends[1], ends[0] - ends[2])
-            num = clip(points, num, half_plane(outward, wp.vec2(ends[0], ends[1]), 0.0))
+            num = clip(points, num, _side(statics, statics.part_sideadr[part] + s, ground))
         if num > 0 and area(points, num) >= least:
-            _widen(statics, points, num, best, patch)
+            # the corner in each direction is the one that is furthest along it
+            for d in range(DIRECTIONS):
+                for k in range(num):
+                    far = wp.dot(points[k], statics.direction[d])
+                    if far > best[d]:
+                        best[d] = far
+                        patch[d] = points[k]
     return best[0] > -1.0e30
 
 
@@ -161,18 +153,14 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
     middle = wp.vec2(0.0)
     for i in range(DIRECTIONS):
         middle += patch[i] / float(DIRECTIONS)
-    xx = float(0.0)
-    xy = float(0.0)
-    yy = float(0.0)
+    spread = wp.mat22(0.0)
     margin = float(1.0e30)
     inner = float(1.0e30)
     before = patch[DIRECTIONS - 1]
     for i in range(DIRECTIONS):
         after = patch[i]
         r = after - middle
-        xx += r[0] * r[0]
-        xy += r[0] * r[1]
-        yy += r[1] * r[1]
+        spread += wp.outer(r, r)
         side = after - before
         if wp.length_sq(side) > 1.0e-12:
             side = wp.normalize(side)
@@ -184,8 +172,8 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
         margin = -1.0
     level.middle = middle
     level.margin = margin
-    size = level.law[2] * float(DIRECTIONS) * level.sink / wp.max(xx * yy - xy * xy, 1.0e-30)
-    level.softness = size * wp.mat22(yy, -xy, -xy, xx)
+    size = level.law[2] * float(DIRECTIONS) * level.sink / wp.max(wp.determinant(spread), 1.0e-30)
+    level.softness = size * wp.mat22(spread[1, 1], -spread[0, 1], -spread[0, 1], spread[0, 0])
     return level
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.config.scene import AUTO, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
@@ -177,11 +178,6 @@ class CompiledScene:
     def attempts(self) -> int:
         """The candidates that an object gets before a layout starts again: as written, or as found for `auto`."""
         return int(self.program.attempts)
-
-    def bank_rows(self, split: str) -> slice:
-        """Return the rows of `program.bank_*` that worlds of a split ("train" or "eval") fall back on."""
-        first, end = int(self.program.bank_ntrain), int(self.program.bank_qpos.shape[0])
-        return slice(first, end) if split == "eval" else slice(0, first)
 
 
 def refuse_starts(compiled: CompiledScene, where: str) -> None:

@@ -38,11 +38,12 @@ def chosen_objects(
     config = compiled.config
     names = with_variants([objects] if isinstance(objects, str) else objects, config.variants)
     valid = [name for name in compiled.placed if name in config.objects]
+    named = list(dict.fromkeys(config.owners.get(name, name) for name in valid))
     for name in names:
         if name not in valid:
-            raise UnknownNameError("placed object", str(name), where, [*valid, *config.variants])
+            raise UnknownNameError("placed object", str(name), where, named)
     if not names:
-        raise ArgumentError(f"{where}: objects should name one object at least. Valid: {', '.join(valid)}.")
+        raise ArgumentError(f"{where}: objects should name one object at least. Valid: {', '.join(named)}.")
     for name in valid:
         support = config.objects[name].support
         if support is None or name in names or not (present is None or name in present):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.resting_poses import Variant
@@ -77,6 +79,12 @@ class PlacedObject:
     def ground(self) -> int | None:
         """The body that carries it; None in a box in space or for STATIC."""
         return None if self.support is None else self.support.body
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The corners [m] of upright boxes around its regions, in the frame of its ground, shape (n, 3)."""
+        boxes = [(s.region.bounds, s.height) for surfaces in self.surfaces for s in surfaces]
+        return np.array([[x, y, z] for ends, z in boxes for x in ends[::2] for y in ends[1::2]])
 
     @property
     def orientation(self) -> str:

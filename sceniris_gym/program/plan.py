@@ -65,8 +65,8 @@ class Plan:
         return plan_reaching(self.scene, self.objects, self.pieces, self.home)
 
     @cached_property
-    def stances(self) -> list[Stance | None]:
-        """The stance of each object, None for all that need not stand; worked out when it is asked for."""
+    def stances(self) -> list[Stance]:
+        """The stance of each object, worked out when it is asked for."""
         return stances(self.scene, self.objects, self.pieces, self.home)
 
     @cached_property

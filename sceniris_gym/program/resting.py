@@ -68,7 +68,7 @@ def stable_poses(
     check_weight(scene.mjm, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
-    states = chain([home], _drawn_states(scene, home, drawn, followers))
+    states = chain([home], drawn_states(scene, home, drawn, followers))
     shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
     # with visual geometry it stands on that, whatever carries it
     kept = [pose for pose in poses if not physics or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
@@ -112,7 +112,7 @@ def touch_distances(mjm: mujoco.MjModel, rules: ContactRules, pieces: list[Piece
     ]
 
 
-def _drawn_states(
+def drawn_states(
     scene: SceneModel,
     home: mujoco.MjData,
     drawn: Mapping[int, Sequence[tuple[float, float]]],

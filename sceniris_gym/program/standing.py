@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import shapely
-from shapely.geometry import MultiPoint, Point, Polygon
+from shapely.geometry import MultiPoint, Polygon
 
 from sceniris_gym.geometry.feet import foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, weights
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
+from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import PlacedObject
-from sceniris_gym.program.resting import touch_distances
+from sceniris_gym.program.resting import drawn_states, touch_distances
 from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
 
@@ -32,7 +32,8 @@ _LIGHT = 0.25
 # Axes are level if they are inclined by less than this.
 _LEVEL = 1.0e-3
 _CONTACTS = 4
-_PASSES = 6
+# Number of depths at which the impedance of a contact is looked up.
+_GRID = 1001
 
 
 class Law(NamedTuple):
@@ -69,53 +70,52 @@ class Foot:
     Attributes:
         parts: Corners [m] of its convex parts; see `geometry.feet.foot`.
         law: The margin that the object needs on it.
-        margin: Distance [m] of the object's own centre of mass from the edge of its foot; negative outside.
+        margin: Least distance [m] of the object's own centre of mass from the edge of its foot in the states that its
+            joints are drawn in; negative outside, and -inf where draws of masses move it.
+        most: The greatest one.
     """
 
     parts: list[np.ndarray]
     law: Law
     margin: float
+    most: float
 
 
 @dataclass(frozen=True)
 class Stance:
-    """The feet, contacts and carrier of an object that has to stand.
+    """The feet, contacts and levels of an object that has to stand.
 
     Attributes:
-        carrier: The object that carries it, as its number in `Plan.objects`, if that is free; else None.
-        feet: Its foot in each of its variants.
+        levels: Itself, the free object that carries it, and so on down to one on what cannot move, as their numbers in
+            `Plan.objects`.
+        feet: Its foot in each of its variants; none if it does not collide with its support.
         load: The greatest weight [kg] of it and of all that may be put on it.
         sink: How deep four contacts of it are under that load, with the least masses that are drawn [m].
+        touch: The distance from which on its support carries it [m]: 0 without contact margins.
+        friction: The greatest coefficient of sliding friction between them, with the least that is drawn.
         is_whole: Whether all of its foot is on its support.
-        is_shifted: Whether draws move its centre of mass.
-        meets: Whether it collides with its support at all.
     """
 
-    carrier: int | None
+    levels: list[int]
     feet: list[Foot]
     load: float
     sink: float
+    touch: float
+    friction: float
     is_whole: bool
-    is_shifted: bool
-    meets: bool
 
     @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed, so that only what is put on it needs a test."""
-        certain = self.carrier is None and self.is_whole and not self.is_shifted
-        return certain and all(f.margin > 0.0 for f in self.feet)
+        return len(self.levels) < 2 and self.is_whole and all(f.margin > 0.0 for f in self.feet)
 
 
-NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0)
-"""The foot of what does not collide with its support."""
-NO_STANCE = Stance(None, [], 0.0, 0.0, is_whole=True, is_shifted=False, meets=True)
+NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 """The stance of what need not stand."""
 
 
-def stances(
-    scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData
-) -> list[Stance | None]:
-    """Return how each object of a plan stands, None for all that need not.
+def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData) -> list[Stance]:
+    """Return how each object of a plan stands.
 
     Args:
         scene: The scene.
@@ -123,20 +123,21 @@ def stances(
         pieces: All obstacles.
         home: MjData at the start pose.
     """
-    mjm, below = scene.mjm, [carrier_of(o, objects) for o in objects]
+    mjm, below = scene.mjm, carriers_of(objects)
     heaviest = drawn_bounds(scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
     load = np.array([(weights(mjm) * heaviest)[o.bodies].sum() for o in objects])
     for number, carrier in reversed(list(enumerate(below))):
         if carrier is not None:
             load[carrier] += load[number]
-    found: list[Stance | None] = []
-    for o, kg, carrier in zip(objects, load.tolist(), below, strict=True):
+    found: list[Stance] = []
+    for number, (o, carrier) in enumerate(zip(objects, below, strict=True)):
         if o.config is None or not o.config.has_to_stand or o.heap is not None:
-            found.append(None)
+            found.append(NO_STANCE)
             continue
-        base = None if carrier is None else found[carrier]
-        carries = base is not None and not _is_heavy(scene, objects[carrier or 0], pieces, home, base)
-        found.append(replace(_stance(scene, o, pieces, home, kg), carrier=carrier if carries else None))
+        levels = [number]
+        if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, home, found[carrier]):
+            levels += found[carrier].levels
+        found.append(_stance(scene, o, pieces, home, float(load[number]), levels))
     return found
 
 
@@ -148,28 +149,19 @@ def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: muj
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
     share = 1.0 - weights(mjm)[o.bodies].sum() / max(stance.load, mujoco.mjMINVAL)
-    return stance.is_certain and tilts and share * reach < _LIGHT * min(f.margin for f in stance.feet)
+    least = min((f.margin for f in stance.feet), default=0.0)
+    return stance.is_certain and tilts and share * reach < _LIGHT * least
 
 
-def levels_of(found: list[Stance | None], number: int) -> list[int]:
-    """Return the levels below an object, as numbers of objects, itself first; none if it need not stand."""
-    chain: list[int] = []
-    at: int | None = number
-    while at is not None and (stance := found[at]) is not None:
-        chain.append(at)
-        at = stance.carrier
-    return chain
+def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
+    """Return the number of the placed free object that carries each object, None where there is none."""
+    free = {o.name: i for i, o in enumerate(objects) if o.kind == ObjectKind.FREE}
+    return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
-def carrier_of(o: PlacedObject, objects: Iterable[PlacedObject]) -> int | None:
-    """Return the number of the placed free object that carries an object, None if there is none."""
-    owner = None if o.support is None else o.support.owner
-    return next(
-        (i for i, x in enumerate(objects) if x.name == owner and x.config is not None and x.config.kind == "free"), None
-    )
-
-
-def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, load: float) -> Stance:
+def _stance(
+    scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, load: float, levels: list[int]
+) -> Stance:
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     support, mjm = o.support, scene.mjm
     assert support is not None
@@ -178,6 +170,8 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoc
     found = [p for p in (pieces if is_physics else extract_pieces(mjm, "physics", set(o.bodies))) if p.body in o.bodies]
     touch = touch_distances(mjm, scene.contact_rules, found, support.body)
     own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]
+    if not own:
+        return replace(NO_STANCE, levels=levels)
     surfaces = [s for mine in o.surfaces for s in mine]
     there = [p for p in pieces if p.body == support.body]
     below = [
@@ -187,19 +181,22 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoc
         and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
     ]
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
-    shape = HomeShape(home, o.bodies[0], own)
+    shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
+    states = drawn_states(scene, home, {d.qposadr: d.intervals for d in o.joint_ranges}, o.followers)
+    centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in states)]
+    contacts = [([a.body, b.body], *_contact(scene, a.geom, b.geom)) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
-    feet = [_foot(shape, v, law) if own else NO_FOOT for v in o.variants]
+    feet = [_foot(shape, v, law, centers, _is_shifted(scene, o)) for v in o.variants]
     return Stance(
-        carrier=None,
+        levels=levels,
         feet=feet,
         load=load,
-        sink=max((_sink(scene, load, a.geom, b.geom) for a in own for b in below), default=0.0),
+        sink=max((_sink(scene, load, *contact[:3]) for contact in contacts), default=0.0),
+        touch=max(distance for distance in touch if distance is not None),
+        friction=max((friction for *_, friction in contacts), default=0.0),
         is_whole=whole or _cannot_leave(o, feet, walls),
-        is_shifted=_is_shifted(scene, o),
-        meets=bool(own),
     )
 
 
@@ -210,15 +207,16 @@ def _is_shifted(scene: SceneModel, o: PlacedObject) -> bool:
     return "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)
 
 
-def _foot(shape: HomeShape, variant: Variant, law: Law) -> Foot:
+def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray], is_shifted: bool) -> Foot:
     """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round."""
     turn = matrix(variant.quat).T
-    center = (shape.center_of_mass - variant.pivot) @ turn
-    parts, curved = foot([(points - variant.pivot) @ turn for points in shape.points()], float(center[2]))
+    ends = [(center - variant.pivot) @ turn for center in centers]
+    parts, curved = foot([(points - variant.pivot) @ turn for points in shape.points()], float(ends[0][2]))
     if len(parts) == 1 and len(parts[0]) > _FEW_CORNERS:
         law = CURVED if curved else ROUND
-    hull, at = MultiPoint(np.concatenate(parts)).convex_hull, Point(center[:2])
-    return Foot(parts, law, hull.boundary.distance(at) if hull.contains(at) else -hull.distance(at))
+    hull, at = MultiPoint(np.concatenate(parts)).convex_hull, shapely.points(np.array(ends)[:, :2])
+    margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at))
+    return Foot(parts, law, -np.inf if is_shifted else float(margins.min()), float(margins.max()))
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
@@ -246,23 +244,38 @@ def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bo
     return solid.buffer(1e-5).covers(around.difference(inside))
 
 
-def _sink(scene: SceneModel, load: float, a: int, b: int) -> float:
-    """Return the depth [m] at which four contacts of two geoms carry a load [kg].
+def _contact(scene: SceneModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return `solref`, `solimp` and sliding friction of two geoms as in the chapter "Computation" of MuJoCo's manual.
+
+    They are those of an explicit pair, of the geom of higher priority, or mixed.
+    """
+    mjm, sliding = scene.mjm, drawn_bounds(scene.draws, scene.mjm, "geom_friction")[0][:, 0]
+    rank = mjm.geom_priority[[a, b]]
+    first = np.array([a, b])[rank == rank.max()]
+    mix = np.maximum(mjm.geom_solmix[first], mujoco.mjMINVAL)
+    ref, imp = (np.average(x[first], axis=0, weights=mix) for x in (mjm.geom_solref, mjm.geom_solimp))
+    if mjm.geom_solref[first, 0].min() <= 0.0:
+        ref = mjm.geom_solref[first].min(axis=0)
+    friction = sliding[first].max() * (mjm.geom_condim[first].max() > 1)
+    for pair in np.flatnonzero(np.isin(mjm.pair_geom1, (a, b)) & np.isin(mjm.pair_geom2, (a, b))):
+        ref, imp = mjm.pair_solref[pair], mjm.pair_solimp[pair]
+        friction = mjm.pair_friction[pair, 0] * (mjm.pair_dim[pair] > 1)
+    if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+        ref, imp, friction = mjm.opt.o_solref, mjm.opt.o_solimp, mjm.opt.o_friction[0]
+    return ref, imp, float(friction)
+
+
+def _sink(scene: SceneModel, load: float, bodies: list[int], ref: np.ndarray, imp: np.ndarray) -> float:
+    """Return the depth [m] at which four contacts of two bodies carry a load [kg].
 
     At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
     weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax, by
-    the mixing and the impedance of the chapter "Computation" of MuJoCo's manual.
+    the impedance of that chapter.
     """
     mjm = scene.mjm
-    share = mjm.geom_solmix[a] / max(mjm.geom_solmix[a] + mjm.geom_solmix[b], mujoco.mjMINVAL)
-    if mjm.geom_priority[a] != mjm.geom_priority[b]:
-        share = float(mjm.geom_priority[a] > mjm.geom_priority[b])
-    ref, imp = (share * x[a] + (1.0 - share) * x[b] for x in (mjm.geom_solref, mjm.geom_solimp))
-    if 0.0 < share < 1.0 and min(mjm.geom_solref[a][0], mjm.geom_solref[b][0]) <= 0.0:
-        ref = np.minimum(mjm.geom_solref[a], mjm.geom_solref[b])
-    if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
-        ref, imp = mjm.opt.o_solref, mjm.opt.o_solimp
-    least, most = np.clip(imp[:2], mujoco.mjMINIMP, mujoco.mjMAXIMP)
+    lower = [mujoco.mjMINIMP, mujoco.mjMINIMP, mujoco.mjMINVAL, mujoco.mjMINIMP, 1.0]
+    upper = [mujoco.mjMAXIMP, mujoco.mjMAXIMP, np.inf, mujoco.mjMAXIMP, np.inf]
+    least, most, width, middle, power = np.clip(imp, lower, upper)
     stiff = -ref[0] / most**2
     if ref[0] > 0.0:
         is_safe = not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
@@ -270,10 +283,10 @@ def _sink(scene: SceneModel, load: float, a: int, b: int) -> float:
     gravity = np.max(np.abs(drawn_bounds(scene.draws, mjm, "gravity")), axis=0)
     lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
     inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
-    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[mjm.geom_bodyid[[a, b]]].sum()
-    depth = 0.0
-    for _ in range(_PASSES):
-        x = min(depth / max(imp[2], mujoco.mjMINVAL), 1.0)
-        d = least + (2.0 * x * x if x < 0.5 else 1.0 - 2.0 * (1.0 - x) ** 2) * (most - least)
-        depth = 0.5 * (depth + force / max(stiff, mujoco.mjMINVAL) * (1.0 - d) / d**2)
-    return float(depth)
+    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[bodies].sum()
+    x = np.linspace(0.0, 1.0, _GRID)
+    early, late = middle ** (1.0 - power) * x**power, 1.0 - (1.0 - middle) ** (1.0 - power) * (1.0 - x) ** power
+    d = least + np.where(x < middle, early, late) * (most - least)
+    share = force / max(stiff, mujoco.mjMINVAL)
+    depth = np.interp(share, width * x * d**2 / (1.0 - d), width * x)
+    return max(float(depth), share * (1.0 - most) / most**2)  # below the width nothing gets stiffer

@@ -33,7 +33,7 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
         NotSupportedError: The body hangs on joints, from which its pose follows.
     """
     if name not in scene.bodies:
-        raise UnknownNameError("object", name, where, scene.bodies)
+        raise UnknownNameError("object", name, where, [*scene.bodies, *scene.config.variants])
     mjm, body = scene.mjm, scene.bodies[name]
     joint = int(mjm.body_jntadr[body])
     if joint >= 0 and mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:

@@ -28,9 +28,9 @@ _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoc
 PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
 
 
-def instead_of_variants(name: str, variants: Sequence[str]) -> str:
+def instead_of_variants(name: str, members: Sequence[str]) -> str:
     """Return the advice to have all variants of an object in a model, which is the same in all worlds."""
-    first, more = [*variants[:4]], ["..."] if len(variants) > 4 else []
+    first, more = [member.partition("/")[2] for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
     return f"Or have a body for each variant, of which a group makes one present: {group}. {PLACE_ON}"
 

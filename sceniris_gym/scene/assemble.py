@@ -44,6 +44,9 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
     A variant of an `owner` gets names without that of its owner.
+
+    Raises:
+        NotSupportedError: A variant is soft.
     """
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
@@ -61,6 +64,8 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
         return Home({}, {})
     where, name = f"{where}: objects.{name}", name.removeprefix(f"{owner}/")
     child = _load_asset(config.asset, f"{where}.asset")
+    if owner and child.flexes:
+        raise NotSupportedError(f"{where}: is soft, and a variant should be a rigid body.")
     if config.scale != 1.0:
         scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.config.scene import Floor
+from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.geometry.rotations import quaternion
 
 OVERVIEW = "overview"

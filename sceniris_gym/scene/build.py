@@ -13,7 +13,6 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.messages import reading
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import (
     MeshError,
     SceneFileError,
@@ -63,7 +62,7 @@ def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> Sc
         CycleError: Joints that equalities tie to each other in a cycle.
     """
     check_type(config, SceneConfig, "build_model: config")
-    for name in owners_of(config.variants) if simulated is None else ():
+    for name in config.owners if simulated is None else ():
         if config.objects[name].asset is None:
             raise SceneKeyError(f"{config.where}: objects.{name}: should have an 'asset', as all variants do.")
     if isinstance(config.model, mujoco.MjModel):
@@ -199,8 +198,7 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
         spec = config.model.copy() if in_memory else load_model(config.model, where)
         assemble.stand_at_keyframe(spec, config.home or HOME, where)
     spec.modelname = "scene"
-    homes, variants = [], config.variants
-    owners = owners_of(variants)
+    homes, owners = [], config.owners
     if config.floor is not None and spec.geom(FLOOR) is None:
         backdrop.add_floor(spec, config.floor)
     if not spec.lights:
@@ -226,7 +224,7 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
         elif name not in owners:
             homes.append(assemble.attach_object(spec, name, part, config.where))
-        elif name == (members := variants[owner := owners[name]])[-1]:
+        elif name == (members := config.variants[owner := owners[name]])[-1]:
             if shared is not None:
                 shared.add(spec, owner)
             parts = {member: config.objects[member] for member in members}

@@ -6,6 +6,7 @@ its second one, and y0 and x0 those of `qpos0`. Without a second joint the first
 
 from __future__ import annotations
 
+import copy
 import graphlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -127,6 +128,19 @@ def equality_label(mjm: mujoco.MjModel, eq: int) -> str:
     kind = mujoco.mjtEq(int(mjm.eq_type[eq])).name.removeprefix("mjEQ_").lower()
     name = mjm.equality(eq).name
     return f"equality '{name}' ({kind})" if name else f"equality {eq} ({kind})"
+
+
+def equality_errors(mjm: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
+    """Return how far states (n, nq) miss each equality [m or rad], shape (n, neq), by MuJoCo C; 0 for inactive ones."""
+    alone = copy.copy(mjm)
+    alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # objects may lie on top of each other
+    data, missed = mujoco.MjData(alone), np.zeros((len(states), mjm.neq))
+    for row, qpos in enumerate(states):
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(alone, data)
+        rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        np.maximum.at(missed[row], data.efc_id[rows], np.abs(data.efc_pos[rows]))
+    return missed
 
 
 def follow(couplings: Iterable[Coupling], qpos: np.ndarray) -> None:

@@ -109,14 +109,15 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
 
 
 def _could_fall(config: SceneConfig) -> bool:
-    """Return whether some object has to stand on a free object, or may reach over the edge of what it stands on."""
+    """Return whether an object has to stand on a free one, has drawn joints, or may reach over an edge."""
     filling = {name for heap in config.heaps.values() for name in heap.of}
     for name, part in config.objects.items():
         if part.support is None or not part.has_to_stand or name in filling:
             continue
         owner = config.objects.get(part.support.parent.split("/")[0])
         is_floor = part.support.parent == FLOOR and config.floor is not None
-        if (owner is not None and owner.kind == "free") or (part.ratio_on_support < 1.0 and not is_floor):
+        is_carried = owner is not None and owner.kind == "free"
+        if is_carried or part.joints or (part.ratio_on_support < 1.0 and not is_floor):
             return True
     return False
 

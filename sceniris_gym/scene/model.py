@@ -73,8 +73,7 @@ class SceneModel:
         found = np.arange(self.mjm.nbody)
         if self.shared is None:
             return found
-        objects = self.config.variants.items()
-        owner = {self.bodies[member]: self.shared.bodies[name] for name, members in objects for member in members}
+        owner = {self.bodies[member]: self.shared.bodies[name] for member, name in self.config.owners.items()}
         others = np.setdiff1d(np.arange(self.shared.mjm.nbody), list(owner.values()))  # they keep their order
         alone = np.setdiff1d(found, list(owner))
         found[alone] = others[: len(alone)]

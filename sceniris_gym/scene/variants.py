@@ -7,8 +7,8 @@ with the values of the variant that is present.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -57,21 +57,15 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
         bodies: The bodies of the variants of one object.
     """
     kinds = geom_classes(mjm)
-    own = [[kinds[geom] for geom in _geoms(mjm, body)] for body in bodies]
-    most = Counter()
-    for classes in own:
-        most |= Counter(classes)
-    order = list(dict.fromkeys(kind for classes in own for kind in classes))
-    shared = [kind for kind in order for _ in range(most[kind])]
-    first = {kind: shared.index(kind) for kind in order}
-    found = []
-    for classes in own:
-        seen = Counter()
-        found.append([])
-        for kind in classes:
-            found[-1].append(first[kind] + seen[kind])
-            seen[kind] += 1
-    return shared, found
+    own = [_numbered([kinds[geom] for geom in _geoms(mjm, body)]) for body in bodies]
+    order = list(dict.fromkeys(kind for numbered in own for kind, _ in numbered))
+    shared = sorted({*chain(*own)}, key=lambda each: (order.index(each[0]), each[1]))
+    return [kind for kind, _ in shared], [[shared.index(each) for each in numbered] for numbered in own]
+
+
+def _numbered(kinds: list[tuple[int, ...]]) -> list[tuple[tuple[int, ...], int]]:
+    """Return each class with the number of geoms before it that have the same."""
+    return [(kind, kinds[:i].count(kind)) for i, kind in enumerate(kinds)]
 
 
 class SharedBodies:
@@ -88,11 +82,41 @@ class SharedBodies:
 
     def __init__(self, full: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str) -> None:
         self._full, self._variants, self._where = full, variants, where
-        self._named: set[str] = set()
+        self._hulls = {
+            full.mesh(int(full.geom_dataid[geom])).name
+            for member in owners_of(variants)
+            for geom in _geoms(full, full.body(member).id)
+            if full.geom_type[geom] == MESH and full.geom_contype[geom] | full.geom_conaffinity[geom]
+        }
 
     def add(self, spec: mujoco.MjSpec, name: str) -> None:
         """Add the body that the variants of an object share."""
-        self._named |= _add_shared_body(spec, self._full, name, self._variants[name])
+        mjm = self._full
+        bodies = [mjm.body(member).id for member in self._variants[name]]
+        mocap = bool(mjm.body_mocapid[bodies[0]] >= 0)
+        # an inertia like that of no simple body, for which MuJoCo leaves out elements of the mass matrix
+        shared = spec.worldbody.add_body(
+            name=name,
+            pos=mjm.body_pos[bodies[0]],
+            quat=mjm.body_quat[bodies[0]],
+            mocap=mocap,
+            explicitinertial=True,
+            mass=1.0,
+            ipos=[0.01, 0.02, 0.03],
+            fullinertia=[0.01, 0.011, 0.012, 0.001, 0.002, 0.003],
+            gravcomp=float(mjm.body_gravcomp[bodies].max()),
+        )
+        if not mocap:
+            shared.add_freejoint(name=f"{name}/free")
+        classes, places = places_of_geoms(mjm, bodies)
+        for i, kind in enumerate(classes):
+            body, own = next((b, p) for b, p in zip(bodies, places, strict=True) if i in p)
+            geom = _geoms(mjm, body)[own.index(i)]
+            added = shared.add_geom(name=f"{name}/{i}", type=mujoco.mjtGeom(kind[0]), size=mjm.geom_size[geom])
+            for field, value in zip(CLASS[1:], kind[1:], strict=True):
+                setattr(added, field, value)
+            if kind[0] == MESH:
+                added.meshname = mjm.mesh(int(mjm.geom_dataid[geom])).name
 
     def finish(self, spec: mujoco.MjSpec) -> None:
         """See to it that all meshes of variants get their hulls."""
@@ -116,9 +140,14 @@ class SharedBodies:
         return compile_spec(spec, self._where)
 
     def _name_meshes(self, spec: mujoco.MjSpec) -> None:
-        unnamed = sorted(_hulls(self._full, self._variants) - self._named)
-        if unnamed:
-            _name_meshes(spec, unnamed, _free_bit(self._full, self._where))
+        """Add a static body with a geom for each mesh that no other names: they touch nothing and are in no picture."""
+        unnamed = sorted(self._hulls - {geom.meshname for geom in spec.geoms if geom.contype | geom.conaffinity})
+        if not unnamed:
+            return
+        body, bit = spec.worldbody.add_body(name=_HULLS), _free_bit(self._full, self._where)
+        for mesh in unnamed:
+            geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, contype=bit, conaffinity=0, mass=0.0)
+            geom.group, geom.rgba = HIDDEN_GROUP, [0.0, 0.0, 0.0, 0.0]
 
 
 def check_variants(
@@ -151,67 +180,17 @@ def check_variants(
         if len(subtree(mjm, body)) > 1:
             raise NotSupportedError(f"{at}: has several bodies, and {cure}.")
         geoms = _geoms(mjm, body)
-        if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]):
-            raise NotSupportedError(f"{at}: has geoms with plugins or fluid forces, and {cure}.")
+        height_fields = mjm.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_HFIELD
+        if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]) or np.any(height_fields):
+            raise NotSupportedError(f"{at}: has geoms with plugins, height fields or fluid forces, and {cure}.")
         for kind, other in named:
             if other == name or other.startswith(f"{name}/"):
-                raise NotSupportedError(f"{at}: '{other}' is named by one of the model's {kind}, and {cure}.")
+                raise NotSupportedError(f"{at}: is named as '{other}' by one of the model's {kind}, and {cure}.")
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
     first = int(mjm.body_geomadr[body])
     return list(range(first, first + int(mjm.body_geomnum[body])))
-
-
-def _add_shared_body(spec: mujoco.MjSpec, mjm: mujoco.MjModel, name: str, members: tuple[str, ...]) -> set[str]:
-    """Add the body that the variants of an object share, and return the meshes that its colliding geoms name."""
-    bodies = [mjm.body(member).id for member in members]
-    mocap = bool(mjm.body_mocapid[bodies[0]] >= 0)
-    # an inertia like that of no simple body, for which MuJoCo leaves out elements of the mass matrix
-    shared = spec.worldbody.add_body(
-        name=name,
-        pos=mjm.body_pos[bodies[0]],
-        quat=mjm.body_quat[bodies[0]],
-        mocap=mocap,
-        explicitinertial=True,
-        mass=1.0,
-        ipos=[0.01, 0.02, 0.03],
-        fullinertia=[0.01, 0.011, 0.012, 0.001, 0.002, 0.003],
-        gravcomp=float(mjm.body_gravcomp[bodies].max()),
-    )
-    if not mocap:
-        shared.add_freejoint(name=f"{name}/free")
-    classes, places = places_of_geoms(mjm, bodies)
-    named = set()
-    for i, kind in enumerate(classes):
-        body, own = next((b, p) for b, p in zip(bodies, places, strict=True) if i in p)
-        geom = _geoms(mjm, body)[own.index(i)]
-        mesh = mjm.mesh(int(mjm.geom_dataid[geom])).name if kind[0] == MESH else ""
-        added = shared.add_geom(name=f"{name}/{i}", type=mujoco.mjtGeom(kind[0]), size=mjm.geom_size[geom])
-        for field, value in zip(CLASS[1:], kind[1:], strict=True):
-            setattr(added, field, value)
-        if mesh:
-            added.meshname = mesh
-            named |= {mesh} if kind[1] | kind[2] else set()
-    return named
-
-
-def _hulls(mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]]) -> set[str]:
-    """Return the meshes that colliding geoms of variants name."""
-    return {
-        mjm.mesh(int(mjm.geom_dataid[geom])).name
-        for member in owners_of(variants)
-        for geom in _geoms(mjm, mjm.body(member).id)
-        if mjm.geom_type[geom] == MESH and mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]
-    }
-
-
-def _name_meshes(spec: mujoco.MjSpec, meshes: list[str], bit: int) -> None:
-    """Add a static body with a geom for each mesh, which touch nothing and are in no picture."""
-    body = spec.worldbody.add_body(name=_HULLS)
-    for mesh in meshes:
-        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, contype=bit, conaffinity=0, mass=0.0)
-        geom.group, geom.rgba = HIDDEN_GROUP, [0.0, 0.0, 0.0, 0.0]
 
 
 def _free_bit(mjm: mujoco.MjModel, where: str) -> int:

@@ -73,10 +73,9 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
         SceneMismatchError: As `check_fit`, or objects have variants, whose worlds have a model each.
     """
     for name, members in compiled.config.variants.items():
-        advice = instead_of_variants(name, [member.partition("/")[2] for member in members])
         raise SceneMismatchError(
             f"{where}: objects.{name} has variants, and all worlds should have one model here. Take SceneVectorEnv or "
-            f"ResetRandomizer for the scene. {advice}"
+            f"ResetRandomizer for the scene. {instead_of_variants(name, members)}"
         )
     try:
         _check_model(compiled, mjm, mjm)

@@ -10,6 +10,7 @@ import warp as wp
 
 from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import LayoutsView
@@ -196,8 +197,10 @@ class ModelFields:
 
     @property
     def rows(self) -> dict[str, wp.array]:
-        """The arrays that have a row for each world, by name, with those of controls at rest if gains differ."""
+        """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
+        numbers = {} if self._drawer is None else self._drawer.numbers
+        found |= {f"drawn.{name}": array for name, array in numbers.items()}
         return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
 
     def launch_follow(self, mask: wp.array) -> None:
@@ -237,9 +240,11 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
             variants of objects differ have rows as well.
 
     Raises:
+        CountError: The number of worlds is not a whole number, at least 1.
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
     """
+    nworld = as_count(nworld, "put_model: nworld")
     for name in fields:
         check_field(name, compiled.sim_mjm, "put_model")
     drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants() if compiled.config.variants else ()

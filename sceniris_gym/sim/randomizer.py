@@ -158,7 +158,7 @@ class ResetRandomizer(Fixed, StaysHere):
             warn_of_origins(compiled.scene, origins.numpy(), "ResetRandomizer: origins")
         variants = None
         if compiled.config.variants:
-            variants = VariantWriter(compiled.scene, model, data.nworld, self._mask, self.fields.varied)
+            variants = VariantWriter(compiled.scene, model, data.nworld, self.fields.varied)
         more: Any = {"origins": origins, "variants": variants, "refresh": self._update}
         found, rest = (compiled, model, data), self.fields.rest
         self.replacer = Replacer(*found, self.layouts, self._split, rest=rest, **more, graph=graph)
@@ -322,10 +322,8 @@ class ResetRandomizer(Fixed, StaysHere):
         self.layout_source.set_knobs({name: value}, mask)
 
     def layout_ids(self) -> list[str]:
-        """Return the ids of the present layouts, one per world, with the knobs that differ. Waits for the device."""
-        names = zip(*(getattr(self.layouts, name).numpy() for name in ("seed", "episode", "knob")), strict=True)
-        text, name = self.layouts.knobs.text, self.compiled.layout_id
-        return [name(seed, episode, self._split, text(row)) for seed, episode, row in names]
+        """Return the ids of the present layouts, see `Layouts.ids`."""
+        return self.layouts.ids(self._split)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
@@ -351,7 +349,7 @@ class ResetRandomizer(Fixed, StaysHere):
         """Give the masked worlds the variants of their present layouts, without a reset."""
         if self._writer.variants is not None:
             fill_mask(mask, self._mask)
-            self._writer.variants.launch(poses_of(self.layouts.view), self.layouts.present)
+            self._writer.variants.launch(poses_of(self.layouts.view), self._mask, self.layouts.present)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""

@@ -133,7 +133,7 @@ class Replacer:
                 reader.launch(self._mask)
             redraw.launch(state, self._mask, self.number, self._origins)
             poses = poses_of(found.view)
-            writer.launch(poses if variants is None else variants.launch_poses(poses, redraw.placed))
+            writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
             self._refresh()
 

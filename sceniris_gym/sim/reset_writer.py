@@ -77,7 +77,7 @@ class ResetWriter:
         """
         m, d, poses, pose_rows = self._m, self._d, poses_of(layouts), rows
         if self.variants is not None:
-            poses, pose_rows = self.variants.launch(poses, layouts.present, rows), None
+            poses, pose_rows = self.variants.launch(poses, self._mask, layouts.present, rows), None
         self._contacts.launch_drop()
         self._fields.launch_draw(self._mask, layouts, self._split, knob, rows)
         if self._whole:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
@@ -100,5 +98,5 @@ class VariantReader:
 
     def launch(self, mask: wp.array) -> None:
         """Read the masked worlds, shape (nworld,), bool."""
-        where: Any = {"dim": [self._nworld], "block_dim": LANES, "device": self._device}
-        wp.launch_tiled(_read_worlds, inputs=[*self._inputs, mask], outputs=self._outputs, **where)
+        words = {"inputs": [*self._inputs, mask], "outputs": self._outputs, "block_dim": LANES}
+        wp.launch_tiled(_read_worlds, dim=[self._nworld], **words, device=self._device)

@@ -10,6 +10,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.program.plan import slot_names
@@ -19,7 +20,6 @@ from sceniris_gym.scene.variants import places_of_geoms
 from sceniris_gym.sim.write import Poses
 
 wp.set_module_options({"enable_backward": False})
-
 
 LANES = 512
 """Lanes that read or write a world: each waits for memory once a word."""
@@ -41,27 +41,11 @@ def fields_of_variants() -> tuple[str, ...]:
 
 
 @wp.kernel
-def _find_variants(
-    # Of each variant: its column in layouts, its object and its number
-    members: wp.array[wp.vec3i],
-    # In:
-    mask: wp.array[wp.bool],
-    rows: wp.array[int],
-    present: wp.array2d[int],
-    # Out:
-    variant_out: wp.array2d[int],
-):
-    worldid, i = wp.tid()
-    if not mask[worldid]:
-        return
-    row = row_of(worldid, rows)
-    member = members[i]
-    if present[row, member[0]] != 0:
-        variant_out[worldid, member[1]] = member[2]
-
-
-@wp.kernel
 def _write_variants(
+    # Variants in layouts:
+    column: wp.array[int],
+    shared: wp.array[int],
+    number: wp.array[int],
     # Words of the model:
     table: wp.array[int],
     word_shared: wp.array[int],
@@ -81,11 +65,12 @@ def _write_variants(
     # In:
     mask: wp.array[wp.bool],
     rows: wp.array[int],
-    variant: wp.array2d[int],
+    present: wp.array2d[int],
     qpos_in: wp.array2d[float],
     mocap_pos_in: wp.array2d[wp.vec3],
     mocap_quat_in: wp.array2d[wp.quat],
     # Out:
+    variant: wp.array2d[int],
     qpos_out: wp.array2d[float],
     mocap_pos_out: wp.array2d[wp.vec3],
     mocap_quat_out: wp.array2d[wp.quat],
@@ -95,6 +80,20 @@ def _write_variants(
     if not mask[worldid]:
         return
     row = row_of(worldid, rows)
+    if present:
+        for i in range(lane, column.shape[0], wp.block_dim()):
+            if present[row, column[i]] != 0:
+                variant[worldid, shared[i]] = number[i]
+        block_sync()
+        for i in range(lane, address.shape[0], wp.block_dim()):
+            at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
+            word = wp.array(ptr=at, shape=(1,), dtype=int)
+            word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
+        if lane == 0:
+            total = mass[mass.shape[0] - 1]  # of all that has no variants
+            for s in range(variant.shape[1]):
+                total += mass[first[s] + variant[worldid, s]]
+            subtreemass_out[worldid, 0] = float(total)
     for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
         adr = qpos_adr[i]
         if qpos_shared[i] >= 0:
@@ -106,16 +105,6 @@ def _write_variants(
             mocapid = source[first[mocap_shared[i]] + variant[worldid, mocap_shared[i]]]
         mocap_pos_out[worldid, i] = mocap_pos_in[row, mocapid]
         mocap_quat_out[worldid, i] = mocap_quat_in[row, mocapid]
-    for i in range(lane, address.shape[0], wp.block_dim()):
-        at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
-        word = wp.array(ptr=at, shape=(1,), dtype=int)
-        word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
-    if subtreemass_out:
-        if lane == 0:
-            total = mass[mass.shape[0] - 1]  # of all that has no variants
-            for s in range(variant.shape[1]):
-                total += mass[first[s] + variant[worldid, s]]
-            subtreemass_out[worldid, 0] = float(total)
 
 
 class VariantWriter:
@@ -126,7 +115,6 @@ class VariantWriter:
         m: Model of the scene as it is simulated, with a row for each world where variants differ: see
             `model_fields.put_model`.
         nworld: Number of worlds.
-        mask: The worlds to write into, shape (nworld,), bool; read at every launch.
         varied: Copies of these fields, to which the same is written, with the colours that are seen:
             `ModelFields.varied`.
 
@@ -138,31 +126,31 @@ class VariantWriter:
         SceneMismatchError: The Model has one row for all worlds.
     """
 
-    def __init__(
-        self, scene: SceneModel, m: mjw.Model, nworld: int, mask: wp.array, varied: Mapping[str, wp.array]
-    ) -> None:
+    def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, varied: Mapping[str, wp.array]) -> None:
         for name in fields_of_variants():
             if getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
                     f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
                     "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
                 )
-        self._mask, self._device = mask, m.qpos0.device
+        self._device = m.qpos0.device
         full, sim, variants = scene.mjm, scene.sim.mjm, scene.config.variants
         counts = [len(members) for members in variants.values()]
         bodies = [[scene.bodies[member] for member in members] for members in variants.values()]
-        slots = slot_names(scene.config)
-        numbered = [(k, *each) for k, members in enumerate(variants.values()) for each in enumerate(members)]
+        columns = slot_names(scene.config)
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
             mocap = (nworld, max(sim.nmocap, 1))
             kinds = ((nworld, sim.nq), float), (mocap, wp.vec3), (mocap, wp.quat)
             self._poses = Poses(*(wp.zeros(shape, dtype=dtype) for shape, dtype in kinds))
-            self._members = wp.array([(slots.index(member), k, i) for k, i, member in numbered], dtype=wp.vec3i)
+            self._members = [
+                wp.array([columns.index(member) for members in variants.values() for member in members], dtype=int),
+                wp.array(np.repeat(np.arange(len(counts)), counts), dtype=int),
+                wp.array(np.concatenate([np.arange(count) for count in counts]), dtype=int),
+            ]
             masses = [float(full.body_mass[body]) for members in bodies for body in members]
             others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
             self._table = self._words(scene, m, bodies, varied)
-            self._no_table = [wp.zeros(0, dtype=words.dtype) for words in self._table]
             self._inputs = [
                 *self._sources(scene, bodies),
                 wp.array(np.cumsum([0, *counts[:-1]]), dtype=int),
@@ -172,39 +160,20 @@ class VariantWriter:
         self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
         self._subtreemass = m.body_subtreemass
 
-    def launch(self, poses: Poses, present: wp.array, rows: wp.array | None = None) -> Poses:
-        """Write the variants of rows of layouts into the masked worlds, and return the poses of all worlds.
+    def launch(
+        self, poses: Poses, mask: wp.array, present: wp.array | None = None, rows: wp.array | None = None
+    ) -> Poses:
+        """Write the variants of layouts into the masked worlds, and return the poses of all worlds as simulated.
 
         Args:
             poses: Poses of the scene with all variants.
-            present: Which objects are present, shape (nrow, nslot), int32.
+            mask: Which worlds, shape (nworld,), bool.
+            present: Which objects are present, shape (nrow, nslot), int32; None if worlds keep their variants.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
-        nworld = self.variant.shape[0]
-        wp.launch(
-            _find_variants,
-            (nworld, self._members.shape[0]),
-            inputs=[self._members, self._mask, rows, present],
-            outputs=[self.variant],
-            device=self._device,
-        )
-        return self._launch_write(self._table, self._mask, rows, poses, self._subtreemass)
-
-    def launch_poses(self, poses: Poses, mask: wp.array) -> Poses:
-        """Return the poses of all worlds as simulated, with those of the masked ones from layouts of their variants.
-
-        Args:
-            poses: Poses of the scene with all variants, one row a world.
-            mask: Which worlds, shape (nworld,), bool.
-        """
-        return self._launch_write(self._no_table, mask, None, poses, None)
-
-    def _launch_write(
-        self, table: list[wp.array], mask: wp.array, rows: wp.array | None, poses: Poses, subtreemass: wp.array | None
-    ) -> Poses:
-        inputs = [*table, *self._inputs, mask, rows, self.variant, *poses]
-        where: Any = {"dim": [self.variant.shape[0]], "block_dim": LANES, "device": self._device}
-        wp.launch_tiled(_write_variants, inputs=inputs, outputs=[*self._poses, subtreemass], **where)
+        inputs = [*self._members, *self._table, *self._inputs, mask, rows, present, *poses]
+        words = {"outputs": [self.variant, *self._poses, self._subtreemass], "block_dim": LANES}
+        wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words, device=self._device)
         return self._poses
 
     def _words(
@@ -243,8 +212,7 @@ class VariantWriter:
         others = [np.flatnonzero(~np.isin(of(full), variants)) for of in (owners_of_qpos, mocap_bodies)]
         qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
         qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
-        places = np.arange(sim.nq) - sim.jnt_qposadr[sim.body_jntadr[owners_of_qpos(sim)]]
-        qpos_adr[qpos_shared >= 0] = places[qpos_shared >= 0]
+        qpos_adr[qpos_shared >= 0] = np.resize(range(7), (qpos_shared >= 0).sum())  # each has a freejoint alone
         joints = full.body_jntadr[variants]
         source = np.where(joints >= 0, full.jnt_qposadr[joints], full.body_mocapid[variants])
         values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
@@ -269,27 +237,22 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
     those of materials where these show.
     """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
-    _, places = places_of_geoms(full, bodies)
-    geom, dof = int(sim.body_geomadr[body]), int(sim.body_dofadr[body])
+    geoms = np.full((len(bodies), sim.body_geomnum[body]), -1)
+    for row, own, first in zip(geoms, places_of_geoms(full, bodies)[1], full.body_geomadr[bodies], strict=True):
+        row[own] = first + np.arange(len(own))
+    dofs = full.body_dofadr[bodies][:, None] + np.arange(sim.body_dofnum[body])
+    elements = {"body": (body, np.array(bodies)[:, None]), "dof": (sim.body_dofadr[body], dofs)}
+    elements["geom"] = sim.body_geomadr[body], geoms
     found = []
     for field in fields_of_variants():
-        kind, theirs, ours = field.partition("_")[0], getattr(full, field), getattr(sim, field)
+        kind, _, word = field.partition("_")
+        theirs, ours = getattr(full, field), getattr(sim, field)
         theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
         words = np.int32 if theirs.dtype.kind == "i" else np.float32
         theirs, ours = (np.reshape(values, (len(values), -1)).astype(words) for values in (theirs, ours))
-        if kind == "body":
-            elements = [(body, theirs[bodies])]
-        elif kind == "dof":
-            first = full.body_dofadr[bodies]
-            elements = [(dof + i, theirs[first + i]) for i in range(sim.body_dofnum[body])]
-        else:
-            elements = []
-            for i in range(sim.body_geomnum[body]):
-                values = np.repeat(ours[[geom + i]], len(bodies), axis=0)
-                values[:] = _UNUSED.get(field.partition("_")[2], values)
-                for v, own in enumerate(places):
-                    if i in own:
-                        values[v] = theirs[full.body_geomadr[bodies[v]] + own.index(i)]
-                elements.append((geom + i, values))
-        found += [(field, i, values.view(np.int32), ours[i].view(np.int32)) for i, values in elements]
+        first, sources = elements[kind]
+        for i, source in enumerate(sources.T, int(first)):
+            values = theirs[source]
+            values[source < 0] = _UNUSED.get(word, ours[i])
+            found.append((field, i, values.view(np.int32), ours[i].view(np.int32)))
     return found

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -19,7 +18,6 @@ from sceniris_gym.errors import (
     ArgumentError,
     ArgumentTypeError,
     MaskError,
-    SceneMismatchError,
     SeedError,
     UnknownNameError,
 )
@@ -31,7 +29,6 @@ from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
-from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
@@ -41,19 +38,19 @@ LAYOUTS, STATE, KNOBS = "layouts", "state", "knobs"
 RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE, KNOBS)
 
 
-@dataclass(frozen=True)
-class ChosenLayouts:
-    """The layouts that some worlds are to get.
+class ChosenLayouts(NamedTuple):
+    """The layouts that some worlds are to get, as `LayoutSource.reseed` takes them.
 
     Attributes:
-        seeds, episodes: Of each world, shape (num_envs,), uint64 and int32.
+        seeds: Of each world, shape (num_envs,), uint64.
         given: Which worlds, shape (num_envs,), bool.
+        episodes: Of each world, shape (num_envs,), int32.
         knobs: Numbers of the knobs, shape (num_envs, nvalue), float32; None leaves them as they are.
     """
 
     seeds: np.ndarray
-    episodes: np.ndarray
     given: np.ndarray
+    episodes: np.ndarray
     knobs: np.ndarray | None
 
 
@@ -185,7 +182,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     return mask
 
 
-def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str = "train") -> ChosenLayouts | None:
+def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str) -> ChosenLayouts | None:
     """Return the layouts that worlds are to get; None for no choice.
 
     Args:
@@ -214,39 +211,23 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
         if (episodes < 0).any() or (episodes >= MOST_EPISODES).any():
             raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 1, got {short(value['episode'])}.")
         rows = table.rows(value[KNOBS], num_envs) if KNOBS in value else None
-        return ChosenLayouts(seeds.astype(np.uint64), episodes.astype(np.int32), np.ones(num_envs, bool), rows)
+        return ChosenLayouts(seeds.astype(np.uint64), np.ones(num_envs, bool), episodes.astype(np.int32), rows)
     texts = [value] * num_envs if isinstance(value, str | LayoutId) else value
     if not isinstance(texts, Sequence) or len(texts) != num_envs:
         raise ArgumentError(
             f"{where} should be a layout id, a sequence of {num_envs} of them, one per world, or a mapping with 'seed' "
             f"and 'episode', got {short(value)}."
         )
-    ids = [None if one is None else own_id(one, scene, split, where) for one in texts]
+    cure = f"{where} should have ids of the environment's scene and split."
+    ids = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
     rows = {text: table.rows(knobs_in(text), 1)[0] for text in {one.knobs for one in found}}
     return ChosenLayouts(
         np.array([one.seed for one in found], np.uint64),
-        np.array([one.episode for one in found], np.int32),
         np.array([one is not None for one in ids]),
+        np.array([one.episode for one in found], np.int32),
         np.array([rows[one.knobs] for one in found]),
     )
-
-
-def own_id(text: Any, scene: SceneModel, split: str, where: str) -> LayoutId:
-    """Read a layout id, or take a LayoutId, and refuse one of another scene or split.
-
-    Raises:
-        LayoutIdError: A malformed id.
-        SceneMismatchError: Another scene or split.
-    """
-    found = text if isinstance(text, LayoutId) else LayoutId.parse(str(text))
-    if found.scene == scene.former_hash:
-        raise SceneMismatchError(f"{where}: layout '{text}' {scene.mismatch(found.scene, '')}")
-    if (found.scene, found.split) != (scene.hash, split):
-        raise SceneMismatchError(
-            f"{where}: layout '{text}' should be of scene {scene.hash} and split '{split}', as the environment is."
-        )
-    return found
 
 
 def _numbers_of_worlds(value: Any, num_envs: int, name: str) -> np.ndarray:

@@ -13,7 +13,7 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.vector.arguments import LAYOUTS, own_id
+from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
@@ -76,7 +76,8 @@ def evaluate(
     elif not isinstance(ids, Iterable):
         count = number if ids is None else as_count(ids, "evaluate: ids", 0)
         ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
-    wanted = [own_id(text, inner.compiled.scene, split, "evaluate") for text in ids]
+    cure = "evaluate: ids should be of the environment's scene and split."
+    wanted = [LayoutId.of_scene(text, inner.compiled.scene, cure, split) for text in ids]
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]

@@ -7,7 +7,6 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.config.variants import owners_of
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import BaseFrame
@@ -34,8 +33,7 @@ class TargetGrasps:
         members = scene.config.variants.get(name, (name,))
         found = [i for i, target in enumerate(targets) if target.name in members]
         if reaching is None or not found:
-            owners = owners_of(scene.config.variants)
-            valid = {owners.get(target.name, target.name) for target in targets}
+            valid = {scene.config.owners.get(target.name, target.name) for target in targets}
             raise unknown(scene, "reachable object", name, where, valid)
         self._grasp, self._columns = wp.to_torch(layouts.grasp), torch.tensor(found, device=device)
         self._qpos = {array: wp.to_torch(getattr(layouts, array)) for array in ("grasp_qpos", "pregrasp_qpos")}

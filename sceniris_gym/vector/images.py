@@ -13,7 +13,6 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
 from sceniris_gym.sim.batch import Batch
@@ -145,13 +144,3 @@ def as_channels(pictures: Mapping[str, Tensor]) -> Tensor:
     """
     parts = [image / 255.0 if kind == "rgb" else image.float() for kind, image in pictures.items()]
     return torch.cat(parts, dim=3).permute(0, 3, 1, 2)
-
-
-def make_images(batch: Batch, images: Any, every: Any, *, graph: bool) -> Images | None:
-    """Return the images of an environment from its arguments `images` and `render_every`; None without images.
-
-    Raises:
-        ArgumentError, CountError, UnknownNameError: See `as_shots` and `Images`.
-    """
-    count = as_count(every, "render_every")
-    return None if images is None else Images(batch, as_shots(images), count, graph=graph)

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import mujoco
 import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.importers.libero.kinds import moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.importers.libero.things import INNER
 from sceniris_gym.scene.support import subtree
-from sceniris_gym.vector.names import SCALAR, find_body
+from sceniris_gym.vector.names import SCALAR, find_body, find_element
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.touch import Touch
 
+_WHERE = "LiberoGoal"
 _BESIDE = 0.03  # greatest distance of the origins of two things, one on the other [m]
 _ABOVE = 0.1  # greatest height over a site at which a thing is on it [m]
 _BELOW = 0.005  # depth below the top of a site at which it still is [m]
@@ -46,7 +45,6 @@ class LiberoGoal:
     """
 
     def __init__(self, s: State, problem: Problem) -> None:
-        self._where = f"scene '{s.scene.config.name}': LiberoGoal"
         self._problem = problem
         self._xpos, self._qpos = wp.to_torch(s.data.xpos), wp.to_torch(s.data.qpos)
         self._site_pos, self._site_mat = wp.to_torch(s.data.site_xpos), wp.to_torch(s.data.site_xmat)
@@ -104,7 +102,7 @@ class LiberoGoal:
 
     def _joints(self, s: State, predicate: Predicate, region: Region | None) -> Callable[[State], Tensor]:
         name, (low, high) = moving(self._problem, predicate)
-        root = find_body(s.scene, name, self._where)
+        root = find_body(s.scene, name, _WHERE)
         bodies = subtree(s.mjm, root) if region is None else [int(s.mjm.site_bodyid[self._site(s, region)[0]])]
         joints = [j for j in range(s.mjm.njnt) if s.mjm.jnt_bodyid[j] in bodies and s.mjm.jnt_type[j] in SCALAR]
         columns = [int(s.mjm.jnt_qposadr[j]) for j in joints]
@@ -117,20 +115,15 @@ class LiberoGoal:
         return lambda _: tests[predicate.word](self._qpos[:, columns])
 
     def _origin(self, s: State, name: str) -> int:
-        return find_body(s.scene, f"{name}/{INNER}", self._where)
+        return find_body(s.scene, f"{name}/{INNER}", _WHERE)
 
     def _site(self, s: State, region: Region) -> tuple[int, Tensor]:
         """Return a site and its half sizes [m], shape (3,)."""
-        name = f"{region.target}/{region.name}"
-        site = mujoco.mj_name2id(s.mjm, mujoco.mjtObj.mjOBJ_SITE, name)
-        if site < 0:
-            raise UnknownNameError("site", name, self._where, (s.mjm.site(i).name for i in range(s.mjm.nsite)))
+        site = find_element(s.scene, "site", f"{region.target}/{region.name}", _WHERE)
         return site, torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
 
     def _touch(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
         """Return the test of any part of one thing against any part of another one."""
-        parts = [
-            [s.mjm.body(b).name for b in subtree(s.mjm, find_body(s.scene, n, self._where))] for n in (name, other)
-        ]
+        parts = [[s.mjm.body(b).name for b in subtree(s.mjm, find_body(s.scene, n, _WHERE))] for n in (name, other)]
         touch = Touch(s, *(list(filter(None, names)) for names in parts))
         return lambda s: touch(s).any(dim=2).any(dim=1)

@@ -163,14 +163,14 @@ class Readings:
         """Return the TCP pose of the grasp that an object's layout was accepted for, shape (num_envs, 7).
 
         Position [m] and orientation (wxyz), +z the approach and +y the closing axis. It moves with the object; NaN
-        where the object is absent.
+        where the object is absent, or the variant that is present need not be reachable.
         """
         return self._target(name, "grasp").pose(self._base, self._xpos, self._xquat)
 
     def grasp_qpos(self, name: str) -> Tensor:
         """Return the arm's joints [rad or m] in that grasp, for the object's start pose, shape (num_envs, joints).
 
-        NaN where the object is absent, and for objects whose reachability only the arm's map decided.
+        NaN where `grasp` is, and for objects whose reachability only the arm's map decided.
         """
         return self._target(name, "grasp_qpos").joints("grasp_qpos")
 

@@ -14,9 +14,11 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.sim.randomizer import PROMISED
+from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
+_OF_DATA = (*PROMISED, *fields_of_data("tree_awake"))
 _OF_LAYOUTS = (
     *("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "present"),
     *("start", "knob", "grasp", "grasp_qpos", "pregrasp_qpos"),
@@ -53,6 +55,20 @@ def take(scene: str, live: Mapping[str, Tensor], worlds: Tensor) -> Snapshot:
     return Snapshot(scene, worlds, {name: tensor[worlds] for name, tensor in live.items()})
 
 
+def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
+    """Return all tensors as they are now, for `written`."""
+    return {name: (tensor, tensor._version) for name, tensor in live.items()}
+
+
+def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) -> dict[str, Tensor]:
+    """Return the tensors that were written to or replaced since they were `made`.
+
+    The others, such as indices and tables, belong to no episode, even where they have as many rows as there are worlds.
+    """
+    kept = [name for name, (tensor, version) in made.items() if live.get(name) is tensor and tensor._version == version]
+    return {name: tensor for name, tensor in live.items() if name not in kept}
+
+
 def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
     """Write a snapshot back, into its own worlds or, in order, into those of a mask, and return the mask of them.
 
@@ -63,7 +79,8 @@ def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | No
     """
     check_type(snapshot, Snapshot, "options['state']")
     found = {name: tuple(rows.shape[1:]) for name, rows in snapshot.rows.items()}
-    if snapshot.scene != scene or found != {name: tuple(tensor.shape[1:]) for name, tensor in live.items()}:
+    wanted = {name: tuple(tensor.shape[1:]) for name, tensor in live.items()}
+    if snapshot.scene != scene or not wanted.items() <= found.items():
         raise SceneMismatchError("options['state'] should be a snapshot of this scene and task. Take one of this one.")
     num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
     worlds = snapshot.worlds.to(device) if mask is None else mask.nonzero().flatten()
@@ -80,7 +97,7 @@ def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | No
 
 def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> dict[str, Tensor]:
     """Return all tensors that have a row for each world, by name, in the memory that steps and resets use."""
-    arrays = {f"data.{name}": getattr(state.data, name) for name in PROMISED}
+    arrays = {f"data.{name}": getattr(state.data, name) for name in _OF_DATA}
     arrays |= {f"model.{name}": array for name, array in state.model_rows.items()}
     arrays |= {f"layout.{name}": getattr(layouts, name) for name in _OF_LAYOUTS}
     tensors = {name: wp.to_torch(array) for name, array in arrays.items() if array.size}

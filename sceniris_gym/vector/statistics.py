@@ -32,9 +32,8 @@ class EpisodeStatistics:
     def __init__(self, num_envs: int, device: torch.device) -> None:
         self.names: tuple[str, ...] = COUNTS
         # doubles, as the sums may grow for a long time before they are read
-        self._counts = torch.zeros(len(COUNTS), num_envs, dtype=torch.float64, device=device)
-        self._running = self._finished = self._counts[:0]
-        self._latest = (torch.zeros_like(self._counts), self._finished)
+        self._sums = torch.zeros(len(COUNTS), num_envs, dtype=torch.float64, device=device)
+        self._running, self._latest = self._sums[:0], self._sums.clone()
         self._ended = torch.zeros(num_envs, dtype=torch.bool, device=device)
         self.finished = self._ended
 
@@ -66,21 +65,18 @@ class EpisodeStatistics:
             self._make_room(terms)
         self._running.add_(gained)
         self.finished = counted = done & ~self._ended
-        self._latest = (
-            torch.stack([counted, counted * elapsed, counted & success, counted & broken]),
-            torch.where(counted, self._running, 0.0),
-        )
-        self._counts.add_(self._latest[0])
-        self._finished.add_(self._latest[1])
+        counts = torch.stack([counted, counted * elapsed, counted & success, counted & broken])
+        self._latest = torch.cat([counts, torch.where(counted, self._running, 0.0)])
+        self._sums.add_(self._latest)
         self._ended.logical_or_(done)
 
     def sums(self) -> Tensor:
         """Return the sums over finished episodes, in the order of `names`, shape (len(names),), on the device."""
-        return torch.cat([self._counts, self._finished]).sum(dim=1)
+        return self._sums.sum(dim=1)
 
     def latest(self) -> Tensor:
         """Return the same sums over the episodes that finished in the last step; `clear` does not change them."""
-        return torch.cat(self._latest).sum(dim=1)
+        return self._latest.sum(dim=1)
 
     def read(self, clear: bool = True) -> dict[str, Any]:
         """Return the means over the finished episodes. Waits for the device.
@@ -110,12 +106,11 @@ class EpisodeStatistics:
 
     def clear(self) -> None:
         """Set the sums to 0; episodes that are under way count in full when they finish."""
-        self._counts.zero_()
-        self._finished.zero_()
+        self._sums.zero_()
 
     def _make_room(self, terms: tuple[str, ...]) -> None:
         self.names = (*COUNTS, *terms)
         # tensors made under inference mode could not be written to outside of it
         with torch.inference_mode(False):
-            self._running = self._counts.new_zeros(len(terms), self._counts.shape[1])
-            self._finished = torch.zeros_like(self._running)
+            self._running = self._sums.new_zeros(len(terms), self._sums.shape[1])
+            self._sums = torch.cat([self._sums, self._running])

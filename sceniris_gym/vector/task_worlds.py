@@ -110,9 +110,10 @@ class TaskWorlds:
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
-        sampler, count = self.randomizer.levels, wp.to_torch(self.randomizer.replacer.number)
+        sampler, replacer = self.randomizer.levels, self.randomizer.replacer
         level = () if sampler is None else (wp.to_torch(sampler.level), wp.to_torch(sampler.probe))
-        memory = {"task": self._task, "redraws": count, "level": level, **memory}
+        redraws = wp.to_torch(replacer.number), wp.to_torch(replacer.status)
+        memory = {"task": self._task, "redraws": redraws, "level": level, **memory}
         return live_tensors(self.state, self.randomizer.layouts, memory)
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
@@ -143,4 +144,6 @@ class TaskWorlds:
         if replacer.prepared:
             info["layout_redraw"] = wp.to_torch(replacer.number).clone()
             info["layout_kept"] = wp.to_torch(replacer.status) == Status.KEPT
-        return info if sampler is None else info | {"layout_level": wp.to_torch(sampler.level).clone()}
+        if sampler is not None:
+            info["layout_level"] = torch.where(info["layout_fallback"], -2, wp.to_torch(sampler.level))
+        return info

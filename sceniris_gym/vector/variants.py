@@ -30,25 +30,11 @@ class VariantView:
         self.scene, self.names, self.device = scene, tuple(scene.config.variants), device
         self._variant = torch.zeros(1, 0, dtype=torch.int32, device=device) if variant is None else variant
 
-    def index(self, name: str) -> Tensor:
-        """Return the number of the variant of an object that is present, shape (num_envs,), int64."""
+    def index(self, name: str | None) -> Tensor:
+        """Return the number of the variant of an object that is present, 0 without a name, shape (num_envs,), int64."""
+        if name is None:
+            return torch.zeros(len(self._variant), dtype=torch.int64, device=self.device)
         return self._variant[:, self.names.index(name)].long()
-
-    def chosen(self, table: Tensor, names: Sequence[str | None]) -> Tensor:
-        """Return one row of each table: that of the present variant.
-
-        Args:
-            table: Values of the variants of several objects, shape (number of objects, most variants, ...).
-            names: The objects with variants, None for others, which have the first row.
-
-        Returns:
-            Shape (num_envs, number of objects, ...), without the first dimension if no object has variants.
-        """
-        if not any(names):
-            return table[:, 0]
-        first = torch.zeros_like(self._variant[:, 0]).long()
-        rows = torch.stack([first if name is None else self.index(name) for name in names], dim=1)
-        return table[torch.arange(len(names), device=self.device), rows]
 
 
 class Boxes:
@@ -69,7 +55,8 @@ class Boxes:
     def __init__(self, view: VariantView, bodies: Sequence[int], where: str) -> None:
         self._view, names = view, {view.scene.sim.bodies[name]: name for name in view.names}
         self._names = [names.get(body) for body in bodies]
-        found = [[_corners(view.scene, one, where) for one in _simulated_as(view.scene, body)] for body in bodies]
+        members = [np.flatnonzero(view.scene.sim_bodies == body).tolist() for body in bodies]
+        found = [[_corners(view.scene, member, where) for member in of] for of in members]
         most = max((len(corners) for corners in found), default=1)
         table = np.array([[corners[min(i, len(corners) - 1)] for i in range(most)] for corners in found])
         self._table = torch.tensor(np.reshape(table, (-1, most, 2, 3)), dtype=torch.float32, device=view.device)
@@ -79,13 +66,12 @@ class Boxes:
 
         They have no dimension of worlds if no body has variants.
         """
-        lower, upper = self._view.chosen(self._table, self._names).unbind(dim=-2)
+        boxes = self._table[:, 0]
+        if any(self._names):
+            chosen = torch.stack([self._view.index(name) for name in self._names], dim=1)
+            boxes = self._table[torch.arange(len(self._names), device=boxes.device), chosen]
+        lower, upper = boxes.unbind(dim=-2)
         return lower, upper
-
-
-def _simulated_as(scene: SceneModel, body: int) -> list[int]:
-    """Return the bodies that are simulated as one."""
-    return np.flatnonzero(scene.sim_bodies == body).tolist()
 
 
 def _corners(scene: SceneModel, body: int, where: str) -> tuple[np.ndarray, np.ndarray]:

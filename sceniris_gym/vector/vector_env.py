@@ -21,6 +21,7 @@ from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
@@ -28,7 +29,6 @@ from sceniris_gym.vector import spaces
 from sceniris_gym.vector.arguments import (
     KNOBS,
     LAYOUTS,
-    RESET_MASK,
     STATE,
     ChosenLayouts,
     as_action,
@@ -41,12 +41,12 @@ from sceniris_gym.vector.arguments import (
     as_task,
     fresh_seed,
 )
-from sceniris_gym.vector.images import make_images
+from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing, as_sensing
-from sceniris_gym.vector.snapshot import Snapshot, take
+from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.task_worlds import TaskWorlds
 from sceniris_gym.vector.torch_stream import on_torch_stream
@@ -99,7 +99,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
         levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
-            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one.
+            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one and -2 for one
+            from the bank.
         knobs: Names of parts of the scene file that `set_knob` can change, or patterns such as "objects.*.region"; see
             docs/levels.md. Not with a layout_source. `info` then has `layout_knobs`, their values by name.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
@@ -190,6 +191,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
+        every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
         groups, self.max_episode_steps = as_groups(observation_groups), None
         if max_episode_steps is not None:
             self.max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
@@ -216,7 +218,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         with on_torch_stream(self.batch.device):
             worlds.bind()
             # cameras may differ in fields of the model that the task has asked for
-            self.images = make_images(self.batch, images, render_every, graph=graph)
+            self.images = None if shots is None else Images(self.batch, shots, every, graph=graph)
             size = self.task.action_size or self.compiled.mjm.nu
             seen: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": copy}
             self._observer = Observer(self.task, self.state, self.images, size, **seen)
@@ -226,6 +228,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._autoreset, self._ready = torch.zeros(num_envs, dtype=torch.bool, device=self.device), False
         self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
+        self._made = versions(self._live())
 
     @exclusive
     def reset(
@@ -273,7 +276,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if given.get(KNOBS):
                 self.randomizer.layout_source.set_knobs(given[KNOBS], mask)
             if kept is not None:
-                due = self._worlds.restore(kept, self._live(), None if mask is None else due)
+                due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
             else:
                 self._reseed(seed, chosen, mask)
                 self._worlds.reset(due.clone())
@@ -312,19 +315,19 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Copy the state of the masked worlds, for `reset(options={"state": snapshot})`.
 
         It has the physics, the layout, the steps since the reset, and the memory of the task: every tensor of the task
-        and its helpers that has `num_envs` rows. On a CPU an episode goes on to the same bits; on a GPU the state has
-        the same bits, and later steps differ as two runs do. Statistics count a restored episode from there on.
+        and its helpers that has `num_envs` rows and that torch has written to. On a CPU an episode goes on to the same
+        bits; on a GPU the state has the same bits, and later steps differ as two runs do. Statistics count a restored
+        episode from there on.
 
         Args:
-            mask: As `reset_mask`; None is all worlds.
+            mask: As in `replace`; None is all worlds.
 
         Raises:
             ResetNeeded: There was no reset yet.
-            MaskError, MaskTypeError: As in `reset`.
+            MaskError, MaskTypeError: As in `replace`.
         """
         self._check_ready("snapshot")
-        wanted = as_reset_mask({RESET_MASK: mask}, self.num_envs)
-        worlds = np.arange(self.num_envs) if wanted is None else np.flatnonzero(wanted)
+        worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(as_host_mask(mask, self.num_envs))
         with on_torch_stream(self.batch.device):
             return take(self.compiled.hash, self._live(), torch.from_numpy(worlds).to(self.device))
 
@@ -336,20 +339,20 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             name: One of the `knobs` that the environment was made with, such as "groups.clutter.count".
             value: What the scene file could have in its place, within what it has: [1, 3]. Joint positions are in m or
                 rad. Or such a value for each world, shape (num_envs, ...).
-            mask: As `reset_mask`; None is all worlds.
+            mask: As in `replace`; None is all worlds.
 
         Raises:
             UnknownNameError: The environment was not made with such a knob.
             ArgumentError: A value that the knob cannot have.
-            MaskError, MaskTypeError: As in `reset`.
+            MaskError, MaskTypeError: As in `replace`.
         """
         self._check_open()
         with on_torch_stream(self.batch.device):
-            self.randomizer.set_knob(name, value, as_reset_mask({RESET_MASK: mask}, self.num_envs))
+            self.randomizer.set_knob(name, value, mask)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do."""
-        if name in self.randomizer.layouts.knobs.first:
+        if "." in name:
             self.set_knob(name, values)
         else:
             setattr(self, name, values)
@@ -378,8 +381,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             elif given.any():
                 self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
         if chosen is not None:
-            given = chosen.given if mask is None else chosen.given & mask
-            self.randomizer.reseed(chosen.seeds, given, chosen.episodes, chosen.knobs)
+            self.randomizer.reseed(*(chosen if mask is None else chosen._replace(given=chosen.given & mask)))
             self.np_random = np.random.default_rng(chosen.seeds)
 
     @exclusive

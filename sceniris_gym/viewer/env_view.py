@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from sceniris_gym.errors import SceneMismatchError, ScenirisError
+from sceniris_gym.errors import ScenirisError
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -71,7 +71,7 @@ class EnvView:
         self._step = 0
         self._plots.clear()
         name = chosen[0]
-        self._id.value = self.envs.compiled.layout_id(name.seed, name.episode, name.split)
+        self._id.value = self.envs.compiled.layout_id(name.seed, name.episode, name.split, name.knobs)
         self._show(0.0)
         self._tell()
 
@@ -117,14 +117,8 @@ class EnvView:
         return 2.0 * torch.rand(self.envs.action_space.shape or (), device=self.envs.device) - 1.0
 
     def _own_id(self, text: str) -> LayoutId:
-        cure = "Open its environment, with the same changes of the scene."
-        found = LayoutId.of_scene(text, self.envs.compiled.scene, cure)
-        if found.split != self.envs.split:
-            raise SceneMismatchError(
-                f"layout '{text}': is of the split '{found.split}', and '{self.envs.split}' is played here. "
-                f"Start the viewer with --split {found.split}."
-            )
-        return found
+        cure = "Open its environment, with the same changes of the scene, and start the viewer with its --split."
+        return LayoutId.of_scene(text, self.envs.compiled.scene, cure, self.envs.split)
 
     def _layout(self, i: int) -> LayoutId:
         if self.ids:

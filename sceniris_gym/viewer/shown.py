@@ -8,7 +8,6 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.variants import owners_of
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.program.compiled import CompiledScene
@@ -65,7 +64,7 @@ class ShownWorld:
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Return pivot [m] and heading [rad], and bounds, of an object as relations take them; see `Plan.place`."""
         plan, name = self.compiled.plan, self.own(name)
-        slot = plan.places.index(owners_of(self.compiled.config.variants).get(name, name))
+        slot = plan.places.index(self.compiled.config.owners.get(name, name))
         if self.stands is not None:
             return self.stands[0][slot], self.stands[1][slot]
         variants = self.placed(name).variants if name in self.compiled.placed else []

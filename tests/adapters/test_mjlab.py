@@ -21,6 +21,7 @@ pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
 from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp  # pyright: ignore[reportMissingImports]
 from mjlab.envs.mdp import dr  # pyright: ignore[reportMissingImports]
+from mjlab.managers.curriculum_manager import CurriculumTermCfg  # pyright: ignore[reportMissingImports]
 from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
 from mjlab.managers.scene_entity_config import SceneEntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper  # pyright: ignore[reportMissingImports]
@@ -34,7 +35,7 @@ from mjlab.tasks.manipulation.config.yam.rl_cfg import (  # pyright: ignore[repo
 )
 from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
 
-from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts
+from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts, knob_stages
 
 PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
 NEAR = {"box": [[0.25, -0.15], [0.40, 0.15]]}
@@ -198,8 +199,32 @@ def test_chosen_environments_get_the_layouts_of_ids():
     assert torch.equal(term.layouts.pose("cube_0")[4], wanted)
     with pytest.raises(ArgumentError, match="should be 6 layout ids"):
         term.choose(["a:train:0:0"])
-    with pytest.raises(SceneMismatchError, match="should be of scene"):
+    with pytest.raises(SceneMismatchError, match="is of scene"):
         term.choose(["a:train:0:0"], [1])
+
+
+def test_a_curriculum_sets_a_knob_by_steps():
+    """Ids name it, and give the same layouts again whatever the curriculum asks for by then."""
+    name, narrow = "objects.cube_0.region", [[0.30, -0.05], [0.35, 0.05]]
+    cfg = plain_cfg(cubes_on())
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), knobs=[name])
+    stages = [(2, narrow), (4, NEAR["box"])]
+    cfg.curriculum["wider"] = CurriculumTermCfg(func=knob_stages, params={"name": name, "stages": stages})
+    env = ManagerBasedRlEnv(cfg, "cpu")
+    env.reset()
+    term, (low, high) = env.event_manager.get_term_cfg("layouts").func, np.array(narrow)
+    found = []
+    for step in (0, 2, 4):
+        env.common_step_counter = step
+        env.reset(env_ids=torch.tensor([1, 3]))
+        ids, at = term.layout_ids(), local(env, "cube_0")[:, :2]
+        assert [name.count("=") for name in ids] == [0, int(step == 2), 0, int(step == 2), 0, 0]
+        found.append((ids, bool(((low <= at[[1, 3]]) & (at[[1, 3]] <= high)).all()), term.layouts.qpos.numpy().copy()))
+    assert [narrowed for _, narrowed, _ in found] == [False, True, False]
+    term.choose(found[1][0])
+    for env_ids in (torch.tensor([0, 1, 2]), torch.tensor([3, 4, 5])):
+        env.reset(env_ids=env_ids)
+    assert np.array_equal(term.layouts.qpos.numpy(), found[1][2])
 
 
 def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():

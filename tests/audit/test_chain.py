@@ -38,8 +38,7 @@ def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, SerialArm
     mjm, arm = model_and_arm
     chain = chain_of(mjm, arm)
     wanted = chain.fk(chain.random_joints(150, seed=2))
-    joints, ok = chain.ik(wanted, chain.random_joints(32, seed=3), STEPS)
-    assert ok.all()
+    joints = chain.ik(wanted, chain.random_joints(32, seed=3), STEPS)
     assert (joints >= chain.lower).all() and (joints <= chain.upper).all()
     reached = tcp_poses(mjm, arm, joints)
     assert np.linalg.norm((reached - wanted)[:, :3, 3], axis=1).max() < POSITION
@@ -48,13 +47,11 @@ def test_solutions_hold_in_mujoco(model_and_arm: tuple[mujoco.MjModel, SerialArm
 
 
 def test_poses_out_of_reach_are_refused(model_and_arm: tuple[mujoco.MjModel, SerialArm]):
-    """Ten metres away there is no solution, and the joints that come back are within limits still."""
+    """Ten metres away there is no solution."""
     chain = chain_of(*model_and_arm)
     wanted = chain.fk(chain.random_joints(5, seed=4))
     wanted[:, 0, 3] += 10.0
-    joints, ok = chain.ik(wanted, chain.random_joints(2), STEPS)
-    assert not ok.any()
-    assert (joints >= chain.lower).all() and (joints <= chain.upper).all()
+    assert np.isnan(chain.ik(wanted, chain.random_joints(2), STEPS)).all()
 
 
 def test_hinges_without_limits_come_back_within_half_a_turn():
@@ -63,8 +60,9 @@ def test_hinges_without_limits_come_back_within_half_a_turn():
     chain = chain_of(mjm, SerialArm.from_model(mjm, base))
     assert not np.isfinite(chain.lower).all()
     wanted = chain.fk(chain.random_joints(50, seed=5))
-    joints, _ = chain.ik(wanted, np.full((1, len(chain.lower)), 20.0), STEPS)
-    assert np.abs(joints[:, ~np.isfinite(chain.lower)]).max() <= np.pi
+    joints = chain.ik(wanted, np.full((1, len(chain.lower)), 20.0), STEPS)
+    assert np.isfinite(joints).any()
+    assert np.nanmax(np.abs(joints[:, ~np.isfinite(chain.lower)])) <= np.pi
 
 
 def test_the_search_begins_at_the_starts():
@@ -73,6 +71,5 @@ def test_the_search_begins_at_the_starts():
     chain = chain_of(mjm, SerialArm.from_model(mjm, base))
     joints = chain.random_joints(20, seed=6)
     for q in joints:
-        found, ok = chain.ik(chain.fk(q[None]), q[None] + 0.01, STEPS)
-        assert ok.all()
+        found = chain.ik(chain.fk(q[None]), q[None] + 0.01, STEPS)
         assert np.abs(found - q).max() < 0.1

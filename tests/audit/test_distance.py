@@ -1,11 +1,13 @@
-"""The audit's narrow phase, against Minkowski differences."""
+"""The audit's narrow phase, against Minkowski differences and MuJoCo C."""
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.audit.distance import Narrow, winding_number
 from sceniris_gym.audit.geometry import Form, Solid, convex_hull
+from tests.audit.shapes import angle, model_of
 from tests.oracle.minkowski import signed_distance
 
 RNG = np.random.default_rng(7)
@@ -47,6 +49,24 @@ def test_rounded_solids_are_points_and_segments_with_a_radius(length: float):
         widened = np.concatenate([core] * 4) + RNG.normal(size=(4 * len(core), 3)) * 1e-9
         expected = signed_distance(hull.vertices, widened @ mat.T + pos) - 0.02
         assert narrow.distance(0, 1, (np.zeros(3), np.eye(3)), (pos, mat)) == pytest.approx(expected, abs=1e-7)
+
+
+def test_segments_cross_what_mujocos_rays_hit():
+    """From random points in random directions, past and through an L that is not convex."""
+    mesh = angle()
+    mjm = model_of(mesh)
+    data, nothing = mujoco.MjData(mjm), np.zeros(1, np.int32)
+    mujoco.mj_kinematics(mjm, data)
+    body = Solid(0, Form.POLYHEDRON, mesh.vertices.view(np.ndarray), mesh.faces.view(np.ndarray), 0.0, np.zeros(3))
+    long = Solid(-1, Form.ROUNDED, np.array([[0, 0, 0], [0, 0, 20]]), np.zeros((0, 3), int), 0.0, np.zeros(3))
+    narrow = Narrow([body, long])
+    hits = 0
+    for _ in range(400):
+        origin, mat = RNG.uniform(-2, 5, 3) * [1, 1, 0.5], Rotation.from_quat(RNG.normal(size=4)).as_matrix()
+        expected = mujoco.mj_ray(mjm, data, origin, mat[:, 2].copy(), None, 1, -1, nothing) >= 0
+        assert (narrow.distance(0, 1, (np.zeros(3), np.eye(3)), (origin, mat)) <= 0.0) == expected
+        hits += expected
+    assert 20 < hits < 380
 
 
 def test_winding_number_is_one_inside_and_zero_outside():

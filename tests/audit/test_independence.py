@@ -7,6 +7,7 @@ import sys
 # tests/config/test_relations.py holds to literal ones. Where things are each of them works out by itself.
 READING = {
     "scene",  # SceneConfig
+    "scene_words",  # which it extends
     "objects",  # who stands where, and on what
     "relations",  # a relation's anchors, heading, half-angle and distances
     "orientation",  # the DrawnOrientation that an orientation means

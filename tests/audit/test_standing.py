@@ -1,10 +1,15 @@
 """Places of objects against the scene's words: off the edge, above and below it, under a roof, in a region."""
 
+from dataclasses import replace
+
+import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from sceniris_gym.audit.auditor import Auditor
 from tests.audit.judging import MJM, auditor, causes
-from tests.commands.scenes import GAP, layout, with_row
+from tests.commands.scenes import GAP, MODEL, bodies, layout, small_config, with_row
 
 
 def test_objects_off_their_support_are_misplaced():
@@ -27,6 +32,19 @@ def test_the_shelf_carries_its_objects_wherever_it_stands():
     report = auditor().judge(rows)
     assert not report.misplaced
     assert not report.conflicts
+
+
+def test_a_shelf_that_leans_carries_nothing():
+    """Its board is level to 0.1 degree with the gem on it, or leans by more."""
+    rows, degrees = layout(MJM, 2), np.array([0.0999, 0.12])
+    lean = Rotation.from_euler("y", degrees[:, None], degrees=True)
+    quat = np.array(rows.mocap_quat)
+    quat[:, 0] = lean.as_quat(scalar_first=True)
+    qpos = np.array(rows.qpos)
+    gem = MJM.joint("gem/free").qposadr[0]
+    qpos[:, gem : gem + 3] = lean.apply([0, -0.04, 0.02]) + [0, 0, 2 * GAP]
+    rows = replace(rows, mocap_quat=quat, qpos=qpos)
+    assert [found for found in causes(rows) if found[1] == "gem"] == [(1, "gem", "support")]
 
 
 def test_the_roof_is_judged_by_the_word():
@@ -77,3 +95,13 @@ def test_points_are_exact():
     assert causes(rows, gem=in_space) == wrong
     in_space["region"] = {"points": [[0.05, -0.04, top + 1e-4]]}
     assert len(causes(rows, gem=in_space)) == 3
+
+
+def test_what_touches_from_afar_is_put_down_as_high():
+    """With contact margins of 2 mm a gem stands 20 um above them; as high as others it would be pushed up."""
+    spec = mujoco.MjSpec.from_string(MODEL)
+    spec.geom("gem").margin = 0.002
+    mjm = spec.compile()
+    rows = with_row(layout(mjm, 2), 1, layout(mjm, gem=(0, -0.04, GAP + 0.02 + 0.00202, 0.3)))
+    report = Auditor(mjm, small_config(), bodies(mjm)).judge(rows)
+    assert [(m.row, m.name, m.cause) for m in report.misplaced] == [(0, "gem", "support")]

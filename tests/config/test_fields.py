@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.limits import MAX_POINTS
-from sceniris_gym.config.scene import Floor, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.errors import SceneKeyError, ScenirisError
 from tests.config.scenes import SMALL, refusal, refused
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ScenirisError
+from sceniris_gym.errors import ModelWarning, ScenirisError
 from tests.config.scenes import TABLE
 
 
@@ -34,6 +34,19 @@ def test_tags_choose_among_the_files_of_a_folder(tmp_path: Path):
     for tags, left in ((["graspable"], "ab"), ("red", "ac"), (["red", "graspable"], "a")):
         config = loaded({"asset": pattern, "tags": tags, "on": "table"})
         assert config.variants["target"] == tuple(f"target/{name}" for name in left)
+
+
+def test_files_of_any_name_are_variants(tmp_path: Path):
+    """A digit at the beginning, blanks, a dot, a name that bodies cannot have; one that is no text is left out."""
+    for name in ("003_box", "my can", "c.d", "world", "a\nb"):
+        (tmp_path / f"{name}.xml").write_text("<mujoco/>")
+    with pytest.warns(ModelWarning, match=r"are left out: 'a\\nb\.xml'"):
+        config = loaded({"asset": str(tmp_path / "*"), "on": "table"})
+    assert config.variants["target"] == tuple(f"target/{name}" for name in ("003_box", "c_d", "my can", "world_"))
+    assert (
+        loaded({"asset": [str(tmp_path / "003_box.xml"), "can"], "on": "table"}).variants["target"][0]
+        == "target/003_box"
+    )
 
 
 def test_tags_that_choose_nothing_are_refused(tmp_path: Path):

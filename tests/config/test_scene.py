@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, SupportConfig
-from sceniris_gym.config.scene import Floor, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.errors import SceneKeyError, ScenirisError
 from sceniris_gym.scene.build import build_model
 from tests.config.scenes import CLUTTER, NEIGHBOURS, SMALL, TABLE, grouped, refused, related

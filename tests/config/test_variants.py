@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.errors import ScenirisError
 from tests.config.scenes import TABLE
 
@@ -71,11 +73,33 @@ def test_overrides_reach_the_words_as_written():
 def test_overrides_reach_a_single_variant():
     """By its full name, also after another override, and after the variants were written as a list."""
     config = SceneConfig.load(with_target({"asset": ["can", "mug"], "on": "table"}), {"objects.target/can.gap": 0.003})
-    config = SceneConfig.load(config, {"objects.apple.gap": 0.002})
+    config = SceneConfig.load(config, {"objects.apple.gap": 0.002, "objects.target/can.weight": 3})
+    assert config.groups["target"].weights == {"target/can": 3.0}
     written = {**TABLE, "objects": {**TABLE["objects"], "target": TARGET}}
     config_of_file = SceneConfig.load(written, {"objects.target/can.gap": 0.003, "objects.target.gap": 0.004})
     assert [config_of_file.objects[name].gap for name in config.variants["target"]] == [0.003, 0.004]
     assert [config.objects[name].gap for name in (*config.variants["target"], "apple")] == [0.003, 0.0005, 0.002]
+
+
+def test_overrides_keep_the_words_of_parts_made_in_python():
+    """Also beside variants, whose words are kept as they were given."""
+    objects = {"target": {"asset": ["can", "mug"], "on": "floor"}, "apple": ObjectConfig(asset="apple", on="floor")}
+    config = SceneConfig(floor=Floor(size=(1.0, 1.0)), objects=objects)  # type: ignore[arg-type]
+    assert SceneConfig.load(config, {"objects.apple.gap": 0.002}).objects["apple"].asset == "apple"
+
+
+def test_a_wrong_word_of_all_variants_is_told_once():
+    """At the object, and at the variant if it is its own."""
+    with pytest.raises(ScenirisError) as told:
+        with_target(objects__target__gap=-1, objects__target__variants__can__clearance=-1)
+    places = [line.split(": ")[1] for line in str(told.value).splitlines()]
+    assert sorted(places) == ["objects.target.gap", "objects.target/can.clearance"]
+    with pytest.raises(ScenirisError) as told:
+        with_target(objects__apple__joints={"box/lid": {"vale": 1}, "box/door": {"vale": 1}})
+    assert [line.split(": ")[1] for line in str(told.value).splitlines()] == [
+        "objects.apple.joints.box/lid.vale",
+        "objects.apple.joints.box/door.vale",
+    ]
 
 
 def test_weights_and_splits_are_those_of_the_group():
@@ -103,11 +127,26 @@ NEAR = {"near": "target/can", "distance": {"max": 0.3}}
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "none": ({"objects.other": {"variants": {}, "on": "table"}}, r"objects\.other\.variants: .*at least one"),
     "a misspelt word": ({"objects.apple.varients": {}}, r"objects\.apple\.varients: .*mean 'variants'"),
+    "a misspelt word of one": (
+        {"objects.target.variants.can.weigth": 2},
+        r"objects\.target/can\.weigth: unknown key\. Did you mean 'weight'",
+    ),
+    "a word of one for all": ({"objects.target.weight": 2}, r"^scene: objects\.target\.weight: .*a word of one of.*$"),
+    "a word of one for no variant": ({"objects.apple.split": "eval"}, r"objects\.apple\.split: .*a word of one of"),
+    "a misspelt variant": ({"objects.target.variants.cn.weight": 2}, r"unknown variant 'cn'\. Did you mean 'can'"),
+    "a variant that is there": (
+        {"objects.apple.on": "tabel"},
+        r"unknown support 'tabel'.*Valid: bowl, can, floor, mug, p",
+    ),
+    "an anchor": (
+        {"objects.apple.relations": [NEAR | {"near": "targt"}]},
+        r"unknown object 'targt'\. Did you mean 'target'\? Valid: bowl, can, mug, post, table, target\.",
+    ),
     "no mapping": ({"objects.target": {"variants": ["can"], "on": "table"}}, "should be a mapping of names"),
     "a name": ({"objects.target.variants.a b": {"asset": "can"}}, r"objects\.target\.variants\.a b: .*letters"),
     "a word": ({"objects.target.variants.can.gapp": 1}, r"objects\.target/can\.gapp: unknown key.*'gap'"),
     "two of a name": ({"objects.other": {"asset": ["can", "can"], "on": "table"}}, "two of the name 'can'"),
-    "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*'variants', not both"),
+    "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*no 'variants' beside it: .*'target/"),
     "a support": ({"objects.apple.on": "target"}, r"objects\.apple\.on: 'target' has variants"),
     "a variant": (
         {"objects.apple.relations": [NEAR]},
@@ -132,7 +171,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "two draws": (
         {"objects.target.variants.mug.randomize": {"mass": {"scale": [0.5, 2]}}},
-        r"objects\.target\.variants\.mug\.randomize: .*the draws of",
+        r"objects\.target\.variants\.mug\.randomize: .*the draws of.*State\.scale_field",
     ),
     "two kinds by the names of variants": (
         {"objects.target/mug.kind": "fixture"},
@@ -154,10 +193,22 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "not two variants"),
     "no place": ({"objects.other": {"asset": ["can", "mug"]}}, r"objects\.other: 'other/can' stays where"),
     "a group": ({"groups.target": {"of": ["can"], "count": 1}}, r"groups\.target: .*another name"),
-    "a name with a slash": ({"objects.target/x": {"asset": "can", "on": "table"}}, r"objects\.target/x.*letters"),
+    "a name with a slash": (
+        {"objects.target/x": {"asset": "can", "on": "table"}},
+        r"unknown variant 'target/x'.*target/mug",
+    ),
     "in a group": ({"groups.some": {"of": ["target"], "count": 1}}, r"groups\.some\.of: .*'target'"),
     "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
     "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
+    "scales of nothing": (
+        {"objects.other": {"scale": [1, 2], "on": "table"}},
+        r"other\.asset: None should be an asset",
+    ),
+    "two of a name by scale": (
+        {"objects.target.variants": {"can": {"asset": "can", "scale": [0.8, 1]}, "can-80": {"asset": "can"}}},
+        r"target\.variants: 'can-80' should be the name of one variant only",
+    ),
+    "a word of one that is no mapping": ({"objects.target/can": 3}, r"objects\.target/can: 3 should be a mapping"),
     "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),
 }
 

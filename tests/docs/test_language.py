@@ -21,7 +21,8 @@ from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import KINDS, Connection, Distance
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
-from sceniris_gym.config.scene import Floor, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.config.stacks import StackConfig
 from sceniris_gym.program.checks import oddities
 from sceniris_gym.program.device import Cause

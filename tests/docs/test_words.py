@@ -15,7 +15,8 @@ from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.config.randomize import DrawConfig, SceneDraws
-from sceniris_gym.config.scene import Floor, SceneConfig
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.scene_words import Floor, SceneWords
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.stacks import StackConfig
 from sceniris_gym.config.start import StartConfig
@@ -85,12 +86,12 @@ def test_the_table_has_all_words_and_no_others():
 
 
 def test_all_models_are_named():
-    """No part of a scene file is forgotten, except the base of relations and their sectors."""
+    """No part of a scene file is forgotten, except bases of others."""
 
     def below(model: type[Section]) -> set[type[Section]]:
         return {model}.union(*map(below, model.__subclasses__()))
 
-    abstract = {Section, relations.Relation, relations.Sector}
+    abstract = {Section, SceneWords, relations.Relation, relations.Sector}
     ours = {model for model in below(Section) if model.__module__.startswith("sceniris_gym.")}
     assert ours - abstract == set(MODELS.values())
 

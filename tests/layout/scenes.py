@@ -39,6 +39,12 @@ class Rows:
         return Rows(*(a[index] for a in (self.qpos, self.mocap_pos, self.mocap_quat, self.status, self.attempts)))
 
 
+def bank_rows(compiled: CompiledScene, split: str) -> slice:
+    """Return the rows of `program.bank_*` that worlds of a split ("train" or "eval") fall back on."""
+    first, end = int(compiled.program.bank_ntrain), int(compiled.program.bank_qpos.shape[0])
+    return slice(first, end) if split == "eval" else slice(0, first)
+
+
 def compile_on_cpu(
     scene: Mapping[str, Any] | str, overrides: Mapping[str, Any] | None = None, *, bank: int | None = None
 ) -> CompiledScene:

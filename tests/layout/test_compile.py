@@ -30,7 +30,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.build import build_model
-from tests.layout.scenes import ANYWHERE, FLOOR, box_mjcf, compile_on_cpu, make, valid, write_mjcf
+from tests.layout.scenes import ANYWHERE, FLOOR, bank_rows, box_mjcf, compile_on_cpu, make, valid, write_mjcf
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
@@ -85,13 +85,13 @@ def test_every_way_to_name_a_scene_gives_the_same_world(tmp_path: Path):
         assert (compiled.program.bank_qpos.numpy() == first.program.bank_qpos.numpy()).all()
         assert compiled.object_names == compiled.placed == ("cabinet", "apple", "banana")
         assert compiled.device == "cpu"
-        assert (compiled.bank_rows("train"), compiled.bank_rows("eval")) == (slice(0, 64), slice(64, 128))
+        assert (bank_rows(compiled, "train"), bank_rows(compiled, "eval")) == (slice(0, 64), slice(64, 128))
 
 
 def test_a_world_is_frozen():
     """Nothing of it can be set again."""
     compiled = compile_on_cpu("mid", bank=3)
-    assert (compiled.bank_rows("train"), compiled.bank_rows("eval")) == (slice(0, 3), slice(3, 6))
+    assert (bank_rows(compiled, "train"), bank_rows(compiled, "eval")) == (slice(0, 3), slice(3, 6))
     with pytest.raises(FrozenInstanceError):
         compiled.device = "cuda:0"  # type: ignore[misc]
 
@@ -138,7 +138,7 @@ def test_a_bank_that_is_not_full_is_told_instead_of_a_larger_one(tmp_path: Path)
         compiled = compile_on_cpu({**scene, "restarts": 1, "bank": 1000})
     warning = told[0].message
     assert isinstance(warning, FallbackWarning)
-    rows = [compiled.bank_rows(split) for split in ("train", "eval")]
+    rows = [bank_rows(compiled, split) for split in ("train", "eval")]
     found = min(r.stop - r.start for r in rows)
     assert warning.held == (found, 1000)
     assert f"the bank holds {found} of 1000" in str(warning)

@@ -13,7 +13,7 @@ from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.scenes import Rows, compile_on_cpu, make, posed, read
+from tests.layout.scenes import Rows, bank_rows, compile_on_cpu, make, posed, read
 
 N = 300
 
@@ -130,7 +130,7 @@ def test_a_home_full_of_meshes_is_no_overflow(tmp_path: Path, monkeypatch: pytes
     )
     toy = {"asset": str(tmp_path / "toy.xml"), "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
     compiled = compile_on_cpu({"floor": {"size": [6.0, 6.0]}, "objects": {"toy": toy, **objects}})
-    assert compiled.bank_rows("train") == slice(0, 64)
+    assert bank_rows(compiled, "train") == slice(0, 64)
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -46,16 +48,16 @@ def test_levels_depend_on_seeds_and_outcomes_alone(make_env):  # noqa: F811
 
 
 def test_a_sampler_goes_on_where_it_was(make_env):  # noqa: F811
-    """From its state in another process's environment: the same levels follow."""
-    first, second = (make_env(4, max_episode_steps=3, levels=LEVELS) for _ in range(2))
+    """From its state in another process's environment: the same levels follow, with weights refreshed as often."""
+    levels = replace(LEVELS, every=7)
+    first, second = (make_env(4, max_episode_steps=3, levels=levels) for _ in range(2))
     first.reset(seed=1)
     _play(first, 9)
-    kept = first.randomizer.levels.state()
     second.reset(seed=2)
-    second.randomizer.levels.restore(kept)
-    for envs in (first, second):
-        envs.randomizer.levels.after_reset()
+    second.randomizer.levels.restore(first.randomizer.levels.state())
     assert_equal(first.reset()[1], second.reset()[1])
+    runs = [[info["layout_seed"].tolist() for info in _play(envs, 30)] for envs in (first, second)]
+    assert runs[0] == runs[1]
     with pytest.raises(ArgumentError, match=r"seed should have shape \(64,\)"):
         first.randomizer.levels.restore({"seed": np.zeros(3)})
 

@@ -8,7 +8,7 @@ import shapely
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_CORNERS
-from sceniris_gym.placement.polygons import area, clip, convex_hull, draw_in_polygon, half_plane, set_triangle
+from sceniris_gym.placement.polygons import HalfPlane, area, clip, convex_hull, draw_in_polygon, set_triangle
 
 wp.set_module_options({"enable_backward": False})
 
@@ -35,7 +35,7 @@ def _cut(
     n = set_triangle(p, triangle[i, 0], triangle[i, 1], triangle[i, 2])
     for k in range(normal.shape[1]):
         if n > 0:
-            n = clip(p, n, half_plane(normal[i, k], origin[i, k], offset[i, k]))
+            n = clip(p, n, HalfPlane(normal[i, k], origin[i, k], offset[i, k]))
     num[i] = n
     size[i] = area(p, n)
     for k in range(n):

@@ -18,6 +18,7 @@ from sceniris_gym.errors import ArgumentError, SeedError
 from sceniris_gym.program.compiled import CHECKS, CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.build import build_model
+from tests.layout.scenes import bank_rows
 from tests.program.scenes import scene_of
 
 PROGRAM = Path(program.__file__).parent
@@ -103,7 +104,7 @@ def test_its_bank_is_empty_and_has_the_widths_of_its_rows():
     """Layouts can be made after the upload, but there is nothing to fall back on yet."""
     compiled = _uploaded()
     program = compiled.program
-    assert compiled.bank_rows("train") == compiled.bank_rows("eval") == slice(0, 0)
+    assert bank_rows(compiled, "train") == bank_rows(compiled, "eval") == slice(0, 0)
     assert program.bank_qpos.shape == (0, compiled.mjm.nq)
     assert program.bank_present.shape == (0, len(compiled.slots))
     assert program.bank_mocap_pos.shape == program.bank_mocap_quat.shape == (0, compiled.mjm.nmocap)

@@ -42,6 +42,18 @@ def test_files_that_cannot_be_variants_are_left_out_and_named(tmp_path: Path):
     assert SceneConfig.load(found.config, {"objects.thing.gap": 0.001}).variants == config.variants
 
 
+def test_an_override_of_one_file_leaves_the_folder_a_folder(tmp_path: Path):
+    """Files that are broken are still left out, and a share is held out of what is left."""
+    overrides = {"objects.thing/a.gap": 0.002, "objects.thing/a.weight": 2, "objects.thing/cut.weight": 3}
+    config = SceneConfig.load(scene(tmp_path, {**BROKEN, "a": SOUND, "b": SOUND}), overrides)
+    with pytest.warns(ModelWarning, match="3 of 5 files"):
+        found = build_model(config).config
+    assert {name: part.gap for name, part in found.objects.items()} == {"thing/a": 0.002, "thing/b": 0.0005}
+    assert set(found.groups["thing"].splits) == {"thing/a", "thing/b"}
+    assert found.groups["thing"].weights == {"thing/a": 2.0}
+    assert len(SceneConfig.load(found, {"objects.thing.holdout": 0.7}).variants["thing"]) == 5
+
+
 def test_a_folder_without_a_sound_file_is_refused(tmp_path: Path):
     """With the first reason."""
     with pytest.raises(SceneFileError, match=r"no file of the folder can be a variant\. The first: .*thing/cut"):

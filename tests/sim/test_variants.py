@@ -12,7 +12,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchError
+from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.pictures.camera import Cameras
@@ -191,6 +191,9 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
             ResetRandomizer(compiled, mjw.put_model(compiled.sim_mjm), data)
         with pytest.raises(SceneMismatchError, match=r"model\.nq"):
             ResetRandomizer(compiled, mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=2))
+    for nworld in (-1, 2.0):
+        with pytest.raises(CountError, match=r"put_model: nworld should be an integer of at least 1, got"):
+            put_model(compiled, nworld)  # type: ignore[arg-type]
     variant = ResetRandomizer(compiled, put_model(compiled, 2), data).variant
     assert variant.shape == (2, len(compiled.config.variants))
 
@@ -203,8 +206,14 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     sensor = '<sensor><framepos objtype="body" objname="thing"/></sensor>'
     geom = '<geom type="box" size=".02 .02 .02" conaffinity="-1"/>'
     own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "thing", geom, sensor)
-    with pytest.raises(NotSupportedError, match="named by one of the model's sensors"):
+    with pytest.raises(NotSupportedError, match=r"is named as 'target/b/?' by one of the model's sensors"):
         build_model(SceneConfig.load(own))
+    cloth = '<flexcomp name="f" type="grid" count="3 3 1" spacing=".02 .02 .02" dim="2" rigid="true"/>'
+    hill = '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 1 1 0"/></asset>'
+    for name, body, rest in (("is soft", cloth, ""), ("height fields", '<geom type="hfield" hfield="h"/>', hill)):
+        own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "odd", body, rest)
+        with pytest.raises(NotSupportedError, match=rf"objects\.target/b: .*{name}"):
+            build_model(SceneConfig.load(own))
     slide, key = '<joint name="slide" type="slide"/>', '<keyframe><key name="home" qpos="0.1" ctrl="0.2"/></keyframe>'
     motor = f'<actuator><motor joint="slide"/></actuator>{key}'
     stand = {"variants": {"a": {"asset": "tin"}, "b": {"asset": write_mjcf(tmp_path, "driven", slide + geom, motor)}}}

@@ -165,7 +165,8 @@ def judged(scene: SceneModel, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray
     allowed = _own_depths(mjm, data, own, scene.home_qpos)
     reached, free_of_itself, left = np.zeros(len(poses), bool), np.zeros(len(poses), bool), np.arange(len(poses))
     for seed in range(_ROUNDS):
-        joints, ok = chain.ik(poses[left], chain.random_joints(48, 100 + seed), 40)
+        joints = chain.ik(poses[left], chain.random_joints(48, 100 + seed), 40)
+        ok = np.isfinite(joints).all(axis=1)
         left, joints = left[ok], joints[ok]
         reached[left] = True
         free = np.zeros(len(left), bool)

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -106,6 +107,31 @@ def test_a_policy_that_sees_images_imitates_a_teacher_that_sees_none(tmp_path: P
     monkeypatch.setattr(again, "_teach", pytest.fail)
     again.go()
     assert again.iterations == 2
+
+
+def test_levels_go_on_with_a_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """All of the buffer, and the levels that were chosen for the next episodes."""
+    monkeypatch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=2))
+    monkeypatch.setattr(train, "judges_of", lambda *_: {})
+    compiled = reach_scene()
+    monkeypatch.setattr(train, "compile_scene", lambda *_: compiled)
+    common: dict[str, Any] = {"num_envs": 3, "out": tmp_path, "every": 1, "device": "cpu", "levels": "failure"}
+    options = Options("TabletopReach-v0", **common, changes=("steps=4", "hidden=(8,)", "epochs=1"), million_steps=48e-6)
+    run = train.Run(options)
+    monkeypatch.setattr(run, "_judge", lambda: None)
+    monkeypatch.setattr(train, "evaluations", lambda _: [{}])
+    run.go()
+    kept = torch.load(tmp_path / "model.pt", weights_only=False)["infos"]["levels"]
+    again = train.Run(replace(options, resume=True))
+    again._load()
+    envs = again.env.unwrapped
+    assert envs.randomizer.levels is not None
+    state = envs.randomizer.levels.state()
+    for name in ("seed", "value", "age", "cumulative", "level"):
+        wanted = kept["next_level"] if name == "level" else kept[name]
+        np.testing.assert_array_equal(state[name], wanted, err_msg=name)
+    assert envs.state.seed.tolist() == kept["next_seed"].astype(np.int64).tolist()
+    assert envs.randomizer.levels.size >= 6
 
 
 def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import ArgumentError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.levels import Levels
 from sceniris_gym.vector.single_env import SceneEnv
@@ -45,8 +45,14 @@ def test_a_knob_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
         assert [slides[i] for i in (1, 3)] == [others[i] for i in (1, 3)]
     with pytest.raises(UnknownNameError, match=r"one of `knobs`: unknown knob 'objects\.block\.region'"):
         envs.set_knob("objects.block.region", [[0, 0], [0.1, 0.1]])
+    with pytest.raises(UnknownNameError, match=r"Did you mean 'objects\.cabinet\.joints\.slide'"):
+        envs.set_attr("objects.cabinet.joints.slid", [0.05, 0.06])
     with pytest.raises(ArgumentError, match="within"):
         envs.set_knob(SLIDE, [0.0, 0.1])
+    with pytest.raises(ArgumentTypeError, match="knobs should be a Mapping"):
+        envs.reset(options={"knobs": [SLIDE]})
+    with pytest.raises(MaskTypeError, match="mask should be a boolean"):
+        envs.set_knob(SLIDE, [0.05, 0.06], [True] * 4)
 
 
 def test_an_id_with_knobs_is_a_layout_through_every_door(make_env):  # noqa: F811
@@ -117,15 +123,18 @@ def test_levels_are_replayed_with_their_knobs(make_env):  # noqa: F811
     envs.randomizer.levels.insert(np.array([77]), np.array([1]), np.array([0.0]), {SLIDE: [0.1, 0.12]})
 
 
-def test_layouts_from_the_bank_are_no_levels(make_env):  # noqa: F811
-    """Their outcomes count nowhere."""
-    envs = make_env(4, max_episode_steps=1, levels=Levels("failure", replay=0.0, every=1))
+@pytest.mark.parametrize("score", ["failure", "given"])
+def test_layouts_from_the_bank_are_no_levels(make_env, score: str):  # noqa: F811
+    """Their outcomes count nowhere, nor do scores that are given for them."""
+    envs = make_env(4, max_episode_steps=1, levels=Levels(score, replay=0.0, every=1))
     envs.reset(seed=0)
     envs.state.layout_status.fill_(int(Status.FALLBACK))
-    envs.step(actions(4))
-    assert envs.randomizer.levels.size == 0
-    envs.step(actions(4))
-    assert envs.randomizer.levels.size == 4
+    for size in (0, 4):
+        last = envs.step(actions(4))[-1]["final_info"]
+        if score == "given":
+            columns = (last[f"layout_{name}"] for name in ("level", "seed", "episode"))
+            envs.randomizer.levels.update(*columns, np.ones(4))
+        assert envs.randomizer.levels.size == size
 
 
 def test_gymnasium_makes_environments_with_knobs():

@@ -189,8 +189,8 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
 @pytest.mark.parametrize(
     ("layouts", "error", "match"),
     [
-        (["a:train:0:0"] * 2, SceneMismatchError, "should be of scene"),
-        (LayoutId("a", "train", 0, 0), SceneMismatchError, "should be of scene"),
+        (["a:train:0:0"] * 2, SceneMismatchError, "is of scene"),
+        (LayoutId("a", "train", 0, 0), SceneMismatchError, "is of scene"),
         (["nonsense"] * 2, LayoutIdError, "should be scenehash"),
         ([7, 8], LayoutIdError, "should be scenehash"),
         ([None], ArgumentError, "a sequence of 2"),

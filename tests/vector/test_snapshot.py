@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
 import torch
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
+from sceniris_gym.vector.task import SLEEPING
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.vector.conftest import SCENE, Reach
 from tests.vector.stepping import actions, assert_equal, leaves, state
 
 SENSING = {"noise": {"tcp": 0.01}, "delay": (0, 2), "dropout": 0.2}
@@ -32,6 +37,75 @@ def test_an_episode_goes_on_to_the_same_bits(make_env, words):
     assert info["layout_episode"].tolist() == [0, 0, 0]
     for one, other in zip(first, _run(envs, 6), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0, equal_nan=True)
+
+
+def test_the_critic_sees_the_drawn_numbers_of_the_episode_again():
+    """They are observed beside the fields of the model that were drawn by them."""
+    block = {**SCENE["objects"]["block"], "randomize": {"mass": {"scale": [0.5, 2.0]}}}
+    scene = {**SCENE, "bank": 2, "objects": {**SCENE["objects"], "block": block}}
+    envs = SceneVectorEnv(Reach, 3, scene=scene, device="cpu")
+    wanted, _ = envs.reset(seed=4)
+    kept = envs.snapshot()
+    assert not torch.equal(envs.reset()[0]["critic"][:, -1], wanted["critic"][:, -1])
+    assert_equal(envs.reset(options={"state": kept})[0], wanted)
+
+
+class _Sleepers(Reach):
+    """Reach with a block that sleeps where it was placed."""
+
+    options = SLEEPING
+
+    def on_reset(self, s, mask):
+        """Put the block to sleep."""
+        super().on_reset(s, mask)
+        s.sleep(("block",), mask)
+
+
+@pytest.mark.skipif(not SLEEPING, reason="bodies of a batch cannot sleep in this version")
+def test_bodies_that_slept_sleep_again(reach_scene):
+    """With all that steps count of them, wherever the block has been woken since."""
+    envs = SceneVectorEnv(_Sleepers, 2, scene=reach_scene)
+    envs.reset(seed=4)
+    _run(envs, 2)
+    kept, counts = envs.snapshot(), ("tree_asleep", "tree_awake", "nv_awake")
+    runs = []
+    for _ in range(2):
+        _run(envs, 1)
+        runs.append([getattr(envs.batch.data, name).numpy().tolist() for name in counts])
+        s = envs.state
+        s.put_pose("block", s.pose("block"), torch.tensor([True, True]))
+        _run(envs, 1)
+        envs.reset(options={"state": kept})
+    assert runs[0] == runs[1]
+
+
+class _Tables(Reach):
+    """Reach with tensors that nothing writes to, and with one that each step replaces."""
+
+    def bind(self, s):
+        """Make indices of worlds, and a table that has as many rows as four worlds."""
+        super().bind(s)
+        self.index, self.steps = torch.arange(s.num_envs), torch.tensor([1.0, 2.0, 3.0, 4.0])
+        self.newest = torch.zeros(s.num_envs)
+
+    def terminated(self, s):
+        """Keep a number of the step in a new tensor."""
+        self.newest = s.elapsed.float()
+        return super().terminated(s)
+
+
+def test_constants_of_a_task_are_no_memory(reach_scene):
+    """They stay as they are in worlds that go on as others; what is replaced instead of written to is restored."""
+    envs = SceneVectorEnv(_Tables, 4, scene=reach_scene, sensing=SENSING)
+    envs.reset(seed=4)
+    _run(envs, 2)
+    kept = envs.snapshot()
+    task: Any = envs.task
+    _run(envs, 3)
+    envs.reset(options={"state": kept[[0]], "reset_mask": np.array([False, False, False, True])})
+    assert task.index.tolist() == [0, 1, 2, 3]
+    assert task.steps.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert task.newest.tolist() == [5.0, 5.0, 5.0, 2.0]
 
 
 def test_rows_go_to_the_masked_worlds_in_order(make_env):

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import torch
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.bounds import Bounds
 from sceniris_gym.vector.state import State
@@ -108,6 +110,17 @@ def test_the_grasp_is_that_of_the_variant(envs: SceneVectorEnv, compiled: Compil
         )
     middle = s.pose("thing")[:, 2] + torch.tensor(list(HEIGHTS.values()))[s.variant("thing")] / 2
     assert (grasp[:, 2] - middle).abs().max() < 0.03
+
+
+def test_a_variant_that_need_not_be_reached_has_no_grasp(compiled: CompiledScene):
+    """Nothing but NaN in its worlds, and a grasp in those of the other."""
+    config = SceneConfig.load(compiled.config, {"objects.thing/tall.reachable": False})
+    envs = SceneVectorEnv(Look, NWORLD, scene=compile_scene(config, "cpu"), device="cpu")
+    envs.reset(seed=3)
+    s = envs.state
+    for values in (s.grasp("thing"), s.grasp_qpos("thing"), s.pregrasp_qpos("thing")):
+        assert torch.equal(values.isfinite().all(dim=1), s.variant("thing") == 0)
+        assert torch.equal(values.isnan().all(dim=1), s.variant("thing") == 1)
 
 
 def test_contacts_are_those_of_the_variant(envs: SceneVectorEnv):

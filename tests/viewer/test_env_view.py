@@ -88,7 +88,7 @@ def test_ids_of_other_scenes_are_refused(envs: SceneVectorEnv):
     other = r"is of scene 0123456789abcdef, and this one is .*Open its environment"
     with page() as server, pytest.raises(SceneMismatchError, match=other):
         EnvView(server, envs, None, ["0123456789abcdef:train:0:0"])
-    with page() as server, pytest.raises(SceneMismatchError, match="Start the viewer with --split eval"):
+    with page() as server, pytest.raises(SceneMismatchError, match="start the viewer with its --split"):
         EnvView(server, envs, None, [envs.compiled.layout_id(0, 0, "eval")])
     with page() as server:
         view = EnvView(server, envs, None)

@@ -45,7 +45,7 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
             pose, name = scene.graph[node]
             mesh = scene.geometry[name]
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-                found.append(_surface(mesh.copy(), np.asarray(pose, float)))
+                found.append(_surface(mesh, np.asarray(pose, float)))
     except (MemoryError, MeshError):
         raise
     except Exception as error:  # a reader of a dozen formats, each with errors of its own
@@ -73,13 +73,11 @@ def _check_finite(path: Path) -> None:
 
 
 def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:
-    if np.linalg.det(pose[:3, :3]) < 0.0:  # mirrored, so that counterclockwise faces are clockwise
-        mesh.faces = mesh.faces[:, ::-1]
-    vertices = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
     rgba, texture, uv = _look(mesh.visual)
-    if uv is not None and len(uv) != len(vertices):
+    if uv is not None and len(uv) != len(mesh.vertices):
         texture = uv = None
-    return Surface(np.asarray(vertices, float), np.asarray(mesh.faces, int), rgba, texture, uv)
+    surface = Surface(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int), rgba, texture, uv)
+    return surface.moved(pose[:3, :3], pose[:3, 3])
 
 
 def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:

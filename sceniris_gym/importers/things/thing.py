@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -35,6 +34,11 @@ class Surface:
     rgba: tuple[float, ...] = GREY
     texture: Image | None = None
     uv: np.ndarray | None = None
+
+    def moved(self, turn: np.ndarray, shift: np.ndarray | float = 0.0) -> Surface:
+        """Return the surface with its vertices times a matrix, shape (3, 3), which may mirror, then shifted."""
+        faces = self.faces[:, ::-1] if np.linalg.det(turn) < 0.0 else self.faces
+        return replace(self, vertices=self.vertices @ turn.T + shift, faces=faces)
 
 
 @dataclass(frozen=True)
@@ -97,12 +101,9 @@ class Link:
         """The surfaces that collision geometry is made for."""
         return self.solids or self.surfaces
 
-    def reshaped(self, change: Callable[[np.ndarray], np.ndarray]) -> Link:
-        """Return the link with a function applied to the vertices, shape (n, 3), of each of its surfaces."""
-        surfaces, solids = (
-            tuple(replace(surface, vertices=change(surface.vertices)) for surface in kind)
-            for kind in (self.surfaces, self.solids)
-        )
+    def moved(self, turn: np.ndarray, shift: np.ndarray | float = 0.0) -> Link:
+        """Return the link with each of its surfaces moved, in its own frame."""
+        surfaces, solids = (tuple(s.moved(turn, shift) for s in kind) for kind in (self.surfaces, self.solids))
         return replace(self, surfaces=surfaces, solids=solids)
 
 
@@ -151,7 +152,7 @@ class Thing:
         inertia = root.inertia
         if inertia is not None:
             inertia = Inertia(inertia.mass, turn @ inertia.center + shift, turn @ inertia.matrix @ turn.T)
-        moved = replace(root.reshaped(lambda vertices: vertices @ turn.T + shift), inertia=inertia)
+        moved = replace(root.moved(turn, shift), inertia=inertia)
         children = [
             link
             if link.parent != root.name
@@ -167,5 +168,4 @@ def _scaled(link: Link, factor: float) -> Link:
         joint = replace(joint, range=(joint.range[0] * factor, joint.range[1] * factor))
     if inertia is not None:
         inertia = Inertia(inertia.mass, inertia.center * factor, inertia.matrix * factor**2)
-    reshaped = link.reshaped(lambda vertices: vertices * factor)
-    return replace(reshaped, pos=link.pos * factor, joint=joint, inertia=inertia)
+    return replace(link.moved(factor * np.eye(3)), pos=link.pos * factor, joint=joint, inertia=inertia)

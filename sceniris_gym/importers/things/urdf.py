@@ -120,10 +120,8 @@ def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[fl
     if shape.tag == "mesh":
         found = file_of(shape.get("filename", ""), path.absolute().parent)
         assert found is not None
-        scale = _floats(shape.get("scale"), (1, 1, 1))
-        surfaces = [replace(s, vertices=s.vertices * scale) for s in read_surfaces(found)]
-        if np.prod(scale) < 0.0:
-            surfaces = [replace(s, faces=s.faces[:, ::-1]) for s in surfaces]
+        scale = np.diag(_floats(shape.get("scale"), (1, 1, 1)))
+        surfaces = [surface.moved(scale) for surface in read_surfaces(found)]
     else:
         if shape.tag == "box":
             made = trimesh.creation.box(_floats(shape.get("size"), (1, 1, 1)))
@@ -140,7 +138,7 @@ def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[fl
         rgba = tuple(_floats(colour.get("rgba"), (*GREY,)))
     for surface in surfaces:
         own = surface if rgba is None or surface.texture is not None else replace(surface, rgba=rgba)
-        yield replace(own, vertices=pos + surface.vertices @ matrix(quat).T)
+        yield own.moved(matrix(quat), pos)
 
 
 def _inertia(element: ElementTree.Element | None) -> Inertia | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +51,7 @@ def read_usd(path: Path) -> Thing:
         if UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
             continue
         pose = np.array(poses.GetLocalToWorldTransform(prim), float).T
-        for surface in _surfaces(prim, time):
-            faces = surface.faces[:, ::-1] if np.linalg.det(pose[:3, :3]) < 0.0 else surface.faces
-            found.append(replace(surface, vertices=surface.vertices @ pose[:3, :3].T + pose[:3, 3], faces=faces))
+        found += [surface.moved(pose[:3, :3], pose[:3, 3]) for surface in _surfaces(prim, time)]
     meters, up = UsdGeom.GetStageMetersPerUnit(stage), str(UsdGeom.GetStageUpAxis(stage)).lower()
     return Thing(path.stem, (Link(path.stem, surfaces=tuple(found)),), meters, up, tuple(notes))
 

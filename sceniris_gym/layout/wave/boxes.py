@@ -11,7 +11,7 @@ from sceniris_gym.device.transforms import apply, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, stream_of, trial_of
-from sceniris_gym.placement.polygons import area, clip, draw_in_polygon, half_plane, set_triangle
+from sceniris_gym.placement.polygons import HalfPlane, area, clip, draw_in_polygon, set_triangle
 from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -28,7 +28,7 @@ def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polyg
         corner = wp.vec2(box[first + 2 * (k // 2)], box[first + 1 + 2 * (k // 2)])
         outwards = wp.vec2(0.0)
         outwards[k % 2] = float(2 * (k // 2) - 1)
-        num = clip(polygon, num, half_plane(outwards, corner, 0.0))
+        num = clip(polygon, num, HalfPlane(outwards, corner, 0.0))
     return num
 
 

@@ -34,12 +34,10 @@ class PointCounter:
 def point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int) -> PointCounter:
     """Return the counter of a candidate's point."""
     world = search.row_world[search.row[c]]
-    n = PointCounter()
-    n.seed = layouts.pending_seed[world]
-    n.episode = layouts.pending_episode[world]
-    n.stream = stream_of(program, split, search.obj[c])
-    n.trial = trial_of(program, search, c)
-    return n
+    stream = stream_of(program, split, search.obj[c])
+    return PointCounter(
+        layouts.pending_seed[world], layouts.pending_episode[world], stream, trial_of(program, search, c)
+    )
 
 
 @wp.func

@@ -51,11 +51,9 @@ def _xy(frame: Pose, p: wp.vec2, height: float) -> wp.vec2:
 def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
     """Return triangle `tri` of a support with pose `frame`."""
     height = program.surface_height[program.tri_surface[tri]]
-    t = Triangle()
-    t.a = _xy(frame, program.tri_a[tri], height)
-    t.b = _xy(frame, program.tri_b[tri], height)
-    t.c = _xy(frame, program.tri_c[tri], height)
-    return t
+    a = _xy(frame, program.tri_a[tri], height)
+    b = _xy(frame, program.tri_b[tri], height)
+    return Triangle(a, b, _xy(frame, program.tri_c[tri], height))
 
 
 @wp.func

@@ -66,8 +66,8 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         level.own = _centered(own)
         level.load = _centered(total)
         level.sink = statics.obj_sink[obj] + statics.obj_give[obj] * level.load[0]
-        level.gap = program.obj_gap[obj]
-        level.foot = place[2] - level.gap - origin[2]
+        level.gap = program.obj_gap[obj] - statics.obj_touch[obj]
+        level.foot = place[2] - program.obj_gap[obj] - origin[2]
         level.law = statics.variant_law[variant]
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - origin, layouts.body_quat[row, body])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable
 
 import mujoco
@@ -13,7 +12,7 @@ from sceniris_gym.program.checks.tendon_limits import has_active_limits, tendon_
 from sceniris_gym.program.couplings import joined_bodies
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.scene.couplings import active_equalities, equality_label
+from sceniris_gym.scene.couplings import active_equalities, equality_errors, equality_label
 
 KEPT = 1e-4
 """The most [m or rad] that the start pose may miss a constraint by: keyframes are written with few digits."""
@@ -144,19 +143,11 @@ def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
 
 def _check_start(mjm: mujoco.MjModel, home_qpos: np.ndarray, equalities: list[int], where: str) -> None:
     """Check that the start pose keeps equalities, by MuJoCo's own account."""
-    if not equalities:
-        return
-    alone = copy.copy(mjm)
-    alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # objects may lie on top of each other
-    data = mujoco.MjData(alone)
-    data.qpos[:] = home_qpos
-    mujoco.mj_fwdPosition(alone, data)
+    (missed,) = equality_errors(mjm, home_qpos[None])
     for eq in equalities:
-        rows = (data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY) & (data.efc_id == eq)
-        missed = float(np.abs(data.efc_pos[rows]).max(initial=0.0))
-        if missed > KEPT:
+        if missed[eq] > KEPT:
             raise NotSupportedError(
-                f"{where}: {equality_label(alone, eq)} is missed by {missed:.3g} m or rad in the start pose, and "
+                f"{where}: {equality_label(mjm, eq)} is missed by {missed[eq]:.3g} m or rad in the start pose, and "
                 f"should be kept to {KEPT:g}. Correct the keyframe 'home', or take the equality out."
             )
 

@@ -94,14 +94,11 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
     moves = o.support.owner in placed
     pos = np.zeros(3) if moves else plan.home.xpos[o.support.body]
     mat = np.eye(3) if moves else plan.home.xmat[o.support.body].reshape(3, 3)
-    for surface in {id(s): s for surfaces in o.surfaces for s in surfaces}.values():
-        x0, y0, x1, y1 = surface.region.bounds
-        corners = np.array([[x, y, surface.height] for x in (x0, x1) for y in (y0, y1)]) @ mat.T + pos
-        reach = float(np.abs(corners).max())
-        if reach > MOST_FAR + 1e-6:
-            where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.{o.config.support.word}"
-            raise SceneKeyError(
-                f"{where}: '{o.config.support.parent}' reaches {reach:.4g} m from the world's origin, and objects "
-                f"should be placed within {MOST_FAR:g} m of it along each axis: rounding grows with distance. Give it "
-                "a 'region' nearer to the origin."
-            )
+    reach = float(np.abs(o.corners @ mat.T + pos).max())
+    if reach > MOST_FAR + 1e-6:
+        where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.{o.config.support.word}"
+        raise SceneKeyError(
+            f"{where}: '{o.config.support.parent}' reaches {reach:.4g} m from the world's origin, and objects "
+            f"should be placed within {MOST_FAR:g} m of it along each axis: rounding grows with distance. Give it "
+            "a 'region' nearer to the origin."
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import warp as wp
@@ -55,14 +56,10 @@ def free_memory(device: str) -> int | None:
     if found.is_cuda:
         return int(found.free_memory)
     free = None
-    try:
-        for line in _MEMINFO.read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                free = 1024 * int(line.split()[1])
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        told = dict(line.split(":") for line in _MEMINFO.read_text().splitlines())
+        free = 1024 * int(told["MemAvailable"].removesuffix("kB"))
         limit = _LIMIT.read_text().strip()
         if limit.isdecimal():  # of the container
-            room = int(limit) - int(_USED.read_text())
-            free = room if free is None else min(free, room)
-    except (OSError, ValueError, IndexError):
-        pass
+            free = min(free, int(limit) - int(_USED.read_text()))
     return free

@@ -74,9 +74,7 @@ def _far_corner(plan: Plan, o: PlacedObject) -> np.ndarray:
     """Return the greatest x and y [m] of the region of an object on a support that stays."""
     assert o.ground is not None
     at, mat = plan.home.xpos[o.ground], plan.home.xmat[o.ground].reshape(3, 3)
-    bounds = np.array([s.region.bounds for surfaces in o.surfaces for s in surfaces]).reshape(-1, 2, 2)
-    corners = [[x, y, 0.0] for low, high in bounds for x in (low[0], high[0]) for y in (low[1], high[1])]
-    return (np.array(corners) @ mat.T + at)[:, :2].max(axis=0)
+    return (o.corners @ mat.T + at)[:, :2].max(axis=0)
 
 
 def _size(plan: Plan, o: PlacedObject) -> float:

@@ -10,10 +10,11 @@ import numpy as np
 
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight
-from sceniris_gym.program.standing import Stance, levels_of
+from sceniris_gym.program.standing import Stance
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
@@ -27,6 +28,8 @@ _SECONDS, _LOOKS = 0.5, 10
 _HELD = 1.0e9
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEVEL = 1.0e-3
+# Least friction of what leans, or may do so: the tangent of that angle.
+_FRICTION = 0.02
 _ANYWAY = "or write 'stands: false' if it is meant to fall"
 
 
@@ -37,21 +40,28 @@ def check_standing(plan: Plan) -> None:
         SceneKeyError: Gravity that does not point down, contacts that are switched off or too soft, an object that its
             support does not carry, too many objects on each other, or a joint that gives way.
     """
-    config, found = plan.scene.config, plan.stances
-    for number, (o, stance) in enumerate(zip(plan.objects, found, strict=True)):
-        if stance is None:
+    config = plan.scene.config
+    for o, stance in zip(plan.objects, plan.stances, strict=True):
+        if not stance.levels:
             continue
         assert o.config is not None and o.config.support is not None
         where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
         _check_gravity(plan.scene, where)
-        if not stance.meets:
+        if not stance.feet:
             raise SceneKeyError(
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
                 f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
             )
+        pulls = np.array(drawn_bounds(plan.scene.draws, plan.scene.mjm, "gravity"))
+        leans = len(stance.levels) > 1 or pulls[..., :2].any()
+        if leans and stance.friction < _FRICTION:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' slides off '{o.config.support.parent}', as the friction between them is "
+                f"{stance.friction:.3g} and should be {_FRICTION:g} at least. Give one of both more, {_ANYWAY}."
+            )
         check_weight(plan.scene.mjm, o.bodies, where)
         _check_foot(stance, f"{where}: '{o.name}'")
-        levels = len(levels_of(found, number))
+        levels = len(stance.levels)
         if levels > MAX_LEVELS:
             raise SceneKeyError(
                 f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
@@ -77,7 +87,7 @@ def _check_gravity(scene: SceneModel, where: str) -> None:
 
 def _check_foot(stance: Stance, whose: str) -> None:
     """Refuse an object whose foot does not hold it in any of its poses, or sinks in."""
-    margin = max(f.margin for f in stance.feet)
+    margin = max(f.most for f in stance.feet)
     if margin <= 0.0:
         raise SceneKeyError(
             f"{whose} falls over: its centre of mass is {-1e3 * margin:.3g} mm outside of its foot. Correct its "
@@ -91,18 +101,21 @@ def _check_foot(stance: Stance, whose: str) -> None:
 
 
 def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
-    """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all else held."""
-    mjm, surfaces = plan.scene.mjm, [s for own in o.surfaces for s in own]
+    """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all that is placed held."""
+    mjm = plan.scene.mjm
     assert o.ground is not None
-    bounds = np.array([s.region.bounds for s in surfaces])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    places = [np.array([x, y, surfaces[0].height]) for x in (low[0], high[0]) for y in (low[1], high[1])]
+    low, high = o.corners.min(axis=0), o.corners.max(axis=0)
+    places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
     joints = sorted({joint for at in places for joint in _yielding(mjm, plan.home, o.ground, at)})
-    if not joints:
+    root, placed = int(mjm.body_rootid[o.ground]), [x.bodies[0] for x in plan.objects if x.kind == ObjectKind.FREE]
+    is_loose = mjm.body_dofnum[root] == 6 and root not in placed
+    if not joints and not is_loose:
         return
     model, data = copy.copy(mjm), mujoco.MjData(mjm)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    for joint in np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+    held = np.isin(mjm.body_rootid, placed) | (not is_loose)  # what is loose may stand on what is there, too
+    model.opt.disableflags |= 0 if is_loose else int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model.geom_contype[held[mjm.geom_bodyid]] = model.geom_conaffinity[held[mjm.geom_bodyid]] = 0
+    for joint in np.flatnonzero((mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE) & held[mjm.jnt_bodyid]):
         model.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + 6] = _HELD
     owner = next((x for x in plan.objects if o.support is not None and x.name == o.support.owner), o)
     ends = [{r.qposadr: r.intervals[i][i] for r in owner.joint_ranges} for i in (0, -1)]
@@ -121,9 +134,10 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
             fall = max(fall, float((start - _point(data, o.ground, at))[2]))
         if fall > _GIVES:
             names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
+            held = f"joint {names}. Hold that by its frictionloss, stiffness, limits or actuator"
+            by = f"free body '{mjm.body(root).name}'. Place that, too" if is_loose else held
             raise SceneKeyError(
-                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by joint {names}. "
-                f"Hold that by its frictionloss, stiffness, limits or actuator, {_ANYWAY}."
+                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by {by}, {_ANYWAY}."
             )
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.orientation import DrawnOrientation
-from sceniris_gym.config.variants import owners_of
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
@@ -32,7 +31,7 @@ _ORIENTATIONS = {
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields `obj_*`, and the lists that they address but for pairs; `joints` as from `joints_of`."""
-    objects, slots, shared = plan.objects, plan.slots, owners_of(plan.scene.config.variants)
+    objects, slots, shared = plan.objects, plan.slots, plan.scene.config.owners
     boxes = [_box(o.config) for o in objects]
     followers, followed = addressed("obj_follow", ([f.coupling for f in o.followers] for o in objects))
     return {
@@ -159,7 +158,7 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
         return Measure.NOTHING
     if o.erosion > 0.0 or any(r.has_own_width for r in relations_of(o)):
         return Measure.WHOLE
-    names = {o.name, owners_of(plan.scene.config.variants).get(o.name)}
+    names = {o.name, plan.scene.config.owners.get(o.name)}
     seen = [r for other in plan.objects for r in relations_of(other) if names.intersection((other.name, *r.anchors))]
     return Measure.WHOLE if any(r.by_bounds for r in seen) else Measure.LOWEST
 

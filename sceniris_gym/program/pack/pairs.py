@@ -14,7 +14,6 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.variants import owners_of
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece
@@ -160,17 +159,15 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         rules: The rules for its colliders.
     """
     bodies, standing = [c.body for c in rules.colliders], _standing_clearances(plan)
-    variants = plan.scene.config.variants
-    owners = owners_of(variants)
-    robots = plan.scene.config.all_robots
+    config = plan.scene.config
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
-        clearance = o.config.clearance if o.config is not None else robots[o.name].clearance
+        clearance = o.config.clearance if o.config is not None else config.all_robots[o.name].clearance
         is_static = o.kind == ObjectKind.STATIC
         pairs = []
         if o.config is None or o.config.kind != "marker":
-            never = variants.get(owners.get(o.name, ""), ())  # together: other variants of the same object
+            never = config.variants.get(config.owners.get(o.name, ""), ())  # together: variants of one object
             others = {body for name in never for body in plan.scene.subtree(name)}
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))

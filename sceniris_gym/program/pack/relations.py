@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
-from sceniris_gym.geometry.ragged import columns, ranges
+from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind
 from sceniris_gym.program.pack.joining import JoinedSites, joined_sites
 from sceniris_gym.program.plan import PlacedObject, Plan
@@ -23,16 +23,14 @@ MOST_SLICES = 256
 def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields `rel_*`, and which of them each object has; `joints` as from `joints_of`."""
     owned = [(o, relation) for o in plan.objects for relation in relations_of(o)]
-    relations, reladr, relnum = ranges(relations_of(o) for o in plan.objects)
+    relations, of_objects = addressed("obj_rel", (relations_of(o) for o in plan.objects))
     slots = {name: slot for slot, name in enumerate(plan.places)}
-    anchors, anchoradr, anchornum = ranges([slots[a] for a in r.anchors] for r in relations)
+    anchors, of_relations = addressed("rel_anchor", ([slots[a] for a in r.anchors] for r in relations))
     frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
     return {
-        "obj_reladr": reladr,
+        **of_objects,
+        **of_relations,
         "obj_retry_if_empty": np.array([_insists(o) for o in plan.objects]),
-        "obj_relnum": relnum,
-        "rel_anchoradr": anchoradr,
-        "rel_anchornum": anchornum,
         "rel_anchor": np.array(anchors, int),
         "rel_frame": np.array([frames[r.reference_frame] for r in relations], int),
         "rel_heading": np.array([r.heading(plan.scene.config.all_robots) for r in relations], float),

@@ -15,47 +15,45 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.standing import NO_FOOT, NO_STANCE, carrier_of, levels_of
+from sceniris_gym.program.standing import CURVED, Foot, carriers_of
 
 _ENDLESS = np.zeros((0, 4))
 """The edges of a surface that no foot can leave."""
+_NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0, most=0.0)
+"""The foot of what need not stand."""
 
 
 def pack_statics(plan: Plan, device: str) -> Statics | None:
     """Return how the objects of a plan stand, on a device; None if none of them can fall."""
     found, objects, mjm = plan.stances, plan.objects, plan.scene.mjm
-    chains = [levels_of(found, i) for i in range(len(objects))]
-    certain = [stance is None or stance.is_certain for stance in found]
-    chains = [[] if certain[i] else chain for i, chain in enumerate(chains)]
+    chains = [[] if stance.is_certain else stance.levels for stance in found]
     if not any(chains):
         return None
-    carriers = [carrier_of(o, objects) for o in objects]
+    carriers = carriers_of(objects)
     level, of_objects = addressed("obj_level", chains)
     load, of_levels = addressed("level_load", (part for i, c in enumerate(chains) for part in _loads(c, carriers, i)))
-    known = [NO_STANCE if stance is None else stance for stance in found]
-    feet = [f for o, s in zip(objects, known, strict=True) for f in s.feet or [NO_FOOT] * len(o.variants)]
+    feet = [f for o, s in zip(objects, found, strict=True) for f in s.feet or [_NO_FOOT] * len(o.variants)]
     foot, of_variants = addressed("variant_foot", (f.parts for f in feet))
     corner, of_feet = addressed("foot_corner", foot)
-    whole = {id(x) for o, s in zip(objects, known, strict=True) if s.is_whole for mine in o.surfaces for x in mine}
+    whole = {id(x) for o, s in zip(objects, found, strict=True) if s.is_whole for mine in o.surfaces for x in mine}
     surfaces = surfaces_of_regions(objects)
     parts, of_surfaces = addressed(
         "surface_part", ([_ENDLESS] if id(x) in whole else _convex_parts(x) for x in surfaces)
     )
     side, of_parts = addressed("part_side", parts)
-    owners = [s for o, s in zip(objects, known, strict=True) for _ in o.variants]
-    holds = [f.margin > 0.0 and not s.is_shifted for f, s in zip(feet, owners, strict=True)]
-    radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() for f in feet]
+    radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() if f.margin > 0.0 else 1e30 for f in feet]
     drawn = any(draw.word.field == "body_mass" for draw in plan.scene.draws)
-    sink = np.array([s.sink for s in known])
-    give = sink / np.maximum([s.load for s in known], mujoco.mjMINVAL)
+    sink = np.array([s.sink for s in found])
+    give = sink / np.maximum([s.load for s in found], mujoco.mjMINVAL)
     statics = Statics()
     arrays = {
         **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
         "direction": around(DIRECTIONS),
         "obj_sink": sink * (not drawn),
         "obj_give": give * drawn,
+        "obj_touch": np.array([s.touch for s in found]),
         "variant_law": np.reshape([f.law for f in feet], (-1, 4)),
-        "variant_radius": np.where(holds, radius, 1e30),
+        "variant_radius": np.array(radius, float),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),

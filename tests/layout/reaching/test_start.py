@@ -18,6 +18,7 @@ from sceniris_gym.layout.reaching.start import launch_queue_starts
 from sceniris_gym.layout.reaching.start_poses import TRIALS
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.device import Program, copied
+from tests.layout.scenes import bank_rows
 from tests.layout.starting import (
     HANDLE,
     HELD,
@@ -128,7 +129,7 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
     compiled = replace(starting(), program=program)
     generator = LayoutGenerator(compiled, 1000, seed=2)
     generator.generate()
-    rows, bank = _rows(generator), compiled.bank_rows("train")
+    rows, bank = _rows(generator), bank_rows(compiled, "train")
     fell = np.flatnonzero(rows["status"] == Status.FALLBACK)
     assert len(fell) > 5
     assert compiled.starts is not None

@@ -12,7 +12,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
-from tests.layout.scenes import Rows, full_tray, make, posed, read
+from tests.layout.scenes import Rows, bank_rows, full_tray, make, posed, read
 from tests.oracle.solids import Solids
 
 
@@ -25,7 +25,7 @@ def hard(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
 @pytest.mark.parametrize("split", ["train", "eval"])
 def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene, split: str):
     """All entries are taken equally often, and the entry of a world depends on its seed and episode alone."""
-    bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()[hard.bank_rows(split)]]
+    bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()[bank_rows(hard, split)]]
     generator = LayoutGenerator(hard, 400, seed=0, split=split)
     generator.generate()
     rows = read(generator.layouts)

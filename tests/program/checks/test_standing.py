@@ -15,8 +15,11 @@ MODEL = """<mujoco><option gravity="{gravity}">{flag}</option><worldbody>
   <body name="stand"><geom type="box" size=".02 .1 .1" pos="0 0 .1"/>
     <body name="board" pos="0 0 .22"><joint name="turn" axis="0 1 0" {joint}/>
       <geom type="box" size=".3 .1 .01"/></body></body>
-  <body name="crate" {body}><freejoint/><geom type="box" size=".05 .05 .05" {geom}/>{more}</body>
+  <body name="stool" pos="2 0 .0505"><freejoint/><geom type="box" size=".05 .05 .05"/>
+    <geom type="box" size=".3 .3 .01" pos="0 0 .06" density="100"/></body>
+  <body name="crate" {body}><freejoint/><geom name="crate" type="box" size=".05 .05 .05" {geom}/>{more}</body>
 </worldbody>{rest}</mujoco>"""
+LID = '<worldbody><body name="lid"><freejoint/><geom type="box" size=".04 .04 .01"/></body></worldbody>'
 BEAM = '<geom type="box" size=".1 .02 .02" pos=".3 0 .1"/>'
 
 
@@ -24,7 +27,8 @@ def made(on: str = "bench", words: dict[str, Any] | None = None, **parts: str) -
     """Check the scene of a crate on a bench or on a board that turns."""
     blank = dict.fromkeys(("flag", "joint", "body", "geom", "more", "rest"), "")
     text = MODEL.format(**{**blank, "gravity": "0 0 -9.81", **parts})
-    objects = {"stand": {"kind": "static"}, "crate": {"on": on, **(words or {})}}
+    objects = {"stand": {"kind": "static"}, "stool": {}, "crate": {"on": on, **(words or {})}}
+    objects |= {"lid": {"on": "crate", **(words or {})}} if "lid" in text else {}
     checked(scene_of(objects, model=mujoco.MjSpec.from_string(text)))
 
 
@@ -41,6 +45,22 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "gravcomp": ({"body": 'gravcomp="1.2"'}, r"'gravcomp' leaves it no weight"),
     "an overhang": ({"more": BEAM}, r"'crate' falls over: its centre of mass is [0-9.]+ mm outside of its foot"),
     "a soft contact": ({"geom": 'solref="1.5 1" priority="1"'}, r"'crate' sinks into its support by [0-9.]+ mm"),
+    "a soft pair": (
+        {"rest": '<contact><pair geom1="bench" geom2="crate" solref=".4 1"/></contact>'},
+        r"'crate' sinks into its support by [0-9.]+ mm",
+    ),
+    "no friction": (
+        {"geom": 'friction="0 0 0" priority="1"', "rest": LID},
+        r"lid\.on: 'lid' slides off 'crate', as the friction between them is 0 and should be 0\.02",
+    ),
+    "no friction on a tilt": (
+        {"gravity": ".1 0 -9.8", "geom": 'condim="1" priority="1"'},
+        "'crate' slides off 'bench'",
+    ),
+    "a loose stool": (
+        {"on": "stool"},
+        r"gives way by [0-9.]+ mm under 1 kg, by free body 'stool'\. Place",
+    ),
     "a seesaw": ({"on": "stand/board"}, r"its support gives way by [0-9.]+ mm under 1 kg, by joint 'turn'"),
     "weak friction": ({"on": "stand/board", "joint": 'frictionloss=".5"'}, "gives way"),
 }
@@ -59,6 +79,11 @@ def test_what_cannot_stand_is_refused_by_name(case: str):
 def test_a_joint_that_holds_the_load_is_a_support(joint: str):
     """By its friction, or by its spring."""
     made(on="stand/board", joint=joint, words={"region": {"box": [[-0.1, -0.1], [0.1, 0.1]]}})
+
+
+def test_a_loose_support_that_holds_the_load_is_one():
+    """A stool that is not placed carries things over its foot."""
+    made(on="stool", words={"region": {"box": [[-0.02, -0.02], [0.02, 0.02]]}})
 
 
 def test_nothing_pulls_without_gravity():

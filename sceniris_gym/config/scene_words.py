@@ -1,0 +1,98 @@
+"""The words of a whole scene, and the names in it: `SceneWords`."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, Strict, field_validator
+
+from sceniris_gym.config.cameras import CameraConfig
+from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, PartName, wrong
+from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.limits import MOST_ATTEMPTS
+from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.randomize import SceneDraws
+from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.config.section import Section
+from sceniris_gym.config.stacks import StackConfig
+from sceniris_gym.config.start import StartConfig
+from sceniris_gym.config.variants import owners_of, variants_of
+
+AUTO = "auto"
+"""The value of `attempts` that lets `compile_scene` choose."""
+DEFAULT_BANK = 64
+"""Number of valid layouts that are kept for each split, for worlds that run out of restarts."""
+
+
+def _count_or_auto(value: Any) -> Any:
+    if isinstance(value, str) and value != AUTO:
+        raise wrong(f"should be a whole number or '{AUTO}'", value, [AUTO])
+    if value != AUTO and (isinstance(value, bool) or not isinstance(value, int)):
+        raise wrong(f"should be a whole number or '{AUTO}'")
+    if value != AUTO and not 1 <= value <= MOST_ATTEMPTS:
+        raise wrong("should be at least 1" if value < 1 else f"should be at most {MOST_ATTEMPTS}")
+    return value
+
+
+Attempts = Annotated[int | Literal["auto"], BeforeValidator(_count_or_auto)]
+
+
+class Floor(Section):
+    """The ground workspace: a rectangle around the world's origin with the full extents `size` = (x, y) [m]."""
+
+    size: Extents2
+
+
+class SceneWords(Section):
+    """The words of a scene, before its names are checked."""
+
+    name: str = "scene"
+    floor: Floor | None = None
+    robot: RobotConfig | None = None
+    robots: dict[ObjectName, RobotConfig] = Field(default_factory=dict)
+    objects: dict[PartName, ObjectConfig] = Field(default_factory=dict)
+    groups: dict[ObjectName, GroupConfig] = Field(default_factory=dict)
+    heaps: dict[ObjectName, HeapConfig] = Field(default_factory=dict)
+    stacks: dict[ObjectName, StackConfig] = Field(default_factory=dict)
+    cameras: dict[ObjectName, CameraConfig] = Field(default_factory=dict)
+    start: tuple[StartConfig, ...] = ()
+    geometry: Literal["physics", "visual"] = "physics"
+    attempts: Attempts = 10
+    restarts: Annotated[int, Strict(), Field(ge=0, le=10_000)] = 8
+    bank: Annotated[int, Strict(), Field(ge=1, le=10_000)] = DEFAULT_BANK
+    model: Model = None
+    home: str | None = None
+    randomize: SceneDraws | None = None
+
+    @property
+    def all_robots(self) -> dict[str, RobotConfig]:
+        """The robots by the names that objects refer to: those of `robots`, or the one of `robot` as 'robot'."""
+        return self.robots if self.robot is None else {ROBOT: self.robot}
+
+    @cached_property
+    def parts(self) -> dict[str, ObjectConfig]:
+        """The objects, followed by the robots whose base is drawn, in the words of objects."""
+        drawn = {name: robot.placing for name, robot in self.all_robots.items()}
+        return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
+
+    @cached_property
+    def variants(self) -> dict[str, tuple[str, ...]]:
+        """The objects with variants, as others refer to them, and the names of their members in `objects`."""
+        return variants_of(self.groups)
+
+    @cached_property
+    def owners(self) -> dict[str, str]:
+        """The object that each member of an object with variants is a variant of."""
+        return owners_of(self.variants)
+
+    def key(self, name: str) -> str:
+        """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'."""
+        robot = self.all_robots.get(name)
+        return f"objects.{name}" if robot is None else robot.section
+
+    @field_validator("robots")
+    @classmethod
+    def _know_their_names(cls, robots: dict[str, RobotConfig]) -> dict[str, RobotConfig]:
+        return {name: robot.called(name) for name, robot in robots.items()}
