@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from warp.utils import array_cast
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.knobs import launch_set
-from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.buffer import (
     arrays_of,
@@ -168,10 +167,6 @@ class LevelSampler(LayoutSource):
         made = wp.empty(given.shape, dtype=dtype, device=self._device)
         array_cast(given, made)
         return made
-
-    def make_beside(self, launch: Callable[[wp.array, Layouts], None]) -> wp.array | None:
-        """See `LayoutSource`."""
-        return self.source.make_beside(launch)
 
     def after_reset(self) -> None:
         """Refresh the weights every so many resets."""

@@ -166,8 +166,6 @@ class ResetRandomizer(Fixed, StaysHere):
         more |= {"whole": write == "all", "count": self.replacer.number}
         self._writer = ResetWriter(*found, self.fields, self._mask, self.split, **more)
         self.variant = self._writer.variant
-        if write == "all":
-            self.fields.make_ahead(self.layout_source, self.split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
