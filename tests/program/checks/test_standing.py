@@ -99,3 +99,9 @@ def test_more_levels_than_there_is_room_for_are_refused():
     objects = {name: {"on": below} for below, name in zip(["floor", *names], names, strict=False)}
     with pytest.raises(SceneKeyError, match=r"c12\.on: 13 free objects stand on each other, which should be 12"):
         checked(scene_of(objects, model=spec))
+
+
+def test_friction_is_not_refused_where_none_is_known():
+    """With visual geometry no piece of a pan ends where a block stands in it."""
+    objects = {"pan": {"asset": "pan", "on": "floor"}, "block": {"asset": "block", "in": "pan"}}
+    checked(scene_of(objects, geometry="visual"))
