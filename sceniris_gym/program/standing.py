@@ -92,8 +92,8 @@ class Stance:
         load: The greatest weight [kg] of it and of all that may be put on it.
         sink: How deep four contacts of it are under that load, with the least masses that are drawn [m].
         touch: The distance from which on its support carries it [m]: 0 without contact margins.
-        friction: The greatest coefficient of sliding friction between them, with the least that is drawn; infinite where
-            the geoms that carry it are not known.
+        friction: The greatest coefficient of sliding friction between them, with the least that is drawn; infinite
+            where the geoms that carry it are not known.
         is_whole: Whether all of its foot is on its support.
     """
 
