@@ -17,14 +17,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_array
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import (
-    MapError,
-    NotSupportedError,
-    PosesError,
-    ReachWarning,
-    SceneKeyError,
-    UnknownNameError,
-)
+from sceniris_gym.errors import MapError, NotSupportedError, PosesError, ReachWarning, SceneKeyError, UnknownNameError
 from sceniris_gym.files import check_picture, replacing
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.compile import compile_scene, device_name

@@ -18,7 +18,7 @@ _Weight = Annotated[Number, Field(gt=0.0), within("weight")]
 _Heights = Annotated[
     tuple[Length, Length],
     BeforeValidator(listed),
-    must(lambda ends: ends[0] <= ends[1], "should be [low, high] with low <= high"),
+    must(lambda ends: ends[0] <= ends[1] > 0.0, "should be [low, high] with low <= high, and high above 0"),
 ]
 
 

@@ -30,6 +30,16 @@ from sceniris_gym.program.device import OrientationType, Program
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+def redraw_counts(nworld: int, device: str | wp.Device) -> list[wp.array]:
+    """Return counts of 0 on the device.
+
+    Returns:
+        Redraws of each world since its reset, shape (nworld,); the `Status` of its latest one, VALID or KEPT, or NONE
+        before the first, (nworld,); and the running number of those in which nothing fitted, (1,); all int32.
+    """
+    return [wp.zeros(num, dtype=int, device=device) for num in (nworld, nworld, 1)]
+
+
 @wp.func
 def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int, body: int):
     """Pose a body of a row by its joints or its mocap pose; its parent is posed. `adr` is as in `_read_state`."""
@@ -146,18 +156,25 @@ def _finish(
     layouts: LayoutsView,
     # Out:
     placed_out: wp.array[bool],
+    number_out: wp.array[int],
+    status_out: wp.array[int],
+    kept_out: wp.array[int],
 ):
     worldid = wp.tid()
     placed_out[worldid] = False
     if not mask[worldid]:
         return
+    number_out[worldid] += 1
     layouts.seed[worldid] = state.seed[worldid]
     layouts.episode[worldid] = state.episode[worldid]
     layouts.start[worldid] = state.start[worldid]
+    status_out[worldid] = Status.VALID
     if layouts.status[worldid] == Status.VALID:
         placed_out[worldid] = True
         return
     layouts.status[worldid] = Status.KEPT
+    status_out[worldid] = Status.KEPT
+    wp.atomic_add(kept_out, 0, 1)
     # grasps are not those of `state`, which has columns for targets that are not redrawn
     for i in range(width):
         copy_poses(state, worldid, layouts, worldid, i)
@@ -212,16 +229,18 @@ class Redraw(StaysHere):
             self._given += [wp.array(anchors, dtype=int, ndim=1), wp.array(slots, dtype=int, ndim=1)]
             self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
 
-    def launch(self, state: LayoutsView, mask: wp.array, number: wp.array, origins: wp.array | None = None) -> None:
+    def launch(
+        self, state: LayoutsView, mask: wp.array, counts: Sequence[wp.array], origins: wp.array | None = None
+    ) -> None:
         """Redraw the objects in the masked worlds.
 
         Args:
             state: The worlds; see the module.
             mask: Which worlds, shape (nworld,), bool.
-            number: Redraws of each world since its reset, without this one, shape (nworld,), int32.
+            counts: As from `redraw_counts`; this redraw is added.
             origins: Origins of the worlds [m], shape (nworld,), vec3, which the state has and layouts do not.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
-        read = [self._program, mask, self._split, *self._given, number, origins, state]
+        read = [self._program, mask, self._split, *self._given, counts[0], origins, state]
         self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
-        wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed], device=device)
+        wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed, *counts], device=device)

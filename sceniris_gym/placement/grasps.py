@@ -41,12 +41,7 @@ def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec
 
 @wp.func
 def first_accepted(
-    reach: Reach,
-    column: int,
-    variant: int,
-    base: Pose,
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
+    reach: Reach, column: int, variant: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> int:
     """Return the first grasp of a variant that passes the map, counted from the target's first grasp; -1 for none."""
     adr = reach.variant_graspadr[variant]
@@ -58,12 +53,7 @@ def first_accepted(
 
 @wp.func
 def passes_map(
-    reach: Reach,
-    column: int,
-    grasp: int,
-    base: Pose,
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
+    reach: Reach, column: int, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
     """Test whether a grasp does not come from below, and the arm's map, if there is one, accepts it."""
     through = approaches(reach, column, grasp, body_quat)

@@ -31,6 +31,7 @@ class Starts:
     arm_range: wp.array2d[wp.vec2]  # of the arm's joints; upside down for those that stay as they are
     draw_range: wp.array2d[wp.vec2]  # of the draws of `Program`; upside down for those that stay as they are
     marker: wp.array2d[int]  # for each object in placement order the number of the marker that it is placed at, or -1
+    robot_qposadr: wp.array[int]  # in qpos, of the joints of all arms and their fingers
     # Grasps of `Reach` with the fingers closed on the object.
     grip_share: wp.array[float]  # opening of the gripper
     grip_pos: wp.array[wp.vec3]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.start import StartConfig
@@ -18,7 +18,7 @@ from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.device_starts import StartPose
 from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.plan import Plan, joint_range
-from sceniris_gym.program.reach import ReachTarget
+from sceniris_gym.program.reach import ReachingArm, ReachTarget
 from sceniris_gym.reach.arm import MAX_JOINTS
 
 _UNDRAWN = (1.0, -1.0)
@@ -72,55 +72,69 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
     return np.array([-matrix(v.quat)[2] for v, (first, num) in spans if first <= grasp < first + num])
 
 
-def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> list[dict[str, Any]]:
-    """Return the fields of `Starts` for each kind of start of a scene.
+def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
+    """Return the fields of `Starts` by name, without the bank: a row for each kind of start, or for each grasp.
 
     Raises:
         UnknownNameError: A grasp or a joint that does not exist.
         SceneKeyError: A joint whose object does not draw it, or an object that no grasp holds.
     """
-    return [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
+    kinds = [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
+    robots = [b for one in (plan.reaching.arms if plan.reaching else ()) for b in plan.scene.subtree(one.robot)[1:]]
+    return {
+        **{name: np.array([kind[name] for kind in kinds]) for name in kinds[0]},
+        "robot_qposadr": plan.scene.mjm.jnt_qposadr[np.isin(plan.scene.mjm.jnt_bodyid, robots)],
+        "grip_share": np.array([grip.share for grip in grips], float),
+        "grip_pos": np.reshape([grip.pos for grip in grips], (-1, 3)),
+    }
 
 
-def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, Any]:
-    """Return the fields of one kind."""
-    where = f"{plan.scene.config.where}: start.{number}"
-    names, pose = config.targets(plan.scene.config.groups), _pose(config)
-    targets, arms = ((), ()) if plan.reaching is None else (plan.reaching.targets, plan.reaching.arms)
-    is_target = [target.name in names for target in targets]
-    arm = next((target.arm for target in targets if target.name in names), -1)
-    if arm >= 0 and arms[arm].robot in plan.scene.apart:
-        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
-    grasps = [is_its & _counting(config, t, f"{where}.grasp") for t, is_its in zip(targets, is_target, strict=True)]
-    counts = np.concatenate([np.zeros(0, bool), *grasps])
-    if pose in _FITS:
-        fit, how = _FITS[pose]
-        counts &= np.array([getattr(grip, fit) for grip in grips], bool)
-        of_target = np.repeat(np.arange(len(grasps)), [len(of_its) for of_its in grasps])
-        for i in np.flatnonzero(is_target):
-            if not counts[of_target == i].any():
+def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, ArrayLike]:
+    """Return the rows of the fields for one kind."""
+    where, pose, arm = f"{plan.scene.config.where}: start.{number}", _pose(config), -1
+    names, arm_range = config.targets(plan.scene.config.groups), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
+    targets, counts = () if plan.reaching is None else plan.reaching.targets, [np.zeros(0, bool)]
+    for target in targets:
+        own = _counting(config, target, f"{where}.grasp") & (target.name in names)
+        if pose in _FITS and target.name in names:
+            fit, how = _FITS[pose]
+            first = sum(map(len, counts))
+            own &= np.array([getattr(grip, fit) for grip in grips[first : first + len(own)]], bool)
+            if not own.any():
                 raise SceneKeyError(
-                    f"{where}: the gripper should be able to hold '{targets[i].name}' {how}, and none of its grasps "
-                    "that count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
+                    f"{where}: the gripper should be able to hold '{target.name}' {how}, and none of its grasps that "
+                    "count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
                 )
-    arm_range = np.tile(_UNDRAWN, (MAX_JOINTS, 1))
-    if arm >= 0:
-        index = {int(adr): i for i, adr in enumerate(arms[arm].arm.qposadr)}
-        for drawn in _drawn(plan, arms[arm].robot, config.robot_joints, f"{where}.robot_joints"):
-            if drawn.qposadr in index:  # patterns also name the gripper's
-                arm_range[index[drawn.qposadr]] = drawn.low, drawn.high
+        counts.append(own)
+        if target.name in names and plan.reaching is not None:
+            arm = target.arm
+            arm_range = _arm_range(plan, plan.reaching.arms[arm], config, where)
     order = {o.name: i for i, o in enumerate(plan.objects)}
     return {
         "weight": config.weight,
         "pose": int(pose),
         "arm": arm,
-        "target": np.array(is_target, bool),
-        "grasp": counts,
+        "target": np.array([target.name in names for target in targets], bool),
+        "grasp": np.concatenate(counts),
         "lift": config.lift or (0.0, 0.0),
         "arm_range": arm_range,
         "draw_range": _draw_ranges(plan, config.joints, f"{where}.joints"),
         "marker": [order[config.place[name]] if name in config.place else -1 for name in order],
     }
+
+
+def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
+    """Return the intervals from which a kind draws the joints of the arm at its object, shape (MAX_JOINTS, 2)."""
+    if one.robot in plan.scene.apart:
+        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
+    found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()
+    for drawn in _drawn(plan, one.robot, config.robot_joints, f"{where}.robot_joints"):
+        if drawn.qposadr in index:  # patterns also name the gripper's
+            found[index.index(drawn.qposadr)] = drawn.low, drawn.high
+    if config.robot_joints and (found == _UNDRAWN).all():
+        names = ", ".join(name.rpartition("/")[2] for name in one.arm.joints)
+        raise SceneKeyError(f"{where}.robot_joints: should draw a joint of the arm, not of its gripper: {names}.")
+    return found
 
 
 def _pose(config: StartConfig) -> StartPose:

@@ -13,14 +13,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.messages import reading
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    MeshError,
-    SceneFileError,
-    SceneKeyError,
-    ScenirisError,
-    UnknownNameError,
-    check_type,
-)
+from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError, check_type
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies

@@ -11,8 +11,9 @@ import warp as wp
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.generate import make_redraw
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.masks import fill_mask
+from sceniris_gym.layout.redraw import redraw_counts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
@@ -26,24 +27,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def _count(
-    mask: wp.array[wp.bool],
-    status: wp.array[int],
-    trees: wp.array[int],
-    # Out:
-    number_out: wp.array[int],
-    status_out: wp.array[int],
-    kept_out: wp.array[int],
-    tree_awake_out: wp.array2d[int],
-):
-    worldid = wp.tid()
-    if not mask[worldid]:
-        return
-    number_out[worldid] += 1
-    status_out[worldid] = status[worldid]
-    if status[worldid] == Status.KEPT:
-        wp.atomic_add(kept_out, 0, 1)
-    for i in range(trees.shape[0]):
+def _wake(mask: wp.array[wp.bool], trees: wp.array[int], tree_awake_out: wp.array2d[int]):
+    worldid, i = wp.tid()
+    if mask[worldid]:
         tree_awake_out[worldid, trees[i]] = 1  # the next step wakes what sleeps together with it
 
 
@@ -65,8 +51,8 @@ class Replacer:
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
-        prepared: The launches of each set of objects that was redrawn, by their names as they were given.
         kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
+        prepared: The launches of each set of objects that was redrawn, by their names as they were given.
     """
 
     def __init__(
@@ -87,10 +73,8 @@ class Replacer:
         self._rest, self._origins, self._refresh, self._graph = rest, origins, refresh, graph
         self._variants = variants
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
-        with wp.ScopedDevice(d.qpos.device):
-            self._mask = wp.zeros(d.nworld, dtype=wp.bool)
-            self.number, self.status = wp.zeros(d.nworld, dtype=int), wp.zeros(d.nworld, dtype=int)
-            self.kept = wp.zeros(1, dtype=int)
+        self._mask = wp.zeros(d.nworld, dtype=wp.bool, device=d.qpos.device)
+        self.number, self.status, self.kept = redraw_counts(d.nworld, d.qpos.device)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
         """Redraw objects in the masked worlds; the first call for some objects prepares their search.
@@ -126,15 +110,16 @@ class Replacer:
         writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=bodies.tolist(), origins=self._origins)
         moved = np.unique(mjm.body_treeid[bodies]) if sleeps(self._m) else np.zeros(0, int)
         trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
-        outputs = [self.number, self.status, self.kept, getattr(d, "tree_awake", None)]
+        counts = [self.number, self.status, self.kept]
 
         def launches() -> None:
             if reader is not None:
                 reader.launch(self._mask)
-            redraw.launch(state, self._mask, self.number, self._origins)
+            redraw.launch(state, self._mask, counts, self._origins)
             poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
-            wp.launch(_count, d.nworld, [self._mask, found.status, trees], outputs, device=device)
+            if trees.shape[0] > 0:
+                wp.launch(_wake, (d.nworld, trees.shape[0]), [self._mask, trees], [d.tree_awake], device=device)
             self._refresh()
 
         return LaunchSequence(launches, device, graph=self._graph)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from sceniris_gym.audit.physics import hold
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 
 _LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freezes
@@ -14,7 +16,7 @@ class Player:
     """Steps one world from its layout on.
 
     Args:
-        mjm: The model.
+        compiled: The scene.
         table: The layout, one row.
 
     Attributes:
@@ -23,18 +25,22 @@ class Player:
         speed: Seconds of physics in a second.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, table: LayoutTable) -> None:
-        self.mjm, self.table = mjm, table
-        self.data = mujoco.MjData(mjm)
+    def __init__(self, compiled: CompiledScene, table: LayoutTable) -> None:
+        self.mjm, self.table = compiled.mjm, table
+        self.data = mujoco.MjData(compiled.mjm)
+        self._closed = _closed_fingers(compiled, table)
         self.running, self.speed = False, 1.0
         self._debt = 0.0
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the layout, with controls that hold its joints."""
+        """Go back to the layout, with controls that hold its joints, and close fingers that are around something."""
         mujoco.mj_resetData(self.mjm, self.data)
         self.table.put(self.data, 0)
+        adr, closed = self._closed
+        self.data.qpos[adr] = closed
         hold(self.mjm, self.data)
+        self.table.put(self.data, 0)
         mujoco.mj_forward(self.mjm, self.data)
         self._debt = 0.0
 
@@ -66,3 +72,14 @@ class Player:
                     low, high = self.mjm.jnt_range[joint]
             ranges.append((self.mjm.actuator(i).name or f"actuator {i}", float(low), float(high)))
         return ranges
+
+
+def _closed_fingers(compiled: CompiledScene, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
+    """Return addresses in qpos of the fingers that hold something in a layout, and their closed positions."""
+    if compiled.config.start and compiled.reaching is not None:
+        kind = compiled.config.start[table.start[0]]
+        for name in kind.targets(compiled.config.groups) if kind.robot == "grasp" else ():
+            target = compiled.reaching.targets[compiled.reaching.names.index(name)]
+            adr, closed = compiled.reaching.arm_of(target).gripper.poses(np.zeros(1))
+            return adr, closed[0]
+    return np.zeros(0, int), np.zeros(0)

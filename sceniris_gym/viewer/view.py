@@ -101,7 +101,7 @@ class SceneView:
         self._only = self._only if self._only in loaded.compiled.object_names else None
         self._counted = False
         self._slices = ReachSlice.of(loaded.compiled.scene)
-        ranges = Player(loaded.compiled.mjm, self.deck.make(self.where)[:1]).target_ranges()
+        ranges = Player(loaded.compiled, self.deck.make(self.where)[:1]).target_ranges()
         shown = self._candidates is not None
         self._candidates = None
         self.panel.set_scene(list(loaded.compiled.object_names), self._only, ranges, bool(self._slices))
@@ -312,7 +312,7 @@ class SceneView:
     def _playing(self) -> Player:
         """Return the player of this layout. Starting one hides the layers, which are about the layout."""
         if self._player is None:
-            self._player = Player(self.deck.compiled.mjm, self.table[:1])
+            self._player = Player(self.deck.compiled, self.table[:1])
             self._player.speed = self._speed
             self._candidates, self._pose = None, START
             self.panel.rejected.value = False
@@ -345,7 +345,8 @@ class SceneView:
             return self.panel.say(f"{self.loaded.error}\n\n{_TRIED}", bad=True)
         name, row = self.deck.compiled.config.name, self.table[:1]
         source = "a fresh layout" if row.valid[0] else "from the bank of valid ones, as no fresh one was found"
-        made = f"{name}: {source}, {row.attempts[0]} candidates"
+        start = f", start {row.start[0]}" if self.deck.compiled.config.start else ""
+        made = f"{name}: {source}{start}, {row.attempts[0]} candidates"
         if self.num > 1:
             last = (self.where.seed + self.num - 1) % 2**64
             made = f"{name}: {self.num} layouts, seeds {self.where.seed} to {last}"

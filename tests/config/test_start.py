@@ -45,6 +45,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "home of something": ({"of": "block"}, SceneKeyError, "should name an object as 'of'"),
     "a weight of 0": ({"weight": 0}, SceneKeyError, "start.0.weight"),
     "a lift upside down": (GRASP | {"lift": [0.2, 0.1]}, SceneKeyError, "low <= high"),
+    "a lift by nothing": (GRASP | {"lift": [0, 0]}, SceneKeyError, "high above 0"),
     "a lift without a grasp": ({"robot": "pregrasp", "of": "block", "lift": [0, 0.1]}, SceneKeyError, "only where"),
     "a lift and joints": (GRASP | {"lift": [0, 0.1], "robot_joints": {"*": {"noise": 0.1}}}, SceneKeyError, "not both"),
     "a choice": (GRASP | {"robot_joints": {"*": {"choice": [0.1]}}}, SceneKeyError, "should draw joints by"),

@@ -27,23 +27,23 @@ def test_kinds_have_the_numbers_of_the_plan():
     """Poses, grasps of the right object, joints by index and address, markers by placement order."""
     plan = plan_of()
     kinds = plan_starts(plan, plan_grips(plan))
-    assert [kind["pose"] for kind in kinds] == [
+    assert kinds["pose"].tolist() == [
         *(StartPose.HOME, StartPose.PREGRASP, StartPose.STANDING, StartPose.LIFTED, StartPose.HELD),
         *(StartPose.HOME, StartPose.STANDING),
     ]
     assert plan.reaching is not None
     names = [grasp.name for target in plan.reaching.targets for grasp in target.grasp_set.grasps]
-    assert {names[i].split(" ")[0] for i in np.flatnonzero(kinds[HANDLE]["grasp"])} == {"grasp_upper_handle"}
-    low, high = kinds[HELD]["arm_range"].T
+    assert {names[i].split(" ")[0] for i in np.flatnonzero(kinds["grasp"][HANDLE])} == {"grasp_upper_handle"}
+    low, high = kinds["arm_range"][HELD].T
     assert np.flatnonzero(low <= high).tolist() == list(range(7))
-    low, high = kinds[HANDLE]["draw_range"].T
+    low, high = kinds["draw_range"][HANDLE].T
     (drawn,) = np.flatnonzero(low <= high)
     upper = plan.scene.mjm.joint("cabinet/upper")
     assert [r.qposadr for o in plan.objects for r in o.joint_ranges][drawn] == upper.qposadr[0]
     assert (low[drawn], high[drawn]) == pytest.approx((0.8 * upper.range[1], upper.range[1]))
     order = [o.name for o in plan.objects]
     goals = [order.index("goal") if name == "apple" else -1 for name in order]
-    assert kinds[PLACED]["marker"] == goals
+    assert kinds["marker"][PLACED].tolist() == goals
     placed = [name for name in order if name in SCENE["objects"]]
     assert placed[:2] == ["goal", "apple"]  # before those that could be in the way
 
@@ -59,6 +59,11 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
         {"robot": "grasp", "of": "block", "robot_joints": {"elbow": {"noise": 0.1}}},
         UnknownNameError,
         "start.0.robot_joints",
+    ),
+    "joints of the gripper alone": (
+        {"robot": "grasp", "of": "block", "robot_joints": {"finger*": {"noise": 0.1}}},
+        SceneKeyError,
+        "not of its gripper: joint1, joint2",
     ),
 }
 

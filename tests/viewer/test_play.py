@@ -14,7 +14,7 @@ from tests.viewer.worlds_on_show import world_of
 def player() -> Player:
     """A player of a scene with an arm."""
     world = world_of("tabletop_lift")
-    return Player(world.compiled.mjm, world.table)
+    return Player(world.compiled, world.table)
 
 
 def test_it_begins_with_the_layout_and_comes_back_to_it(player: Player):
@@ -69,8 +69,23 @@ def test_targets_have_ranges_also_where_controls_have_no_limits():
         f"</worldbody><actuator>{motors}</actuator></mujoco>"
     )
     world = world_of("mid")
-    player = Player(world.compiled.mjm, world.table)
+    player = Player(world.compiled, world.table)
     player.mjm = mjm
     (first, low, high), (second, *ends) = player.target_ranges()
     assert (low, high) == pytest.approx((-0.5, 0.5))
     assert (first, second, ends) == ("actuator 0", "push", [-1.0, 1.0])
+
+
+def test_what_an_episode_begins_with_in_the_hand_stays_there():
+    """Fingers close on it, as in a reset, again after going back to the layout; the arm holds its pose."""
+    lifted = {"robot": "grasp", "of": "can", "lift": [0.05, 0.1]}
+    world = world_of({"base": "tabletop_lift", "bank": 2, "start": [lifted]})
+    player = Player(world.compiled, world.table)
+    can, site = player.mjm.body("can").id, player.mjm.site(world.compiled.scene.tcps["robot"]).id
+    for _ in range(2):
+        np.testing.assert_allclose(player.data.qpos, world.table.qpos[0], atol=1e-7)
+        before = player.data.xpos[can] - player.data.site_xpos[site]
+        for _ in range(round(0.5 / player.mjm.opt.timestep)):
+            player.step()
+        assert np.linalg.norm(player.data.xpos[can] - player.data.site_xpos[site] - before) < 2e-3
+        player.reset()

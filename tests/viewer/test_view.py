@@ -108,6 +108,8 @@ def test_saving_shows_the_scene_at_the_same_seed_and_mistakes_leave_the_last_goo
     saved(view, path, SCENE)
     assert "a fresh layout" in message(view)
     assert view.where == Where(seed=9)
+    saved(view, path, f"{SCENE}start: [{{weight: 1}}]\n")
+    assert "a fresh layout, start 0," in message(view)
 
 
 def test_a_scene_that_cannot_be_made_shows_what_was_tried(view: SceneView, path: Path):

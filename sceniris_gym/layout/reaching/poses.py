@@ -5,6 +5,7 @@ import warp as wp
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
+    DEFERRED,
     PREGRASP_DISTANCE,
     ReachSearch,
     ReachStep,
@@ -84,37 +85,6 @@ def in_base(reach: Reach, layouts: LayoutsView, row: int, pos: wp.vec3, quat: wp
     return rot_vec_quat(pos - layouts.body_pos[row, reach.base_body], back), wp.normalize(mul_quat(back, quat))
 
 
-@wp.kernel(grid_stride=False)
-def _pose_hand(
-    program: Program,
-    reach: Reach,
-    step: int,
-    back: float,
-    lanes: int,
-    # Layouts in: qpos, body_pos, body_quat
-    layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, qpos, body_pos, body_quat
-    # ReachSearch out: qpos, body_pos, body_quat
-    reach_search: ReachSearch,
-):
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        if not takes_step(reach, reach_search, c, step):
-            continue
-        target_pos = layouts.body_pos[reach_search.row[c]]
-        target_quat = layouts.body_quat[reach_search.row[c]]
-        there = layouts.qpos[reach_search.row[c]]
-        qpos = reach_search.qpos[c]
-        pos = reach_search.body_pos[c]
-        quat = reach_search.body_quat[c]
-        pose_hand(program, reach, reach_search.grasp[c], back, target_pos, target_quat, there, qpos, pos, quat)
-
-
-def launch_pose_hand(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
-    """Pose the hand, which the arm's last joint carries, for a step: in the grasp, or back along the approach axis."""
-    back, lanes = 0.0 if step == ReachStep.HAND_AT_GRASP else PREGRASP_DISTANCE, work.size.lanes
-    work.launch(_pose_hand, lanes, [work.program, reach, int(step), back, lanes, work.layouts], reach_search)
-
-
 @wp.func
 def pose_arm(
     program: Program,
@@ -136,33 +106,63 @@ def pose_arm(
         pose_body(program, reach.arm_body[i], qpos, body_pos, body_quat)
 
 
+@wp.func
+def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
+    """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
+
+    More are tested at once where many have failed, and all where rows wait for room, which bounds the number of waves.
+    Other lanes may defer the candidates before it meanwhile.
+    """
+    if reach_search.candidates[0] > reach_search.failed.shape[0]:
+        return False
+    row = reach_search.row[c]
+    earlier = int(0)
+    for other in range(reach_search.first[row], c):
+        failed = reach_search.failed[other]
+        if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
+            earlier += 1
+    return earlier > reach_search.tried[row] // 2
+
+
 @wp.kernel(grid_stride=False)
-def _pose_arm(
+def _pose(
     program: Program,
     reach: Reach,
     step: int,
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
-    #   body_quat
-    # ReachSearch out: qpos, body_pos, body_quat
+    # ReachSearch in: column, tried, tier, first, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos,
+    #   qpos, body_pos, body_quat
+    # ReachSearch out: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if not takes_step(reach, reach_search, c, step):
             continue
         row = reach_search.row[c]
+        grasp = reach_search.grasp[c]
+        from_qpos = layouts.qpos[row]
         qpos = reach_search.qpos[c]
-        joints = reach_search.grasp_qpos[c]
-        if step >= ReachStep.SELF_AT_PREGRASP:
-            joints = reach_search.pregrasp_qpos[c]
-        take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
-        open_gripper(reach, reach_search.grasp[c], qpos)
-        pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
+        pos = reach_search.body_pos[c]
+        quat = reach_search.body_quat[c]
+        if step < ReachStep.IK_AT_GRASP:
+            back = wp.where(step == ReachStep.HAND_AT_GRASP, 0.0, wp.static(PREGRASP_DISTANCE))
+            target_pos = layouts.body_pos[row]
+            pose_hand(program, reach, grasp, back, target_pos, layouts.body_quat[row], from_qpos, qpos, pos, quat)
+            continue
+        joints = reach_search.pregrasp_qpos[c]
+        if step == ReachStep.SELF_AT_GRASP:
+            if _is_deferred(reach_search, c):
+                reach_search.failed[c] = wp.static(DEFERRED)
+                continue
+            joints = reach_search.grasp_qpos[c]
+        take_joints(program, reach.arm_body, from_qpos, qpos)
+        open_gripper(reach, grasp, qpos)
+        pose_arm(program, reach, layouts, row, joints, qpos, pos, quat)
 
 
-def launch_pose_arm(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
-    """Pose the robot as a step tests it: with the joints of the grasp or of the pre-grasp."""
+def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
+    """Pose the robot of each candidate as a step tests it, the hand alone before there are joints. Defer some."""
     lanes = work.size.lanes
-    work.launch(_pose_arm, lanes, [work.program, reach, int(step), lanes, work.layouts], reach_search)
+    work.launch(_pose, lanes, [work.program, reach, int(step), lanes, work.layouts], reach_search)

@@ -26,6 +26,8 @@ MOST_AT_ONCE = 8 * STARTS
 """Most candidates of a row in a wave; a single lane goes through them at the end."""
 IN_HAND = Tier.CLEAR + 1
 """The tier of a target that is tested in the hand of a robot at its start, away from where it was placed."""
+DEFERRED = -1
+"""Value of `ReachSearch.failed`: it has joints, but this wave only tests those of earlier candidates of its row."""
 
 
 class ReachStep(IntEnum):
@@ -73,13 +75,12 @@ class ReachSearch:
     rows_left: wp.array[int]
     source: wp.array[int]  # the list of `queue` that is read
     rows: wp.array[int]  # number of rows in that list
-    at_once: wp.array[int]  # candidates per row
     candidates: wp.array[int]
     # Candidates
     row: wp.array[int]
     grasp: wp.array[int]
     start: wp.array[int]
-    failed: wp.array[int]  # the step that it failed at; PASSED if it failed at none
+    failed: wp.array[int]  # the step that it failed at; PASSED if it failed at none, DEFERRED if it is tried again
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
     # The state of the robot, posed for a test; other entries are not used.
@@ -96,6 +97,14 @@ class ReachSearch:
 def reach_candidate_num(reach_search: ReachSearch) -> int:
     """Return the number of candidates in this wave: as many as rows asked for, up to the capacity."""
     return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
+
+
+@wp.func
+def begin_reach_wave(reach_search: ReachSearch):
+    """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
+    reach_search.rows[0] = reach_search.rows_left[0]
+    reach_search.rows_left[0] = 0
+    reach_search.source[0] = 1 - reach_search.source[0]
 
 
 @wp.func
@@ -155,7 +164,7 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
         zeros(nrow, "arm column number total tried furthest first trials")
         zeros((2, nrow), "queue")
         zeros((0 if compiled.starts is None else nrow, len(reaching.targets)), "tier")
-        zeros(1, "rows_left source rows at_once candidates")
+        zeros(1, "rows_left source rows candidates")
         zeros(ncand, "row grasp start failed grasp_qpos pregrasp_qpos")
         zeros((ncand, mjm.nq), "qpos")
         zeros((ncand, mjm.nbody), "body_pos body_quat")

@@ -13,10 +13,9 @@ from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_test_hands
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
-from sceniris_gym.layout.reaching.poses import launch_pose_arm, launch_pose_hand
+from sceniris_gym.layout.reaching.poses import launch_pose
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
-from sceniris_gym.layout.reaching.start import launch_accept_starts, launch_queue_starts
-from sceniris_gym.layout.reaching.start_poses import TRIALS, launch_go_home, launch_pose_start
+from sceniris_gym.layout.reaching.start import TRIALS, launch_accept_starts, launch_pose_start, launch_queue_starts
 from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
@@ -58,11 +57,6 @@ class ReachStage:
         for reach in self._early:
             launch_test_hands(self._work, reach, self.search)
 
-    def launch_go_home(self) -> None:
-        """Return the arms of all rows to their start pose, if starts take them elsewhere."""
-        for reach, _ in self._arms if self._work.starts is not None else ():
-            launch_go_home(self._work, reach)
-
     def launch(self) -> None:
         """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world.
 
@@ -81,18 +75,18 @@ class ReachStage:
         launch_open_wave(work, reach, search)
         launch_look_up(work, reach, search)
         if clear:
-            launch_pose_hand(work, reach, ReachStep.HAND_AT_GRASP, search)
-            launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP, search)
-            launch_pose_hand(work, reach, ReachStep.HAND_AT_PREGRASP, search)
-            launch_test_arm(work, reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET, search)
+            self._test(reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP)
+            self._test(reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET)
         launch_ik(work, reach, clear, search)
-        launch_pose_arm(work, reach, ReachStep.SELF_AT_GRASP, search)
-        last = ReachStep.SCENE_AT_GRASP if clear else ReachStep.SELF_AT_GRASP
-        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, last, search)
+        self._test(reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP if clear else ReachStep.SELF_AT_GRASP)
         if clear:
-            launch_pose_arm(work, reach, ReachStep.SELF_AT_PREGRASP, search)
-            launch_test_arm(work, reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP, search)
+            self._test(reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP)
         launch_accept_grasps(work, reach, search)
+
+    def _test(self, reach: Reach, first: ReachStep, last: ReachStep) -> None:
+        """Pose the robot of each candidate, and test it at the steps that have this pose."""
+        launch_pose(self._work, reach, first, self.search)
+        launch_test_arm(self._work, reach, first, last, self.search)
 
     def _start_wave(self, reach: Reach) -> None:
         """Pose candidates of starts, test them, and keep the first of each row that passes."""

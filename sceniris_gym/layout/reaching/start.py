@@ -8,19 +8,35 @@ restart without one has failed, and the next one follows. A *candidate* here is 
 import warp as wp
 
 from sceniris_gym.config.tier import Tier
+from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat
+from sceniris_gym.device.random import START_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import take_joints
-from sceniris_gym.layout.reaching.search import IN_HAND, ReachSearch, queue_row, queue_target
-from sceniris_gym.layout.reaching.start_poses import TRIALS
+from sceniris_gym.layout.reaching.poses import in_base, open_gripper, pose_arm, set_gripper, take_joints
+from sceniris_gym.layout.reaching.search import (
+    IN_HAND,
+    ReachSearch,
+    ReachStep,
+    begin_reach_wave,
+    queue_row,
+    queue_target,
+    reach_candidate_num,
+)
 from sceniris_gym.layout.reaching.waves import first_passed, keep_grasp
 from sceniris_gym.layout.wave.rounds import NEVER, row_of_restart
-from sceniris_gym.layout.wave.search import Search, Workspace
+from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.kinematics import write_root
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.device_starts import StartPose, Starts
+from sceniris_gym.program.device_starts import StartPose, Starts, is_drawn
+from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.reach.solve import ITERATIONS, accepted, refine, vec8
 
 wp.set_module_options({"enable_backward": False})
+
+TRIALS = 64
+"""Trials of a restart whose kind of start draws heights or joints."""
+# Numbers of the uniform numbers of a trial, behind those of the joints.
+_HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 
 
 @wp.kernel
@@ -52,6 +68,130 @@ def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch
     work.launch(_queue_starts, work.nworld, [reach, work.starts], work.layouts, work.search, reach_search)
 
 
+@wp.func
+def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, grasp: int):
+    """Return position and orientation of the TCP in a closed grasp of the object where it was placed."""
+    body = reach.grasp_body[grasp]
+    quat = layouts.body_quat[row, body]
+    pos = layouts.body_pos[row, body] + rot_vec_quat(starts.grip_pos[grasp], quat)
+    return pos, mul_quat(quat, reach.grasp_quat[grasp])
+
+
+@wp.func
+def _drawn_grasp(reach: Reach, starts: Starts, kind: int, variant: int, u: float) -> int:
+    """Draw one of the grasps of a variant that count; each is as likely as any other."""
+    adr = reach.variant_graspadr[variant]
+    num = int(0)
+    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+        num += int(starts.grasp[kind, grasp])
+    number = wp.min(int(u * float(num)), num - 1)
+    found = int(-1)
+    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+        if starts.grasp[kind, grasp]:
+            if number == 0:
+                found = grasp
+            number -= 1
+    return found
+
+
+@wp.func
+def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, trial: int, number: int) -> float:
+    """Return a uniform number of a trial of a row."""
+    worldid = search.row_world[row]
+    seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
+    named = 1 + search.row_restart[row] * wp.static(TRIALS) + trial
+    return uniforms(seed, episode, numbered_stream(split, START_STREAM), named, number // 4)[number % 4]
+
+
+@wp.func
+def _carry(
+    program: Program, reach: Reach, starts: Starts, layouts: LayoutsView, row: int, reach_search: ReachSearch, c: int
+):
+    """Move the object of a posed candidate into its hand, as a whole."""
+    old_pos, old_quat = _grip_pose(reach, starts, layouts, row, reach_search.grasp[c])
+    hand = reach.hand_body[0]
+    new_quat = mul_quat(reach_search.body_quat[c, hand], neg_quat(reach.hand_quat))
+    new_pos = reach_search.body_pos[c, hand] - rot_vec_quat(reach.hand_pos, new_quat)
+    turn = wp.normalize(mul_quat(new_quat, neg_quat(old_quat)))
+    obj = reach.reach_obj[reach_search.column[row]]
+    for i in range(program.obj_bodynum[obj]):
+        body = program.body_list[program.obj_bodyadr[obj] + i]
+        reach_search.body_pos[c, body] = new_pos + rot_vec_quat(layouts.body_pos[row, body] - old_pos, turn)
+        reach_search.body_quat[c, body] = wp.normalize(mul_quat(turn, layouts.body_quat[row, body]))
+
+
+@wp.kernel(grid_stride=False)
+def _pose(
+    program: Program,
+    reach: Reach,
+    starts: Starts,
+    split: wp.uint32,
+    lanes: int,
+    # Layouts in: qpos, start, grasp, grasp_qpos, pregrasp_qpos, pending_seed, pending_episode, variant, body_pos,
+    #   body_quat
+    layouts: LayoutsView,
+    # Search in: row_world, row_restart
+    search: Search,
+    # ReachSearch in: column, number, first, rows_left, source, candidates, row, grasp, qpos, body_pos, body_quat
+    # ReachSearch out: rows_left, source, rows, grasp, failed, grasp_qpos, qpos, body_pos, body_quat
+    reach_search: ReachSearch,
+):
+    if wp.tid() == 0:
+        begin_reach_wave(reach_search)
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        row = reach_search.row[c]
+        column = reach_search.column[row]
+        kind = layouts.start[search.row_world[row]]
+        pose = starts.pose[kind]
+        trial = reach_search.number[row] + c - reach_search.first[row]
+        grasp = reach.reach_graspadr[column] + layouts.grasp[row, column]
+        qpos = reach_search.qpos[c]
+        take_joints(program, reach.arm_body, layouts.qpos[row], qpos)
+        joints = vec8()
+        for i in range(MAX_JOINTS):
+            if i < reach.arm.njoint:
+                joints[i] = layouts.grasp_qpos[row, column, i]
+                if pose == StartPose.PREGRASP:
+                    joints[i] = layouts.pregrasp_qpos[row, column, i]
+        if pose == StartPose.PREGRASP:
+            open_gripper(reach, grasp, qpos)
+        elif pose == StartPose.HELD:
+            u = _uniform(layouts, search, split, row, trial, wp.static(_GRASP))
+            grasp = _drawn_grasp(reach, starts, kind, layouts.variant[row, column], u)
+            for i in range(MAX_JOINTS):
+                if i < reach.arm.njoint:
+                    interval = starts.arm_range[kind, i]
+                    joints[i] = qpos[reach.arm_qposadr[i]]
+                    if is_drawn(interval):
+                        u = _uniform(layouts, search, split, row, trial, i)
+                        joints[i] = interval[0] + u * (interval[1] - interval[0])
+        else:
+            pos, quat = _grip_pose(reach, starts, layouts, row, grasp)
+            lift = starts.lift[kind]
+            u = _uniform(layouts, search, split, row, trial, wp.static(_HEIGHT))
+            pos = pos + wp.vec3(0.0, 0.0, lift[0] + u * (lift[1] - lift[0]))
+            at, turn = in_base(reach, layouts, row, pos, quat)
+            solved = refine(reach.arm, at, turn, joints, wp.static(ITERATIONS))
+            if not accepted(solved):
+                reach_search.failed[c] = ReachStep.IK_AT_GRASP
+                continue
+            joints = solved.q
+        reach_search.grasp[c] = grasp
+        reach_search.grasp_qpos[c] = joints
+        if pose >= StartPose.STANDING:
+            set_gripper(reach, starts.grip_share[grasp], qpos)
+        pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
+        if pose >= StartPose.LIFTED:
+            _carry(program, reach, starts, layouts, row, reach_search, c)
+
+
+def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Pose the robot of each candidate, and what it holds. Candidates fail where no joints lead there."""
+    lanes = work.size.lanes
+    inputs = [work.program, reach, work.starts, work.split, lanes, work.layouts, work.search]
+    work.launch(_pose, lanes, inputs, reach_search)
+
+
 @wp.kernel(grid_stride=False)
 def _accept(
     program: Program,
@@ -65,9 +205,11 @@ def _accept(
     search: Search,
     # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
     #   grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos, body_quat
-    # ReachSearch out: number, tried, furthest, queue, rows_left
+    # ReachSearch out: number, tried, furthest, queue, rows_left, candidates
     reach_search: ReachSearch,
 ):
+    if wp.tid() == 0:
+        reach_search.candidates[0] = 0  # of the next wave
     for i in range(wp.tid(), reach_search.rows[0], lanes):
         row = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[row]

@@ -10,10 +10,12 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
+    DEFERRED,
     MOST_AT_ONCE,
     STARTS,
     ReachSearch,
     ReachStep,
+    begin_reach_wave,
     queue_row,
     queue_target,
     reach_candidate_num,
@@ -132,10 +134,12 @@ def _open_rows(
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: arm, tier, rows_left, source
-    # ReachSearch out: arm, column, number, total, tried, tier, furthest, queue, rows_left
+    # ReachSearch out: arm, column, number, total, tried, tier, furthest, queue, rows_left, candidates
     reach_search: ReachSearch,
 ):
     row = wp.tid()
+    if row == 0:
+        reach_search.candidates[0] = 0  # already 0 unless earlier launches were interrupted
     if reach.number == 0:
         reach_search.arm[row] = 0
         if search.waiting[row] and reach_search.tier.shape[0] > 0:
@@ -161,39 +165,27 @@ def _counts(starts: Starts, layouts: LayoutsView, search: Search, row: int, colu
     return not reaches(starts, kind, column) or starts.grasp[kind, grasp]
 
 
-@wp.kernel
-def _plan_wave(
+@wp.kernel(grid_stride=False)
+def _open_candidates(
+    reach: Reach,
     busy: int,
-    # ReachSearch in: rows_left, source
-    # ReachSearch out: rows_left, source, rows, at_once, candidates
+    lanes: int,
+    # Layouts in: grasp
+    layouts: LayoutsView,
+    # ReachSearch in: column, number, total, tried, queue, rows_left, source, candidates
+    # ReachSearch out: first, trials, candidates, row, grasp, start, failed
     reach_search: ReachSearch,
 ):
     rows = reach_search.rows_left[0]
     room = wp.min(busy, reach_search.failed.shape[0])
-    reach_search.at_once[0] = wp.clamp(room // wp.max(rows, 1), 1, wp.static(MOST_AT_ONCE))
-    reach_search.candidates[0] = 0
-    reach_search.rows[0] = rows
-    reach_search.source[0] = 1 - reach_search.source[0]
-    reach_search.rows_left[0] = 0
-
-
-@wp.kernel(grid_stride=False)
-def _open_candidates(
-    reach: Reach,
-    lanes: int,
-    # Layouts in: grasp
-    layouts: LayoutsView,
-    # ReachSearch in: column, number, total, tried, queue, source, rows, at_once, candidates
-    # ReachSearch out: first, trials, candidates, row, grasp, start, failed
-    reach_search: ReachSearch,
-):
-    for i in range(wp.tid(), reach_search.rows[0], lanes):
-        row = reach_search.queue[reach_search.source[0], i]
+    at_once = wp.clamp(room // wp.max(rows, 1), 1, wp.static(MOST_AT_ONCE))
+    for i in range(wp.tid(), rows, lanes):
+        row = reach_search.queue[1 - reach_search.source[0], i]
         column = reach_search.column[row]
         number = reach_search.number[row]
         # half as many as have failed so far: at most half as many again in vain, in far fewer waves; on a CPU core a
         # wave costs 10 to 20 us, and a start 4 us
-        trials = wp.clamp(reach_search.tried[row] // 2, reach_search.at_once[0], wp.static(MOST_AT_ONCE))
+        trials = wp.clamp(reach_search.tried[row] // 2, at_once, wp.static(MOST_AT_ONCE))
         trials = wp.min(trials, reach_search.total[row] - number)
         first = wp.atomic_add(reach_search.candidates, 0, trials)
         trials = wp.clamp(reach_search.failed.shape[0] - first, 0, trials)
@@ -216,10 +208,12 @@ def _look_up(
     layouts: LayoutsView,
     # Search in: row_world
     search: Search,
-    # ReachSearch in: column, tier, candidates, row, grasp, start, failed
-    # ReachSearch out: failed
+    # ReachSearch in: column, tier, rows_left, source, candidates, row, grasp, start, failed
+    # ReachSearch out: rows_left, source, rows, failed
     reach_search: ReachSearch,
 ):
+    if wp.tid() == 0:
+        begin_reach_wave(reach_search)
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         if takes_step(reach, reach_search, c, ReachStep.MAP):
             row = reach_search.row[c]
@@ -236,9 +230,9 @@ def _look_up(
 
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Open candidates, more per row if few rows are left."""
-    work.launch(_plan_wave, 1, [work.size.busy], reach_search)
-    work.launch(_open_candidates, work.size.lanes, [reach, work.size.lanes, work.layouts], reach_search)
+    """Open candidates of the queued rows, more per row if few rows are left."""
+    size = work.size
+    work.launch(_open_candidates, size.lanes, [reach, size.busy, size.lanes, work.layouts], reach_search)
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
@@ -264,6 +258,8 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
+        if failed == wp.static(DEFERRED):
+            break
         reach_search.furthest[row] = wp.max(reach_search.furthest[row], failed)
         if failed == ReachStep.PASSED:
             return c
@@ -303,9 +299,11 @@ def _accept(
     search: Search,
     # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
     #   grasp, start, failed, grasp_qpos, pregrasp_qpos
-    # ReachSearch out: arm, column, number, total, tried, furthest, queue, rows_left
+    # ReachSearch out: arm, column, number, total, tried, furthest, queue, rows_left, candidates
     reach_search: ReachSearch,
 ):
+    if wp.tid() == 0:
+        reach_search.candidates[0] = 0  # of the next wave
     for i in range(wp.tid(), reach_search.rows[0], lanes):
         row = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[row]

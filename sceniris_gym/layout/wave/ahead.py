@@ -21,15 +21,17 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def count_ahead(compiled: CompiledScene, size: SearchSize) -> int:
     """Return the number of objects that are drawn ahead, all of them before the last object and every reach target.
 
-    None has a region that differs between worlds, and kinds of starts, which draw joints otherwise, leave none. One
-    lane, which a CPU is, has nothing to gain, and no effort is known before there is a bank.
+    None has a region that differs between worlds, and no start places one at a marker. One lane, which a CPU is, has
+    nothing to gain, and no effort is known before there is a bank.
     """
     program = compiled.program
-    if size.busy == 1 or program.bank_ntrain == 0 or compiled.starts is not None:
+    if size.busy == 1 or program.bank_ntrain == 0:
         return 0
     waits = (program.obj_effort.numpy() > 1.0) | (program.obj_cutnum.numpy() > 0)
     if compiled.reaching is not None:
         waits |= compiled.reaching.arms[0].view.obj_reach.numpy() != UNASKED
+    if compiled.starts is not None:
+        waits |= (compiled.starts.marker.numpy() >= 0).any(axis=0)
     return int(np.argmax(np.append(waits[:-1], True)))
 
 

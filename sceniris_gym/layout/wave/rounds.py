@@ -11,6 +11,7 @@ from sceniris_gym.layout.wave.groups import draw_groups, next_object
 from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_starts import Starts
 
 wp.set_module_options({"enable_backward": False})
 
@@ -119,6 +120,7 @@ def _plan_round(
 def _open_rows(
     program: Program,
     reach: Reach,
+    starts: Starts,
     staged: bool,
     ahead: int,
     busy: int,
@@ -146,6 +148,9 @@ def _open_rows(
             for k in range(layouts.present.shape[1]):
                 layouts.present[row, k] = layouts.present[worldid, k]
             _clear_rejections(layouts, row)
+        for k in range(starts.robot_qposadr.shape[0]):  # starts of earlier layouts have taken robots elsewhere
+            adr = starts.robot_qposadr[k]
+            layouts.qpos[row, adr] = program.home_qpos[adr]
         search.row_world[row] = worldid
         search.row_restart[row] = restart
         search.row_trial[row] = 0
@@ -166,7 +171,7 @@ def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
     busy, lanes = work.size.busy, work.size.lanes
     work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
-    inputs = [work.program, work.reach, staged, work.ahead, busy, lanes]
+    inputs = [work.program, work.reach, work.kinds, staged, work.ahead, busy, lanes]
     work.launch(_open_rows, lanes, inputs, work.layouts, work.search)
 
 

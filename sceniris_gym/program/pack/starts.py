@@ -23,16 +23,9 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
     """
     if not plan.scene.config.start:
         return None
-    starts, grips = Starts(), plan_grips(plan)
-    kinds = plan_starts(plan, grips)
-    fields = {name: np.array([kind[name] for kind in kinds]) for name in kinds[0]}
+    starts, fields = Starts(), plan_starts(plan, plan_grips(plan))
     _raise_bounds(plan, fields["draw_range"], bounds)
-    fields |= {
-        "grip_share": np.array([grip.share for grip in grips], float),
-        "grip_pos": np.reshape([grip.pos for grip in grips], (-1, 3)),
-        "bank_start": np.zeros(0),
-    }
-    fill_struct(Starts, starts, fields, device)
+    fill_struct(Starts, starts, fields | {"bank_start": np.zeros(0)}, device)
     return starts
 
 

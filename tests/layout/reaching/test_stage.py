@@ -149,9 +149,9 @@ def test_objects_out_of_reach_are_refused(tmp_path: Path):
     assert info.value.name == "far"
 
 
-_OF_IK = ["_open_candidates", "_look_up", "_choose_starts", "_solve", "_pose_arm", "_test 6-6", "_accept"]
-_OF_CLEAR = ["_open_candidates", "_look_up", "_pose_hand", "_test 1-1", "_pose_hand", "_test 2-3"]
-_OF_CLEAR += ["_choose_starts", "_solve", "_solve", "_pose_arm", "_test 6-7", "_pose_arm", "_test 8-10", "_accept"]
+_OF_IK = ["_look_up", "_choose_starts", "_solve", "_pose", "_test 6-6", "_accept"]
+_OF_CLEAR = ["_look_up", "_pose", "_test 1-1", "_pose", "_test 2-3"]
+_OF_CLEAR += ["_choose_starts", "_solve", "_solve", "_pose", "_test 6-7", "_pose", "_test 8-10", "_accept"]
 
 
 @pytest.mark.parametrize(("tier", "steps"), [("ik", _OF_IK), ("clear", _OF_CLEAR), (None, [])])
@@ -180,6 +180,6 @@ def test_a_scene_launches_the_steps_of_its_tiers_alone(
     record("launch_tiled")
     generator.launch_generate(None)
     assert (generator.layouts.status.numpy() == Status.VALID).all()
-    waves = "|".join(launched).split("_plan_wave")[1:]
+    waves = "|".join(launched).split("_open_candidates|")[1:]
     assert [wave.strip("|").split("|")[: len(steps)] for wave in waves] == [steps] * len(waves)
     assert (len(waves) > 0) == (tier is not None)

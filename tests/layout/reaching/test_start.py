@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 import warp as wp
@@ -14,8 +15,8 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.reaching.search import IN_HAND
-from sceniris_gym.layout.reaching.start import launch_queue_starts
-from sceniris_gym.layout.reaching.start_poses import TRIALS
+from sceniris_gym.layout.reaching.start import TRIALS, launch_queue_starts
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.device import Program, copied
 from tests.layout.scenes import bank_rows
@@ -122,6 +123,17 @@ def test_starts_do_not_depend_on_the_size_of_the_search(change: dict[str, int]):
         np.testing.assert_array_equal(values, _rows(other)[name])
 
 
+def test_starts_do_not_depend_on_those_before():
+    """Arms that were elsewhere begin again at home: the same bits as in a generator that begins with this episode."""
+    usual, other = (LayoutGenerator(starting(), 24, seed=9) for _ in range(2))
+    usual.generate()
+    usual.generate()
+    other.reseed(9, episodes=1)
+    other.generate()
+    for name, values in _rows(usual).items():
+        np.testing.assert_array_equal(values, _rows(other)[name])
+
+
 def test_worlds_without_restarts_get_the_kind_of_their_bank():
     """A fallback has the state of an entry of the bank, and its kind: that of the world, if the bank has one."""
     program = copied(Program, starting().program)
@@ -185,3 +197,33 @@ def test_what_is_held_stays_in_the_hand_on_a_gpu():
 def _rows(generator: LayoutGenerator) -> dict[str, np.ndarray]:
     names = ("qpos", "mocap_pos", "status", "attempts", "start", "grasp", "grasp_qpos", "pregrasp_qpos")
     return {name: getattr(generator.layouts, name).numpy().copy() for name in names}
+
+
+def test_fingers_are_at_the_thing_on_both_sides():
+    """Each is a fraction of a millimetre inside, so that it presses from the first step on."""
+    compiled, table = starting(), make_table(starting(), 200, 7)
+    data, mjm = mujoco.MjData(compiled.mjm), compiled.mjm
+    fingers = [
+        [g for g in range(mjm.ngeom) if f"{side}_finger" in mjm.body(mjm.geom_bodyid[g]).name]
+        for side in ("left", "right")
+    ]
+    things = {STANDING: "block", LIFTED: "block", HELD: "block", HANDLE: "cabinet"}
+    for row in np.flatnonzero(np.isin(table.start, list(things))):
+        table.put(data, int(row))
+        mujoco.mj_kinematics(mjm, data)
+        own = compiled.scene.subtree(things[int(table.start[row])])
+        geoms = [g for g in range(mjm.ngeom) if mjm.geom_bodyid[g] in own and mjm.geom_contype[g]]
+        for side in fingers:
+            near = min(
+                mujoco.mj_geomDistance(mjm, data, f, g, 0.1, None) for f in side if mjm.geom_contype[f] for g in geoms
+            )
+            assert -6e-4 < near < -1e-4
+
+
+def test_things_in_the_air_are_held_by_all_grasps():
+    """The hand is anywhere, so no grasp is more likely than another."""
+    compiled, table = starting(), make_table(starting(), 800, 11)
+    assert compiled.reaching is not None
+    column = compiled.reaching.names.index("block")
+    held = table.grasp[table.start == HELD, column]
+    assert set(held.tolist()) == set(range(len(compiled.reaching.targets[column].grasp_set.grasps)))
