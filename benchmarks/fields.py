@@ -3,10 +3,10 @@
     python -m benchmarks.fields --num-envs 4096 --device cuda:0
 
 The scene is `tabletop_lift` with draws of twenty fields: of its things, arm, gravity, light, camera and material.
-Prints lines of JSON for the scene without draws, with a row of the same fields for each world, and with draws of which
-all that follows is made ahead and in place. These have microseconds of a step of four substeps, of the same step with
-an empty reset and with one of 2% of the worlds, and what that adds to an empty one, each as median, least and
-greatest of alternating rounds, and then what of it is more than in the first way, and ratios of rates to its rates.
+Prints lines of JSON for the scene without draws, with a row of the same fields for each world, and with draws. These
+have microseconds of a step of four substeps, of the same step with an empty reset and with one of 2% of the worlds, and
+what that adds to an empty one, each as median, least and greatest of alternating rounds, and then what of it is more
+than in the first way, and ratios of rates to its rates.
 Steps begin in the same state every time; the first round is not counted. A batch iterates its solver as long as any
 world needs it: `iterations` are mean and greatest of the last step. Then bytes of a world by field.
 """
@@ -68,7 +68,7 @@ DRAWS = {
     "robot": {"randomize": _ARM},
     "randomize": _SCENE,
 }
-_WAYS = ("without", "rows", "ahead", "in_place")
+_WAYS = ("without", "rows", "drawn")
 _STEPS = 100
 _EVERY = 50
 """One world in so many is reset in a step, each of them in turn."""
@@ -88,14 +88,12 @@ def main() -> None:
     n, worlds, starts = words.num_envs, {}, {}
     fields = drawn_fields(build_model(SceneConfig.load({"base": "tabletop_lift", **DRAWS})).draws)
     for name in words.ways:
-        draws = {} if name in ("without", "rows") else DRAWS
+        draws = DRAWS if name == "drawn" else {}
         compiled = compile_scene(SceneConfig.load({"base": "tabletop_lift", **draws}), words.device)
         batch = Batch(compiled.scene, n, compiled.device, substeps=4)
         for field in fields if name == "rows" else ():
             batch.fields.wide(field)
         randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=True)
-        if name == "in_place":
-            batch.fields.ask("body_mass")  # what follows from a field that a task writes is found in the reset
         randomizer.reset()
         for _ in range(words.settle):
             batch.step()

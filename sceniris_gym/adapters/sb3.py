@@ -30,12 +30,13 @@ class SB3VecEnv(VecEnv):
 
     A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
     finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the
-    state was no longer finite) and `episode` (`r`, `l` and `t` as in Monitor, from the environment's own rewards).
-    These infos are gathered on the device first, so that only those of finished worlds are copied. `reset_infos` has
-    `layout_seed`, `layout_episode` and `layout_fallback` of the present layout of each world.
+    state was no longer finite), `episode` (`r`, `l` and `t` as in Monitor, from the environment's own rewards), and
+    the names of the episode's layout: `layout_seed`, `layout_episode`, `layout_fallback` and so on. These infos are
+    gathered on the device first, so that only those of finished worlds are copied. `reset_infos` has those of the
+    present layout of each world.
 
     All worlds share one environment. `get_attr` and `env_method` ask it, or else its task, once, and repeat the answer
-    for every index. `set_attr` works only for all worlds together, and so do options, which are those of
+    for every index. But for knobs, `set_attr` works only for all worlds together, and so do options, which are those of
     SceneVectorEnv.reset. `env_is_wrapped` is true only for Monitor, whose infos the environment provides itself.
 
     Args:
@@ -181,7 +182,7 @@ class SB3VecEnv(VecEnv):
         rows = torch.as_tensor(worlds, device=self.env.device)
         last = self.seen(info["final_obs"], rows)
         success, broken = (to_host(info["final_info"][name][rows]) for name in ("success", "broken"))
-        layouts = _rows(self._layouts(info), worlds)
+        layouts, ended = (_rows(self._layouts(each), worlds) for each in (info, info["final_info"]))
         seconds = round(time.time() - self._began, 6)
         for k, i in enumerate(worlds):
             infos[i] = {
@@ -190,6 +191,7 @@ class SB3VecEnv(VecEnv):
                 "is_success": bool(success[k]),
                 "broken": bool(broken[k]),
                 "episode": {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": seconds},
+                **ended[k],
             }
             self.reset_infos[i] = layouts[k]
         self._returns[worlds], self._lengths[worlds] = 0.0, 0

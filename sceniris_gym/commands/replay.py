@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
+import warp as wp
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.knobs import knobs_in
+from sceniris_gym.layout.knobs import KnobTable, knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.render import captioned, save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.draws import drawn_fields, nominal_values
+from sceniris_gym.scene.field_table import OPTIONS
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import SceneModel
 
@@ -56,13 +61,34 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     return read_table(generator)
 
 
+def drawn(compiled: CompiledScene, layout: LayoutId) -> tuple[mujoco.MjModel, dict[str, list[float]]]:
+    """Return the model with the physics and looks that the scene draws for a layout, and the drawn numbers by name."""
+    draws, mjm = compiled.scene.draws, copy.copy(compiled.mjm)
+    if not draws:
+        return mjm, {}
+    named = knobs_in(layout.knobs)
+    knobs = KnobTable(compiled, tuple(named))
+    with wp.ScopedDevice(compiled.device):
+        nominal = {name: wp.array(nominal_values(mjm, name)[None], dtype=float) for name in drawn_fields(draws)}
+        arrays = {name: wp.clone(values) for name, values in nominal.items()}
+        drawer = FieldDrawer(draws, arrays, nominal, 1)
+        drawer.use_knobs(knobs)
+        seed, episode = wp.array([layout.seed], dtype=wp.uint64), wp.array([layout.episode], dtype=int)
+        drawer.launch(None, seed, episode, layout.split, knob=wp.array(knobs.rows(named, 1), dtype=float))
+    for name, array in arrays.items():
+        field = getattr(mjm.opt if name in OPTIONS else mjm, name)
+        field[:] = array.numpy().reshape(field.shape)
+    return mjm, {name: numbers.numpy()[0].tolist() for name, numbers in drawer.numbers.items()}
+
+
 def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | None) -> dict:
     """Make the layout with an id again, draw it, and describe it; `config` as in `find_scene`."""
     name = LayoutId.parse(layout)
     compiled = compile_scene(find_scene(name.scene, config), device)
-    table = replay(compiled, name)
-    save(captioned(compiled.mjm, table, [layout], device=compiled.device), picture)
-    return {"id": layout, **describe(compiled, table), "picture": str(picture)}
+    table, (mjm, numbers) = replay(compiled, name), drawn(compiled, name)
+    save(captioned(mjm, table, [layout], device=compiled.device), picture)
+    more = {"drawn": numbers} if numbers else {}
+    return {"id": layout, **describe(compiled, table), **more, "picture": str(picture)}
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
@@ -117,6 +143,8 @@ def report(found: Mapping) -> str:
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
         grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
         lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{joints}{grasp}")
+    for name, numbers in found.get("drawn", {}).items():
+        lines.append(f"  {name:<12} {' '.join(f'{number:.4g}' for number in numbers)}")
     return "\n".join([*lines, f"picture: {found['picture']}"])
 
 

@@ -152,11 +152,10 @@ def _check_groups(scene: SceneWords, where: str) -> None:
     group_of = {name: group for group, part in scene.groups.items() for name in part.of}
     for name, group in group_of.items():
         if not scene.objects[name].is_placed:
-            path = f"objects.{group}" if group in scene.variants else f"groups.{group}.of"
-            raise SceneKeyError(
-                f"{where}: {path}: '{name}' stays where the model has it and cannot be absent. Give it a "
-                "support or a 3D region, or take it out of the group."
-            )
+            path, cure = f"groups.{group}.of", "Give it a support or a 3D region, or take it out of the group."
+            if group in scene.variants:
+                path, cure = f"objects.{group}", "Give all variants a support or a 3D region."
+            raise SceneKeyError(f"{where}: {path}: '{name}' stays where the model has it and cannot be absent. {cure}")
     absent = {name: group for name, group in group_of.items() if not scene.groups[group].always_whole}
     for name, part in scene.parts.items():
         _check_absent(scene, scene.key(name), part, absent, where)

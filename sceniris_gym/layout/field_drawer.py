@@ -23,8 +23,8 @@ _DEVIATIONS = wp.constant(DEVIATIONS)
 _RADIANS = wp.constant(float(np.pi / 180.0))
 _FORMS = ("scale", "add", "abs", "choice", "turn")
 _SCALE, _ADD, _ABS, _CHOICE, _TURN = (wp.constant(i) for i in range(5))
-_DISTRIBUTIONS = ("uniform", "log_uniform", "normal")
-_UNIFORM, _LOG_UNIFORM, _NORMAL = (wp.constant(i) for i in range(3))
+_DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "choice")
+_LOG_UNIFORM, _NORMAL, _CHOSEN = (wp.constant(i) for i in range(1, 4))
 
 
 @wp.struct
@@ -35,18 +35,15 @@ class Number:
         name: Hash of the name that it is drawn by.
         index: Its place among the numbers of that name.
         distribution: Its code.
-        low, high: Columns of the parameters of the distribution in a row of ends.
-        choice: The first number to choose from.
-        nchoice: How many there are; 0 if it is of a distribution.
+        first: Column of its first parameter in the table, or of the first number to choose from.
+        count: Columns from there to its second parameter, or how many numbers there are to choose from.
     """
 
     name: int
     index: int
     distribution: int
-    low: int
-    high: int
-    choice: int
-    nchoice: int
+    first: int
+    count: int
 
 
 @wp.struct
@@ -56,7 +53,7 @@ class Item:
     Attributes:
         number: Column of the drawn number, or of the first of three for a turn.
         form: Its code.
-        choice: The first value to choose from by the number.
+        choice: Column of the first value to choose from by the number.
         field: The field that is written.
         offset: The place in a row of this field.
         drawn: The field that is drawn, which the written one keeps its ratio to if it is another one.
@@ -100,12 +97,12 @@ def _nominal(field: Field, worldid: int, offset: int) -> float:
 
 
 @wp.func
-def _number(number: Number, ends: wp.array2d[float], choices: wp.array[float], worldid: int, u: wp.vec4) -> float:
+def _number(number: Number, table: wp.array[float], u: wp.vec4) -> float:
     """Return a number of a distribution from uniform ones."""
-    if number.nchoice > 0:
-        return choices[number.choice + wp.min(int(u[0] * float(number.nchoice)), number.nchoice - 1)]
-    low = ends[worldid % ends.shape[0], number.low]
-    high = ends[worldid % ends.shape[0], number.high]
+    if number.distribution == _CHOSEN:
+        return table[number.first + wp.min(int(u[0] * float(number.count)), number.count - 1)]
+    low = table[number.first]
+    high = table[number.first + number.count]
     if number.distribution == _LOG_UNIFORM:
         return low * wp.exp(u[0] * wp.log(high / low))
     if number.distribution == _NORMAL:
@@ -117,7 +114,7 @@ def _number(number: Number, ends: wp.array2d[float], choices: wp.array[float], w
 
 @wp.func
 def _value(
-    item: Item, fields: wp.array[Field], choices: wp.array[float], worldid: int, numbers: wp.array[float]
+    item: Item, fields: wp.array[Field], table: wp.array[float], worldid: int, numbers: wp.array[float]
 ) -> float:
     """Return what an item writes."""
     nominal = float(0.0)
@@ -129,7 +126,7 @@ def _value(
     elif item.form == _ADD:
         value = nominal + numbers[item.number]
     elif item.form == _CHOICE:
-        value = choices[item.choice + int(numbers[item.number])]
+        value = table[item.choice + int(numbers[item.number])]
     elif item.form == _TURN:
         first = item.drawn_offset - item.drawn_offset % 4
         turn = wp.vec3()
@@ -156,8 +153,7 @@ def _draw_fields(
     episode: wp.array[int],
     stream: wp.uint32,
     drawn: wp.array[Number],
-    ends: wp.array2d[float],
-    choices: wp.array[float],
+    table: wp.array2d[float],
     items: wp.array[Item],
     fields: wp.array[Field],
     # Out:
@@ -170,12 +166,13 @@ def _draw_fields(
     row = row_of(worldid, rows)
     if episode[row] < 0:
         return
+    parameters = table[worldid % table.shape[0]]
     for i in range(lane, drawn.shape[0], wp.block_dim()):
         u = uniforms(seed[row], episode[row], stream, drawn[i].name, drawn[i].index)
-        numbers[worldid, i] = _number(drawn[i], ends, choices, worldid, u)
+        numbers[worldid, i] = _number(drawn[i], parameters, u)
     block_sync()
     for i in range(lane, items.shape[0], wp.block_dim()):
-        value = _value(items[i], fields, choices, worldid, numbers[worldid])
+        value = _value(items[i], fields, parameters, worldid, numbers[worldid])
         field = fields[items[i].field]
         put_number(field.address, worldid * field.width + items[i].offset, field.kind, value)
 
@@ -209,30 +206,28 @@ class FieldDrawer:
             kind = TYPES.index(array.dtype) if array.dtype in TYPES else FLOAT
             places[name] = len(fields), width // (array.shape[1] if array.ndim > 1 else 1)
             fields.append((array.ptr, made.ptr, made.shape[0], width, kind))
-        drawn, items, choices = _tables(draws, places)
+        drawn, items, table, self._first = _tables(draws, places)
         with wp.ScopedDevice(next(iter(arrays.values())).device):
             self._fields, self._drawn, self._items = (
                 wp.array(np.array(rows, dtype.numpy_dtype()), dtype=dtype)
                 for rows, dtype in ((fields, Field), (drawn, Number), (items, Item))
             )
-            self._choices = wp.array(choices, dtype=float)
-            self._ends = wp.array([[end for draw in draws for end in _ends(draw)]], dtype=float, ndim=2)
+            self._table = wp.array([table], dtype=float, ndim=2)
             self._numbers = wp.zeros((nworld, len(drawn)), dtype=float)
         columns = np.cumsum([draw.width for draw in draws]).tolist()
         self.numbers = {d.name: self._numbers[:, end - d.width : end] for d, end in zip(draws, columns, strict=True)}
 
     def use_knobs(self, table: KnobTable) -> None:
         """Draw from intervals that knobs narrow, world by world."""
-        places, column = {}, 0
-        for draw in self._draws:
-            width = len(_ends(draw))
-            places[table.of_draws.get(draw.name, "")] = [("ends", column + k, k) for k in range(width)]
-            column += width
+        places: dict[str, list[tuple[str, int, int]]] = {}
+        for draw, first in zip(self._draws, self._first, strict=True):
+            own = [("table", first + k, k) for k in range(2 * len(draw.config.ends[0]))]
+            places.setdefault(table.of_draws.get(draw.name, ""), []).extend(own)
         if places.keys() & table.first.keys():
-            with wp.ScopedDevice(self._ends.device):
-                self._ends = wp.array(np.repeat(self._ends.numpy(), self._nworld, axis=0), dtype=float)
+            with wp.ScopedDevice(self._table.device):
+                self._table = wp.array(np.repeat(self._table.numpy(), self._nworld, axis=0), dtype=float)
                 self._default = wp.array(table.default[None], dtype=float)
-            self._knobbed = table.targets({"ends": self._ends}, places)
+            self._knobbed = table.targets({"table": self._table}, places)
 
     def launch(
         self,
@@ -256,44 +251,41 @@ class FieldDrawer:
         if self._knobbed is not None:
             knob = self._default if knob is None else knob
             launch_write(self._knobbed, self._nworld, mask, knob, self._default[0], rows)
-        inputs = [mask, rows, seed, episode, wp.uint32(named_stream(split)), self._drawn, self._ends, self._choices]
+        inputs = [mask, rows, seed, episode, wp.uint32(named_stream(split)), self._drawn, self._table]
         inputs += [self._items, self._fields, self._numbers]
         wp.launch_tiled(_draw_fields, dim=[self._nworld], inputs=inputs, block_dim=LANES, device=seed.device)
 
 
-def _tables(draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]) -> tuple[list, list, list[float]]:
-    """Return rows of `Number` and of `Item`, and the values to choose from.
+def _tables(
+    draws: tuple[FieldDraw, ...], places: Mapping[str, tuple[int, int]]
+) -> tuple[list, list, list[float], list[int]]:
+    """Return rows of `Number` and of `Item`, the table of their parameters, and the first column of each draw there.
 
     Args:
         draws: The draws.
         places: Number of each field, and of the numbers of one element.
     """
-    numbers, items, choices, end = [], [], [], 0
+    numbers, items, table, columns = [], [], [], []
     for draw in draws:
-        config, nchoice, first = draw.config, len(draw.choice), len(numbers)
+        config, nchoice, begin = draw.config, len(draw.choice), len(numbers)
         name, nlow, (field, size) = name_hash(f"randomize {draw.name}"), len(config.ends[0]), places[draw.word.field]
         several = draw.choice.shape[1] > 1  # of several numbers each: the drawn one is the place in the list
         width = draw.width // (len(draw.rows) if config.each else 1)
-        distribution = _DISTRIBUTIONS.index(config.distribution)
+        distribution = _DISTRIBUTIONS.index("choice" if nchoice else config.distribution)
+        columns.append(len(table))
         for index in range(draw.width):
-            low = end + min(index % width, nlow - 1)
-            numbers.append((name, index, distribution, low, low + nlow, len(choices), nchoice))
-        end += 2 * nlow
-        choices += range(nchoice if several else 0)
+            first = len(table) + (min(index % width, nlow - 1) if nlow else 0)
+            numbers.append((name, index, distribution, first, nlow or nchoice))
+        table += [*config.ends[0], *config.ends[1], *range(nchoice if several else 0)]
         form = "turn" if draw.is_turn else "abs" if config.choice and not several else config.form
         components = range(4) if draw.is_turn else draw.components.tolist()
         for element, own in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
             for k, component in enumerate(components):
-                number, at = first + own[0 if draw.is_turn else k], (field, size * element + component)
-                items.append((number, _FORMS.index(form), len(choices) + k * nchoice, *at, *at))
-            for other, begin, count in draw.word.follow:
+                number, at = begin + own[0 if draw.is_turn else k], (field, size * element + component)
+                items.append((number, _FORMS.index(form), len(table) + k * nchoice, *at, *at))
+            for other, start, count in draw.word.follow:
                 written, at = places[other], (field, size * element + draw.word.first)
-                offsets = range(written[1] * element + begin, written[1] * element + begin + count)
-                items += [(first + own[0], _FORMS.index(form), len(choices), written[0], k, *at) for k in offsets]
-        choices += draw.choice.T.ravel().tolist()
-    return numbers, items, choices
-
-
-def _ends(draw: FieldDraw) -> list[float]:
-    """Return the parameters of a draw, the low ones first; none of a choice."""
-    return [number for end in draw.config.ends for number in end]
+                offsets = range(written[1] * element + start, written[1] * element + start + count)
+                items += [(begin + own[0], _FORMS.index(form), len(table), written[0], k, *at) for k in offsets]
+        table += draw.choice.T.ravel().tolist()
+    return numbers, items, table, columns

@@ -9,7 +9,6 @@ reseeded, is made in place. Either way it is the same layout.
 
 import sys
 import weakref
-from collections.abc import Callable
 from typing import Any
 
 import warp as wp
@@ -18,7 +17,7 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, close_episode, copy_layout, layout_width, open_episode
+from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, open_episode
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.rounds import count_rejections
 
@@ -247,13 +246,8 @@ class PreparedLayouts(LayoutSource):
         self._enough = wp.zeros(1, dtype=float, device=device)
         self._patience, self._due = wp.full(1, _PATIENCE, dtype=int, device=device), due
 
-        beside: list[Callable[[wp.array, Layouts], None]] = []
-        self._beside, self._has_begun = beside, False
-
         def make() -> None:
             ahead.launch_generate(being_made)
-            for launch in beside:
-                launch(being_made, ahead.layouts)
             wp.launch(_finish, dim=nworld, inputs=[being_made], outputs=[stage], device=device)
             due.zero_()
 
@@ -268,13 +262,6 @@ class PreparedLayouts(LayoutSource):
             self._stream.record_event(self._done)
         # keeps the memory that a prefetch writes to until the last one is done
         weakref.finalize(self, _wait, self._done, ahead, self._make)
-
-    def make_beside(self, launch: Callable[[wp.array, Layouts], None]) -> wp.array | None:
-        """See `LayoutSource`."""
-        if self._has_begun or not self._works_ahead:
-            return None
-        self._beside.append(launch)
-        return self._missing
 
     def after_reset(self) -> None:
         """Prefetch for the worlds that wait, if there are enough of them. Never waits for the device."""
@@ -302,7 +289,6 @@ class PreparedLayouts(LayoutSource):
         GPU starts each kernel later if the work of one stream always waits for another. If the device has caught up,
         this reset may be the last for a while, so the side stream waits for it.
         """
-        self._has_begun = True
         if self._stream is None or self._served is None:
             self._make()
             return

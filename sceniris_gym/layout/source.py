@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,19 +59,6 @@ class LayoutSource(StaysHere):
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
         launch_set(self.layouts.view.next_knob, columns, values, mask)
-
-    def make_beside(self, launch: Callable[[wp.array, Layouts], None]) -> wp.array | None:
-        """Have something else made ahead with the layouts.
-
-        Args:
-            launch: Launches that make it for a mask of worlds, shape (nworld,), bool, whose next layouts these are. On
-                a GPU they run on another stream than resets.
-
-        Returns:
-            Worlds whose latest layouts, and nothing with them, were made in place, shape (nworld,), bool. None if this
-            source makes nothing ahead, or has begun to.
-        """
-        return None
 
     def after_reset(self) -> None:
         """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""

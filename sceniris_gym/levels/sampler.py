@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from warp.utils import array_cast
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.knobs import launch_set
-from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.buffer import (
     arrays_of,
@@ -43,7 +42,7 @@ class LevelSampler(LayoutSource):
     Args:
         source: Makes the layouts; reseeded by the sampler alone from now on.
         levels: The choice.
-        split: "train" or "eval".
+        split: "train" or "eval", unless the source has its own.
 
     Attributes:
         layouts: The latest layouts of the source.
@@ -55,7 +54,8 @@ class LevelSampler(LayoutSource):
     def __init__(self, source: LayoutSource, levels: Levels, split: str = "train") -> None:
         self.source, self.levels, self.layouts = source, levels, source.layouts
         self._device, self._since = source.layouts.qpos.device, 0
-        self._stream = wp.uint32((SPLITS[split] << STREAM_BITS) + LEVEL_STREAM)
+        self.split: str = getattr(source, "split", split)
+        self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
         self._buffer = buffer = create_buffer(levels, self.layouts.view)
         self.level, self.probe = buffer.level, buffer.probe
         if levels.ranges is not None:
@@ -167,10 +167,6 @@ class LevelSampler(LayoutSource):
         made = wp.empty(given.shape, dtype=dtype, device=self._device)
         array_cast(given, made)
         return made
-
-    def make_beside(self, launch: Callable[[wp.array, Layouts], None]) -> wp.array | None:
-        """See `LayoutSource`."""
-        return self.source.make_beside(launch)
 
     def after_reset(self) -> None:
         """Refresh the weights every so many resets."""

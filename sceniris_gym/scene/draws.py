@@ -13,6 +13,7 @@ import numpy as np
 
 from sceniris_gym.config.randomize import DEVIATIONS, WORDS, DrawConfig, Word
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside
 from sceniris_gym.scene.support import subtree
@@ -23,7 +24,7 @@ class FieldDraw:
     """A word of `randomize` in the model.
 
     Attributes:
-        name: Its name, such as 'can.mass', which its numbers are drawn by.
+        name: Its name, such as 'can.mass', which its numbers are drawn by; that of all variants of an object.
         word: The field that is drawn, and those that follow.
         config: The distribution.
         rows: Elements of the field.
@@ -94,10 +95,11 @@ def _written(
     config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]
 ) -> Iterator[tuple[str, str, Word, DrawConfig, list[int]]]:
     """Yield the draws as written: name, place for messages, word, distribution, and rows of the field."""
+    owners = owners_of(config.variants)
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
             word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
-            yield f"{name}.{key}", where, word, draw, rows_inside(mjm, word.field, bodies[name])
+            yield f"{owners.get(name, name)}.{key}", where, word, draw, rows_inside(mjm, word.field, bodies[name])
     if config.randomize is None:
         return
     where = f"{config.where}: randomize"
@@ -148,6 +150,8 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     if ends.min() < word.least or ends.max() > word.most:
         found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
         _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
+    if word.field == "actuator_forcerange" and (ends[..., 0].max(axis=0) >= ends[..., -1].min(axis=0)).any():
+        _refuse(f"{where}.{config.form}", "all lower limits should be below all upper ones. Give lists of both.")
     simple = [mjm.body(int(row)).name for row in kept if word.field == "body_ipos" and mjm.body_simple[row]]
     if simple:
         _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, so that M has room.")

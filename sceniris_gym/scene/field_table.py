@@ -41,11 +41,6 @@ _ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPAR
 _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "tex": "texture", "eq": "equality"}
 
 
-def fields_of(mjm: mujoco.MjModel) -> list[str]:
-    """Return the fields that a model has, without those of its options."""
-    return [name for name in FIELDS if name not in OPTIONS and hasattr(mjm, name)]
-
-
 def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
     """Refuse a field that worlds cannot differ in.
 

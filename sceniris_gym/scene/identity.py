@@ -7,7 +7,7 @@ memory is identified by its compiled arrays, which differ in their last digits f
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,7 +19,6 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.reach.map import map_file
-from sceniris_gym.scene.field_table import fields_of
 from sceniris_gym.scene.model_files import file_of
 
 _NO_MATTER = frozenset(
@@ -77,7 +76,8 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
     digest = hashlib.sha256(config.canonical().encode())
     drawn = config.is_randomized
     if config.has_model_in_memory:
-        _update_from_arrays(digest.update, mjm, home_qpos, (*_ARRAYS, *fields_of(mjm)) if drawn else _ARRAYS)
+        every = [name for name in dir(mjm) if isinstance(getattr(mjm, name), np.ndarray)]
+        _update_from_arrays(digest.update, mjm, home_qpos, every if drawn else _ARRAYS)
     elif config.model is not None:
         _update_from_file(digest.update, config.model, drawn)
     for name, part in {**config.all_robots, **config.objects}.items():
@@ -130,7 +130,7 @@ def map_of(robot: RobotConfig) -> Path | None:
 
 
 def _update_from_arrays(
-    update: Callable[[bytes], None], mjm: mujoco.MjModel, home_qpos: np.ndarray, arrays: tuple[str, ...]
+    update: Callable[[bytes], None], mjm: mujoco.MjModel, home_qpos: np.ndarray, arrays: Sequence[str]
 ) -> None:
     counts = (mjm.nbody, mjm.njnt, mjm.ngeom, mjm.nsite)
     names = [mujoco.mj_id2name(mjm, kind, i) for kind, n in zip(_NAMED, counts, strict=True) for i in range(n)]

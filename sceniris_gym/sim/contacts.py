@@ -5,14 +5,21 @@ from __future__ import annotations
 import dataclasses
 
 import mujoco_warp as mjw
+import numpy as np
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-FIELDS_A_LAUNCH = 10
-"""Fields of a contact that one launch of `_fill_holes` copies."""
 LANES = 32
 """Threads that clear the constraint rows of a world."""
+
+
+@wp.struct
+class Words:
+    """The memory of a field of contacts: the address of the first one, and the 32-bit words of each."""
+
+    address: wp.uint64
+    width: int
 
 
 @wp.func
@@ -24,8 +31,9 @@ def _is_kept(rank: wp.array[int], conid: int) -> bool:
 
 
 @wp.func
-def _copy_words(words: wp.array2d[int], source: int, target: int):
-    for i in range(words.shape[1]):
+def _copy_words(field: Words, source: int, target: int):
+    words = wp.array(ptr=field.address, shape=(wp.max(source, target) + 1, field.width), dtype=int)
+    for i in range(field.width):
         words[target, i] = words[source, i]
 
 
@@ -55,38 +63,7 @@ def _list_movers(rank: wp.array[int], mover_out: wp.array[int], nacon_out: wp.ar
 def _fill_holes(
     rank: wp.array[int],
     mover: wp.array[int],
-    # In and out: fields of contacts, each of which may have no columns
-    a: wp.array2d[int],
-    b: wp.array2d[int],
-    c: wp.array2d[int],
-    d: wp.array2d[int],
-    e: wp.array2d[int],
-    f: wp.array2d[int],
-    g: wp.array2d[int],
-    h: wp.array2d[int],
-    i: wp.array2d[int],
-    j: wp.array2d[int],
-):
-    conid = wp.tid()
-    if conid >= rank[rank.shape[0] - 1] or _is_kept(rank, conid):
-        return
-    source = mover[conid - rank[conid]]  # as many holes lie before this one
-    _copy_words(a, source, conid)
-    _copy_words(b, source, conid)
-    _copy_words(c, source, conid)
-    _copy_words(d, source, conid)
-    _copy_words(e, source, conid)
-    _copy_words(f, source, conid)
-    _copy_words(g, source, conid)
-    _copy_words(h, source, conid)
-    _copy_words(i, source, conid)
-    _copy_words(j, source, conid)
-
-
-@wp.kernel
-def _renumber_rows(
-    rank: wp.array[int],
-    mover: wp.array[int],
+    fields: wp.array[Words],
     worldid: wp.array[int],
     efc_address: wp.array2d[int],
     efc_id_out: wp.array2d[int],
@@ -94,7 +71,10 @@ def _renumber_rows(
     conid = wp.tid()
     if conid >= rank[rank.shape[0] - 1] or _is_kept(rank, conid):
         return
-    world, source = worldid[conid], mover[conid - rank[conid]]
+    source = mover[conid - rank[conid]]  # as many holes lie before this one
+    for i in range(fields.shape[0]):
+        _copy_words(fields[i], source, conid)
+    world = worldid[conid]
     for i in range(efc_address.shape[1]):
         row = efc_address[conid, i]
         # addresses are from the last constraint pass, and rows beyond njmax were never made
@@ -138,31 +118,18 @@ class ContactList:
         room, device = d.contact.worldid.shape[0], d.nacon.device
         self._kept, self._rank, self._mover = (wp.zeros(room, dtype=wp.int32, device=device) for _ in range(3))
         fields = [getattr(d.contact, field.name) for field in dataclasses.fields(d.contact)]
-        words = [_as_words(field) for field in fields if isinstance(field, wp.array) and field.size > 0]
-        empty = wp.empty((room, 0), dtype=wp.int32, device=device)
-        words += [empty] * (-len(words) % FIELDS_A_LAUNCH)
-        self._words = [words[first : first + FIELDS_A_LAUNCH] for first in range(0, len(words), FIELDS_A_LAUNCH)]
+        words = [(a.ptr, a.strides[0] // 4) for a in fields if isinstance(a, wp.array) and a.size > 0]
+        self._words = wp.array(np.array(words, Words.numpy_dtype()), dtype=Words, device=device)
 
     def launch_drop(self) -> None:
         """Drop the contacts of the masked worlds, and zero the Jacobian and the mass of their constraint rows."""
         d, mask, room = self._d, self._mask, self._rank.shape[0]
-        contact, moves = d.contact, [self._rank, self._mover]
         with wp.ScopedDevice(d.nacon.device):
             wp.launch(_clear_rows, (d.nworld, LANES), inputs=[mask], outputs=[d.efc.J, d.efc.D])
             if room == 0:
                 return
-            wp.launch(_mark_kept, room, inputs=[mask, d.nacon, contact.worldid], outputs=[self._kept])
+            wp.launch(_mark_kept, room, inputs=[mask, d.nacon, d.contact.worldid], outputs=[self._kept])
             wp.utils.array_scan(self._kept, self._rank, inclusive=True)
             wp.launch(_list_movers, room, inputs=[self._rank], outputs=[self._mover, d.nacon])
-            for words in self._words:
-                wp.launch(_fill_holes, room, inputs=[*moves, *words])
-            rows = [contact.worldid, contact.efc_address]
-            wp.launch(_renumber_rows, room, inputs=[*moves, *rows], outputs=[d.efc.id])
-
-
-def _as_words(field: wp.array) -> wp.array:
-    """Return an array of one row per contact as its 32-bit words, shape (naconmax, words), in the same memory."""
-    shape = (field.shape[0], field.strides[0] // 4)
-    view = wp.array(ptr=field.ptr, dtype=wp.int32, shape=shape, device=field.device)
-    view._ref = field  # the memory is the field's
-    return view
+            inputs = [self._rank, self._mover, self._words, d.contact.worldid, d.contact.efc_address]
+            wp.launch(_fill_holes, room, inputs=inputs, outputs=[d.efc.id])

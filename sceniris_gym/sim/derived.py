@@ -12,7 +12,6 @@ from collections.abc import Container
 
 import mujoco
 import mujoco_warp as mjw
-import numpy as np
 import warp as wp
 
 from sceniris_gym.device.blocks import block_sync
@@ -41,25 +40,6 @@ FOLLOWS = {
     **dict.fromkeys(("light_pos0", "light_poscom0", "light_dir0"), ("light_pos", "light_dir", *_CENTERS)),
 }
 """The fields that each field follows from; those with equal ones have a row for each world together."""
-
-
-@wp.struct
-class Row:
-    """Rows of a field: first elements of those that were made and those that are served, and their width."""
-
-    made: wp.uint64
-    served: wp.uint64
-    width: int
-
-
-@wp.func
-def _copy(row: Row, worldid: int, lane: int):
-    """Copy the row of a world."""
-    end = (worldid + 1) * row.width
-    made = wp.array(ptr=row.made, shape=(end,), dtype=float)
-    served = wp.array(ptr=row.served, shape=(end,), dtype=float)
-    for k in range(worldid * row.width + lane, end, wp.block_dim()):
-        served[k] = made[k]
 
 
 @wp.func
@@ -93,10 +73,8 @@ def _armature(w: Derived, worldid: int, transmission: int) -> float:
 
 
 @wp.func
-def _mass_matrix(w: Derived, worldid: int, pairid: int):
-    """Write an element of the lower half of M."""
-    i = w.pair[pairid][0]
-    j = w.pair[pairid][1]
+def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
+    """Return an element of M, with i >= j."""
     lower = w.dof_bodyid[i]
     total = float(0.0)
     for bodyid in range(lower, w.body_end[lower]):  # of those that i moves; j, if it moves none of them, has zeros here
@@ -117,41 +95,19 @@ def _mass_matrix(w: Derived, worldid: int, pairid: int):
             square = wp.dot(w.moment[w.geared[k], i], w.moment[w.geared[k], j])
             if square != 0.0:
                 total += square * _armature(w, worldid, w.geared[k])
-    w.factor[worldid, w.dof_row[i] + j] = total
+    return total
 
 
 @wp.func
-def _factor(w: Derived, worldid: int, first: int):
-    """Replace the block of M of the tree with this first degree of freedom by its Cholesky factor."""
-    for i in range(first, w.dof_block[first][1]):
-        row = w.dof_row[i]
-        for j in range(first, i + 1):
-            total = w.factor[worldid, row + j]
-            for k in range(first, j):
-                total -= w.factor[worldid, row + k] * w.factor[worldid, w.dof_row[j] + k]
-            if i == j:
-                w.factor[worldid, row + i] = wp.sqrt(wp.max(total, _LEAST))
-            else:
-                w.factor[worldid, row + j] = total / w.factor[worldid, w.dof_row[j] + j]
-
-
-@wp.func
-def _invert(w: Derived, worldid: int, dofid: int):
-    """Write a row of the symmetric inverse of M, by forward and backward substitution in place."""
-    first = w.dof_block[dofid][0]
-    end = w.dof_block[dofid][1]
-    row = w.dof_row[dofid]
-    for i in range(first, end):
-        total = wp.where(i == dofid, 1.0, 0.0)
-        for k in range(first, i):
-            total -= w.factor[worldid, w.dof_row[i] + k] * w.inverse[worldid, row + k]
-        w.inverse[worldid, row + i] = total / w.factor[worldid, w.dof_row[i] + i]
-    for back in range(end - first):
-        i = end - 1 - back
-        total = w.inverse[worldid, row + i]
-        for k in range(i + 1, end):
-            total -= w.factor[worldid, w.dof_row[k] + i] * w.inverse[worldid, row + k]
-        w.inverse[worldid, row + i] = total / w.factor[worldid, w.dof_row[i] + i]
+def _eliminate(w: Derived, old: wp.array[float], at: int, i: int, j: int, pivot: int) -> float:
+    """Return an element of a block of M after a step of Gauss-Jordan elimination, which needs no row exchanged."""
+    row = w.dof_row[pivot]
+    if i == pivot:
+        return wp.where(j == pivot, 1.0, old[row + j]) / old[row + pivot]
+    factor = old[at - j + pivot] / old[row + pivot]
+    if j == pivot:
+        return -factor
+    return old[at] - factor * old[row + j]
 
 
 @wp.func
@@ -166,10 +122,10 @@ def _body_weight(w: Derived, worldid: int, bodyid: int):
     for i in range(first, end):
         jacr = w.jacr[bodyid, i]
         jacp = w.jacp[bodyid, i] + wp.cross(jacr, arm)
-        for j in range(first, end):
+        for j in range(first, i + 1):  # and the same above the diagonal
             other = w.jacp[bodyid, j] + wp.cross(w.jacr[bodyid, j], arm)
             products = wp.vec2(wp.dot(jacp, other), wp.dot(jacr, w.jacr[bodyid, j]))
-            weight += w.inverse[worldid, w.dof_row[i] + j] * products
+            weight += wp.where(i == j, 1.0, 2.0) * w.inverse[worldid, 0, w.dof_row[i] + j] * products
     w.body_invweight0[worldid, bodyid] = weight / 3.0
 
 
@@ -178,7 +134,7 @@ def _dof_weight(w: Derived, worldid: int, dofid: int):
     shared = w.dof_shared[dofid]
     total = float(0.0)
     for i in range(shared[0], shared[0] + shared[1]):
-        total += w.inverse[worldid, w.dof_row[i] + i]
+        total += w.inverse[worldid, 0, w.dof_row[i] + i]
     bodyid = w.dof_bodyid[dofid]
     if w.body_simple[bodyid] == _SLIDES:
         total = 1.0 / _mass(w, worldid, bodyid)
@@ -192,10 +148,10 @@ def _transmission_weight(w: Derived, worldid: int, transmission: int):
     ntendon = w.tendon_invweight0.shape[1]
     weight = float(0.0)
     square = float(0.0)
-    for k in range(w.moment.shape[1]):
+    for k in range(w.moved[transmission][0], w.moved[transmission][1]):
         acceleration = float(0.0)
         for j in range(w.dof_block[k][0], w.dof_block[k][1]):
-            acceleration += w.inverse[worldid, w.dof_row[k] + j] * wp.dot(gear, w.moment[transmission, j])
+            acceleration += w.inverse[worldid, 0, w.dof_row[k] + j] * wp.dot(gear, w.moment[transmission, j])
         weight += acceleration * wp.dot(gear, w.moment[transmission, k])
         square += acceleration * acceleration
     if transmission < ntendon:
@@ -249,43 +205,45 @@ def _light(w: Derived, worldid: int, lightid: int):
 @wp.kernel
 def _derive(
     mask: wp.array[wp.bool],
-    in_place: wp.array[wp.bool],
-    written: wp.array[int],
-    rows: wp.array[Row],
-    # Derived in: body_end, body_block, dof_block, dof_shared, dof_row, xpos, xmat, jacp, jacr, pair, moment, geared,
-    #   factor, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
+    # Derived in: body_end, body_block, dof_block, dof_shared, dof_row, xpos, xmat, jacp, jacr, element, width, moment,
+    #   moved, geared, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
     #   body_mass, body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear,
     #   cam_pos, cam_quat, light_pos, light_dir
-    # Derived out: factor, inverse, body_subtreemass, body_invweight0, dof_invweight0, tendon_invweight0, actuator_acc0,
+    # Derived out: inverse, body_subtreemass, body_invweight0, dof_invweight0, tendon_invweight0, actuator_acc0,
     #   cam_pos0, cam_poscom0, cam_mat0, light_pos0, light_poscom0, light_dir0
     w: Derived,
 ):
     worldid, lane = wp.tid()
     if not mask[worldid]:
         return
-    if rows:
-        if not in_place[worldid] and written[0] == 0:
-            for i in range(rows.shape[0]):
-                _copy(rows[i], worldid, lane)
-            return
     for i in range(lane, w.body_subtreemass.shape[1], wp.block_dim()):
         w.body_subtreemass[worldid, i] = _subtree(w, worldid, i)[3]
-    for i in range(lane, w.cam_pos0.shape[1], wp.block_dim()):
+    # those fixed to the world ask for all bodies, as the first lane does
+    for i in range(wp.block_dim() - 1 - lane, w.cam_pos0.shape[1], wp.block_dim()):
         _camera(w, worldid, i)
-    for i in range(lane, w.light_pos0.shape[1], wp.block_dim()):
+    for i in range((lane + wp.block_dim() // 2) % wp.block_dim(), w.light_pos0.shape[1], wp.block_dim()):
         _light(w, worldid, i)
     if w.dof_invweight0.shape[1] == 0:
         return
-    for i in range(lane, w.pair.shape[0], wp.block_dim()):
-        _mass_matrix(w, worldid, i)
+    for at in range(lane, w.element.shape[0], wp.block_dim()):
+        i = w.element[at][0]
+        j = w.element[at][1]
+        if i >= j:
+            total = _mass_matrix(w, worldid, i, j)
+            w.inverse[worldid, w.width & 1, at] = total
+            w.inverse[worldid, w.width & 1, w.dof_row[j] + i] = total
     block_sync()
-    for i in range(lane, w.dof_block.shape[0], wp.block_dim()):
-        if w.dof_block[i][0] == i:
-            _factor(w, worldid, i)
-    block_sync()
-    for i in range(lane, w.dof_row.shape[0], wp.block_dim()):
-        _invert(w, worldid, i)
-    block_sync()
+    for step in range(w.width):  # of all blocks at once; the last one leaves the inverse in the first half
+        old = w.inverse[worldid, (w.width - step) & 1]
+        for at in range(lane, w.element.shape[0], wp.block_dim()):
+            i = w.element[at][0]
+            j = w.element[at][1]
+            value = old[at]
+            pivot = w.dof_block[i][0] + step
+            if pivot < w.dof_block[i][1]:
+                value = _eliminate(w, old, at, i, j, pivot)
+            w.inverse[worldid, (w.width - step - 1) & 1, at] = value
+        block_sync()
     for i in range(lane, w.body_invweight0.shape[1], wp.block_dim()):
         _body_weight(w, worldid, i)
     for i in range(lane, w.dof_invweight0.shape[1], wp.block_dim()):
@@ -301,47 +259,19 @@ class DerivedFields:
         mjm: The model.
         m: The Model; its present arrays are used in place.
         nworld: Number of worlds.
-
-    Attributes:
-        written: 1 if what is made ahead does not count, as somebody else writes to what these fields follow from, shape
-            (1,), int32.
     """
 
     def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, nworld: int) -> None:
         self._model, self._nworld = m, nworld
-        self._ahead: list[wp.array | None] = [None, None, None]
         with wp.ScopedDevice(m.qpos0.device):
-            self.written = wp.zeros(1, dtype=int)
             self._derived = derived_tables(mjm, nworld)
             # MuJoCo has it in all versions, MuJoCo-Warp does not
             self._derived.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
 
-    @property
-    def is_made_ahead(self) -> bool:
-        """True if launches can copy what was made ahead."""
-        return self._ahead[0] is not None
-
-    def copy_from(self, m: mjw.Model, names: list[str], in_place: wp.array) -> None:
-        """Make these fields ahead, in the arrays of another Model.
-
-        Args:
-            m: The Model.
-            names: The fields.
-            in_place: Worlds whose present layouts were not made ahead, shape (nworld,), bool.
-        """
-        pairs = [(getattr(m, name), getattr(self._model, name)) for name in names]
-        rows = [(made.ptr, served.ptr, served.strides[0] // 4) for made, served in pairs]
-        self._kept = pairs  # they own the memory
-        on_device = wp.array(np.array(rows, Row.numpy_dtype()), dtype=Row, device=in_place.device)
-        self._ahead = [in_place, self.written, on_device]
-
-    def launch(self, mask: wp.array, wide: Container[str], *, ahead: bool = False) -> None:
-        """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool.
-
-        With `ahead` those that were made ahead are copied.
-        """
+    def launch(self, mask: wp.array, wide: Container[str]) -> None:
+        """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool."""
         for name in Derived.vars:
             if (array := getattr(self._model, name, None)) is not None:
                 setattr(self._derived, name, None if name in FOLLOWS and name not in wide else array)
-        inputs = [mask, *(self._ahead if ahead else [None, None, None]), self._derived]
+        inputs = [mask, self._derived]
         wp.launch_tiled(_derive, dim=[self._nworld], inputs=inputs, block_dim=_LANES, device=mask.device)

@@ -25,15 +25,18 @@ class Derived:
         body_block, dof_block: First degree of freedom of the tree that one belongs to, and the number behind the last,
             shapes (nbody,) and (nv,); (0, 0) for a body that no joint moves.
         dof_shared: First and number of the degrees of freedom that one shares its weight with, shape (nv,).
-        dof_row: Place of a row of M in `factor` and `inverse`, from column 0 on, shape (nv,).
+        dof_row: Place of a row of M in `inverse`, from column 0 on, shape (nv,).
         xpos, xmat: Poses of bodies, shape (nbody,).
         jacp: Linear velocity of a body's origin by a degree of freedom, shape (nbody, nv).
         jacr: Angular velocity of a body, likewise.
-        pair: Row and column of an element in the lower half of M, shape (npair,).
+        element: Row and column of an element of the blocks of M, in the order of `inverse`, shape (size,).
+        width: The most degrees of freedom of a tree.
         moment: Moment of a transmission by each element of its gear, shape (ntransmission, nv).
+        moved: First degree of freedom of the trees that a transmission moves, and the number behind the last, shape
+            (ntransmission,).
         geared: Transmissions whose armature adds to M.
-        factor: M, and then its Cholesky factor, of a square for each kinematic tree, shape (nworld, size).
-        inverse: The inverse of M, likewise.
+        inverse: M and then its inverse, with a square for each kinematic tree, and as much scratch memory behind it,
+            shape (nworld, 2, size).
     """
 
     body_end: wp.array[int]
@@ -45,11 +48,12 @@ class Derived:
     xmat: wp.array[wp.mat33]
     jacp: wp.array2d[wp.vec3]
     jacr: wp.array2d[wp.vec3]
-    pair: wp.array[wp.vec2i]
+    element: wp.array[wp.vec2i]
+    width: int
     moment: wp.array2d[wp.spatial_vector]
+    moved: wp.array[wp.vec2i]
     geared: wp.array[int]
-    factor: wp.array2d[float]
-    inverse: wp.array2d[float]
+    inverse: wp.array3d[float]
     body_simple: wp.array[int]
     dof_bodyid: wp.array[int]
     cam_bodyid: wp.array[int]
@@ -100,10 +104,14 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     t.dof_row = wp.array(squares - widths - mjm.tree_dofadr[mjm.dof_treeid], dtype=int)
     t.xpos, t.xmat = wp.array(data.xpos, dtype=wp.vec3), wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
     t.jacp, t.jacr = (wp.array(j.transpose(0, 2, 1), dtype=wp.vec3) for j in jac)
-    t.pair = wp.array(np.argwhere(np.tril(mjm.dof_treeid[:, None] == mjm.dof_treeid)), dtype=wp.vec2i, ndim=1)
-    t.moment = wp.array(_moments(mjm, data), dtype=wp.spatial_vector, ndim=2)
+    t.element = wp.array(np.argwhere(mjm.dof_treeid[:, None] == mjm.dof_treeid), dtype=wp.vec2i, ndim=1)
+    t.width = max(widths, default=0)
+    moments = _moments(mjm, data)
+    in_trees = [trees[mjm.dof_treeid[moment.any(axis=1)]] for moment in moments]
+    moved = [(own[:, 0].min(), own[:, 1].max()) if len(own) else (0, 0) for own in in_trees]
+    t.moment, t.moved = wp.array(moments, dtype=wp.spatial_vector, ndim=2), wp.array(moved, dtype=wp.vec2i, ndim=1)
     t.geared = wp.array(np.flatnonzero(np.append(np.ones(mjm.ntendon, bool), driven)), dtype=int)
-    t.factor, t.inverse = (wp.zeros((nworld, int(widths.sum())), dtype=float) for _ in range(2))
+    t.inverse = wp.zeros((nworld, 2, int(widths.sum())), dtype=float)
     return t
 
 

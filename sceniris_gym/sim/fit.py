@@ -13,19 +13,14 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import instead_of_variants
 
 _SIZES = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nmocap", "nmeshvert", "npair", "nexclude")
-_NUMBERS = {
-    "body": ("body_parentid", "body_mocapid"),
-    "joint": ("jnt_type", "jnt_bodyid", "jnt_qposadr", "jnt_dofadr"),
-    "geom": ("geom_type", "geom_bodyid", "geom_dataid", "geom_contype", "geom_conaffinity"),
-    "pair": ("pair_geom1", "pair_geom2"),
-    "exclude": ("exclude_signature",),
-}
-_MEASURES = {
-    "body": ("body_pos", "body_quat"),
-    "joint": ("jnt_pos", "jnt_axis", "qpos0"),
-    "geom": ("geom_size", "geom_pos", "geom_quat"),
-    "vertex": ("mesh_vert",),
-}
+_FIELDS = (
+    *("body_parentid", "body_mocapid", "jnt_type", "jnt_bodyid", "jnt_qposadr", "jnt_dofadr"),
+    *("geom_type", "geom_bodyid", "geom_dataid", "geom_contype", "geom_conaffinity"),
+    *("pair_geom1", "pair_geom2", "exclude_signature", "body_pos", "body_quat", "jnt_pos", "jnt_axis", "qpos0"),
+    *("geom_size", "geom_pos", "geom_quat", "mesh_vert"),
+)
+_KINDS = {"jnt": "joint", "qpos0": "joint", "mesh": "vertex"}
+"""Elements that the fields of a prefix belong to, where it is not their name."""
 _SIZES_OF = {
     int(mujoco.mjtGeom.mjGEOM_SPHERE): 1,
     int(mujoco.mjtGeom.mjGEOM_CAPSULE): 2,
@@ -99,10 +94,8 @@ def _check_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mu
     shared = [compiled.scene.sim.bodies[name] for name in compiled.config.variants]
     if mjm is not None:
         _check_names(ours, mjm)
-    for tables, tolerance in ((_NUMBERS, 0.0), (_MEASURES, _TOLERANCE)):
-        for kind, fields in tables.items():
-            for field in fields:
-                _check_field(m, ours, kind, field, tolerance, shared)
+    for field in _FIELDS:
+        _check_field(m, ours, field, shared)
 
 
 def _check_data(ours: mujoco.MjModel, d: mjw.Data) -> None:
@@ -123,14 +116,13 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
             _same(f"the name of {kind} {i}", repr(getattr(theirs, kind)(i).name), repr(getattr(ours, kind)(i).name))
 
 
-def _check_field(
-    m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, kind: str, field: str, tolerance: float, shared: list[int]
-) -> None:
+def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str, shared: list[int]) -> None:
     """Compare a field, in all worlds if each has values of its own; `qpos0` only as the reference of each joint.
 
     Geoms of the bodies that variants share are left out, as they are those of the variants that worlds have.
     """
-    wanted, found = np.asarray(getattr(mjm, field), float), getattr(m, field)
+    prefix = field.partition("_")[0]
+    kind, wanted, found = _KINDS.get(prefix, prefix), np.asarray(getattr(mjm, field), float), getattr(m, field)
     found = (found.numpy() if isinstance(found, wp.array) else np.asarray(found)).astype(float)
     if not wanted.size:
         return
@@ -138,7 +130,7 @@ def _check_field(
         wanted, found = wanted[mjm.jnt_qposadr], found.reshape(-1, mjm.nq)[:, mjm.jnt_qposadr]
     wanted = wanted.reshape(len(wanted), -1)
     found = found.reshape(-1, *wanted.shape)
-    apart = np.abs(found - wanted) > tolerance
+    apart = np.abs(found - wanted) > _TOLERANCE
     if field == "geom_size":
         apart &= np.arange(3) < np.array([_SIZES_OF.get(int(shape), 0) for shape in mjm.geom_type])[:, None]
     differs = apart.any(axis=2)

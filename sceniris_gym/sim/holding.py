@@ -15,14 +15,6 @@ GAINS = ("actuator_gainprm", "actuator_biasprm", "actuator_gear")
 """Fields that these controls follow from."""
 
 
-def components(array: wp.array) -> wp.array:
-    """Return a view of an array of floats or vectors, shape (rows, n), as floats (rows, n, length)."""
-    length = array.strides[1] // 4 if array.shape[1] else 1
-    view = wp.array(ptr=array.ptr, dtype=float, shape=(*array.shape[:2], length), device=array.device)
-    view._kept = array  # it owns the memory
-    return view
-
-
 @wp.func
 def _follow(values: wp.array[float], at: int, before: float, now: float):
     """Replace a control that held the pose, but for rounding."""
@@ -97,7 +89,7 @@ class HoldingControls:
     def launch(self, mask: wp.array) -> None:
         """Find the controls of the masked worlds, shape (nworld,), bool."""
         m, d, rest = self._model, self._data, self._rest
-        gains = [components(m.actuator_gainprm), components(m.actuator_biasprm), m.actuator_gear]
+        gains = [m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
         inputs = [mask, *self._samples, rest, *gains, d.qpos]
         outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.coef, rest.bias]
         wp.launch(_hold_anew, (d.nworld, rest.actuator.shape[0]), inputs, outputs, device=mask.device)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import mujoco_warp as mjw
@@ -14,14 +13,13 @@ from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, U
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.knobs import KnobTable
-from sceniris_gym.layout.layouts import Layouts, LayoutsView
-from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
-from sceniris_gym.sim.holding import GAINS, HoldingControls, components
+from sceniris_gym.sim.holding import GAINS, HoldingControls
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -29,6 +27,8 @@ wp.set_module_options({"enable_backward": False})
 
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
+_BEFORE = "rows_before_draws"
+"""Attribute of a Model with values of its fields from before anything was drawn, by name."""
 
 
 @wp.kernel
@@ -65,10 +65,9 @@ class ModelFields:
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
-        names = fields_of_variants() if scene.shared is not None else ()
-        self.varied = {name: wp.clone(getattr(m, name)) for name in names}
-        scene = scene.sim
+        names, scene = fields_of_variants() if scene.shared is not None else (), scene.sim
         self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
+        self.varied = {name: self._before(name, every=True) for name in names}
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
         self._derived: DerivedFields | None = None
@@ -104,34 +103,40 @@ class ModelFields:
                 "in Task.bind, or before the first reset."
             )
         array = self.wide(name, where)
-        for other, _, _ in _word(name).follow:
-            self.wide(other, where, name)
         self.asked.add(name)
-        if self._derived is not None and _outputs(name):
-            self._derived.written.fill_(1)
         return array if rows is None else array[:, rows]
 
-    def wide(self, name: str, where: str = "model_field", source: str | None = None) -> wp.array:
-        """Return the array of a field, with a row for each world; `source` is the field that it follows from."""
-        if name not in self._nominal:
-            array = getattr(owner(self._model, name), name)
-            if array.size and array.shape[0] != self._nworld and not self._grow:
-                raise SceneMismatchError(
-                    f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
-                    f'Make the Model by put_model(compiled, {self._nworld}, "{source or name}").'
-                )
-            made = self._nominal[name] = self.varied.get(name, wp.clone(array[:1]) if array.size else array)
+    def wide(self, name: str, where: str = "model_field") -> wp.array:
+        """Return the array of a field, with a row for each world, as all have that follow from it."""
+        for each in _with_followers(name):
+            if each not in self._nominal:
+                self._widen(each, name, where)
+        if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
+            self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
+        if self._holding is None and not self._nominal.keys().isdisjoint(GAINS):
+            self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
+        return self._known[name]
+
+    def _widen(self, name: str, source: str, where: str) -> None:
+        """Give a field that follows from `source` a row for each world."""
+        array = getattr(owner(self._model, name), name)
+        if array.size and array.shape[0] != self._nworld and not self._grow:
+            raise SceneMismatchError(
+                f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
+                f'Make the Model by put_model(compiled, {self._nworld}, "{source}").'
+            )
+        self._nominal[name] = self._before(name)
+        widen(self._model, name, self._nworld)
+        self._known[name] = getattr(owner(self._model, name), name)
+
+    def _before(self, name: str, *, every: bool = False) -> wp.array:
+        """Return the first row of a field, or every, from before anything was drawn by a randomizer of the Model."""
+        array, kept = getattr(owner(self._model, name), name), vars(self._model).setdefault(_BEFORE, {})
+        if name not in kept:
+            made = kept[name] = wp.clone(array if every else array[:1]) if array.size else array
             if name == "geom_rgba":  # relative to the colours that are seen; resets write those of variants
                 made.assign(np.repeat(nominal_values(self._scene.mjm, name)[None], made.shape[0], axis=0))
-            widen(self._model, name, self._nworld)
-            self._known[name] = getattr(owner(self._model, name), name)
-            for output in _outputs(name):
-                self.wide(output, where, name)
-            if self._derived is None and _outputs(name):
-                self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
-            if name in GAINS and self._holding is None:
-                self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
-        return getattr(owner(self._model, name), name)
+        return kept[name]
 
     def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
         """Set part of a field to its nominal values times a factor of each world, in the masked worlds.
@@ -159,7 +164,10 @@ class ModelFields:
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
         word = _word(name)
         for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
-            nominal, array = (components(each)[:, rows] for each in (self._nominal[field], self.wide(field)))
+            nominal, array = (
+                (each.reshape((*each.shape, 1)) if each.dtype is wp.float32 else each.view(wp.float32))[:, rows]
+                for each in (self._nominal[field], self.wide(field))
+            )
             dim = (self._nworld, array.shape[1], count or array.shape[2])
             wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
 
@@ -179,46 +187,13 @@ class ModelFields:
         if self._drawer is not None and knobs is not None:
             self._drawer.use_knobs(knobs)
 
-    def make_ahead(self, source: LayoutSource, split: str) -> None:
-        """Have the fields that follow from draws made ahead with the layouts of a source, if that can do so.
-
-        With variants they are found in the reset, and so they are if somebody asked for a field that they follow from.
-
-        Args:
-            source: The source.
-            split: "train" or "eval".
-        """
-        served = self._derived
-        draws = tuple(draw for draw in self._scene.draws if any(map(_outputs, drawn_fields((draw,)))))
-        if served is None or not draws or self.varied or any(map(_outputs, self.asked)):
-            return
-        if served.is_made_ahead:  # by another source that resets these worlds
-            served.written.fill_(1)
-            return
-
-        def make(mask: wp.array, layouts: Layouts) -> None:
-            drawer.launch(mask, layouts.seed, layouts.episode, split, knob=layouts.knob)
-            derived.launch(mask, self._nominal)
-
-        in_place = source.make_beside(make)
-        if in_place is None:
-            return
-        m, names = copy.copy(self._model), drawn_fields(draws)
-        outputs = [name for name in FOLLOWS if name in self._nominal and getattr(m, name).size]
-        for name in (*names, *outputs):
-            setattr(m, name, wp.clone(getattr(m, name)))
-        drawer = FieldDrawer(draws, {name: getattr(m, name) for name in names}, self._nominal, self._nworld)
-        derived = DerivedFields(self._scene.mjm, m, self._nworld)
-        drawer.use_knobs(source.layouts.knobs)
-        served.copy_from(m, outputs, in_place)
-
     def launch_draw(
         self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
     ) -> None:
         """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
         if self._drawer is not None:
             self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
-            self.launch_follow(mask, ahead=rows is None)
+            self.launch_follow(mask)
 
     @property
     def rows(self) -> dict[str, wp.array]:
@@ -228,12 +203,12 @@ class ModelFields:
         found |= {f"drawn.{name}": array for name, array in numbers.items()}
         return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
 
-    def launch_follow(self, mask: wp.array, *, ahead: bool = False) -> None:
-        """Bring what follows up to date in the masked worlds, shape (nworld,), bool; with what was made ahead if so."""
+    def launch_follow(self, mask: wp.array) -> None:
+        """Bring what follows up to date in the masked worlds, shape (nworld,), bool."""
         if self._holding is not None:
             self._holding.launch(mask)
         if self._derived is not None:
-            self._derived.launch(mask, self._nominal, ahead=ahead)
+            self._derived.launch(mask, self._nominal)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
@@ -270,16 +245,13 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         ArgumentError: Steps leave the field out.
     """
     nworld = as_count(nworld, "put_model: nworld")
-    named = [*fields, *(other for name in fields for other, _, _ in _word(name).follow)]
+    for name in fields:
+        check_field(name, compiled.sim_mjm, "put_model")
+    drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants() if compiled.config.variants else ()
     with wp.ScopedDevice(compiled.device):
         m = mjw.put_model(compiled.sim_mjm)
-        for name in fields_of_variants() if compiled.config.variants else ():
+        for name in (*shared, *(each for source in (*drawn, *fields) for each in _with_followers(source))):
             widen(m, name, nworld)
-        for name in (*drawn_fields(compiled.scene.sim.draws), *named):
-            check_field(name, compiled.sim_mjm, "put_model")
-            widen(m, name, nworld)
-            for output in _outputs(name):
-                widen(m, output, nworld)
     setattr(m, _NAMED, fields)
     return m
 
@@ -289,9 +261,10 @@ def _word(name: str) -> Word:
     return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
 
 
-def _outputs(name: str) -> list[str]:
-    """Return the fields that follow from one, however it is changed."""
-    return [output for output, sources in FOLLOWS.items() if name in sources]
+def _with_followers(name: str) -> list[str]:
+    """Return a field, those that are scaled with it, and those that follow from any of these."""
+    scaled = [name, *(other for other, _, _ in _word(name).follow)]
+    return scaled + [output for output, sources in FOLLOWS.items() if not set(sources).isdisjoint(scaled)]
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:

@@ -99,6 +99,7 @@ class ResetRandomizer(Fixed, StaysHere):
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
+        split: The split of the layouts: that of the layout_source if it has one.
         fields: Model fields that have a row for each world.
         replacer: The counts of `replace`: `number` and `status` of each world, and `kept`.
         variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
@@ -113,8 +114,8 @@ class ResetRandomizer(Fixed, StaysHere):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "layout_source", "fields", "replacer")
-    ARGUMENTS = ("layouts", "levels", "knobs", "seed", "split", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    FIXED = ("compiled", "model", "data", "device", "layout_source", "split", "fields", "replacer")
+    ARGUMENTS = ("layouts", "levels", "knobs", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -151,7 +152,7 @@ class ResetRandomizer(Fixed, StaysHere):
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         self.fields.use_knobs(self.layouts.knobs)
-        self._update, self._split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
+        self._update, self.split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:
             origins = as_origins(origins, data.nworld, self.device)
@@ -161,12 +162,10 @@ class ResetRandomizer(Fixed, StaysHere):
             variants = VariantWriter(compiled.scene, model, data.nworld, self.fields.varied)
         more: Any = {"origins": origins, "variants": variants, "refresh": self._update}
         found, rest = (compiled, model, data), self.fields.rest
-        self.replacer = Replacer(*found, self.layouts, self._split, rest=rest, **more, graph=graph)
+        self.replacer = Replacer(*found, self.layouts, self.split, rest=rest, **more, graph=graph)
         more |= {"whole": write == "all", "count": self.replacer.number}
-        self._writer = ResetWriter(*found, self.fields, self._mask, self._split, **more)
+        self._writer = ResetWriter(*found, self.fields, self._mask, self.split, **more)
         self.variant = self._writer.variant
-        if write == "all":
-            self.fields.make_ahead(self.layout_source, self._split)
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
@@ -293,7 +292,7 @@ class ResetRandomizer(Fixed, StaysHere):
         layouts, nworld = self.layouts, self.data.nworld
         with wp.ScopedDevice(self.device):
             values = wp.empty((nworld, math.prod(shape)), dtype=float)
-            draw_named(layouts.seed, layouts.episode, self._split, name, values)
+            draw_named(layouts.seed, layouts.episode, self.split, name, values)
         return values.reshape((nworld, *shape))
 
     @launching
@@ -325,7 +324,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def layout_ids(self) -> list[str]:
         """Return the ids of the present layouts, see `Layouts.ids`."""
-        return self.layouts.ids(self._split)
+        return self.layouts.ids(self.split)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:

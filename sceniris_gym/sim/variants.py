@@ -42,10 +42,8 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.kernel
 def _write_variants(
-    # Variants in layouts:
-    column: wp.array[int],
-    shared: wp.array[int],
-    number: wp.array[int],
+    # Of each variant: its column in layouts, its object and its number
+    members: wp.array[wp.vec3i],
     # Words of the model:
     table: wp.array[int],
     word_shared: wp.array[int],
@@ -81,9 +79,10 @@ def _write_variants(
         return
     row = row_of(worldid, rows)
     if present:
-        for i in range(lane, column.shape[0], wp.block_dim()):
-            if present[row, column[i]] != 0:
-                variant[worldid, shared[i]] = number[i]
+        for i in range(lane, members.shape[0], wp.block_dim()):
+            member = members[i]
+            if present[row, member[0]] != 0:
+                variant[worldid, member[1]] = member[2]
         block_sync()
         for i in range(lane, address.shape[0], wp.block_dim()):
             at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
@@ -128,7 +127,7 @@ class VariantWriter:
 
     def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, varied: Mapping[str, wp.array]) -> None:
         for name in fields_of_variants():
-            if getattr(m, name).shape[0] != nworld:
+            if getattr(m, name).size and getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
                     f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
                     "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
@@ -137,17 +136,14 @@ class VariantWriter:
         full, sim, variants = scene.mjm, scene.sim.mjm, scene.config.variants
         counts = [len(members) for members in variants.values()]
         bodies = [[scene.bodies[member] for member in members] for members in variants.values()]
-        columns = slot_names(scene.config)
+        slots = slot_names(scene.config)
+        numbered = [(k, *each) for k, members in enumerate(variants.values()) for each in enumerate(members)]
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
             mocap = (nworld, max(sim.nmocap, 1))
             kinds = ((nworld, sim.nq), float), (mocap, wp.vec3), (mocap, wp.quat)
             self._poses = Poses(*(wp.zeros(shape, dtype=dtype) for shape, dtype in kinds))
-            self._members = [
-                wp.array([columns.index(member) for members in variants.values() for member in members], dtype=int),
-                wp.array(np.repeat(np.arange(len(counts)), counts), dtype=int),
-                wp.array(np.concatenate([np.arange(count) for count in counts]), dtype=int),
-            ]
+            self._members = wp.array([(slots.index(member), k, i) for k, i, member in numbered], dtype=wp.vec3i)
             masses = [float(full.body_mass[body]) for members in bodies for body in members]
             others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
             self._table = self._words(scene, m, bodies, varied)
@@ -171,7 +167,7 @@ class VariantWriter:
             present: Which objects are present, shape (nrow, nslot), int32; None if worlds keep their variants.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
-        inputs = [*self._members, *self._table, *self._inputs, mask, rows, present, *poses]
+        inputs = [self._members, *self._table, *self._inputs, mask, rows, present, *poses]
         words = {"outputs": [self.variant, *self._poses, self._subtreemass], "block_dim": LANES}
         wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words, device=self._device)
         return self._poses
@@ -213,8 +209,8 @@ class VariantWriter:
         qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
         qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
         qpos_adr[qpos_shared >= 0] = np.resize(range(7), (qpos_shared >= 0).sum())  # each has a freejoint alone
-        joints = full.body_jntadr[variants]
-        source = np.where(joints >= 0, full.jnt_qposadr[joints], full.body_mocapid[variants])
+        source, joints = full.body_mocapid[variants], full.body_jntadr[variants]
+        source[joints >= 0] = full.jnt_qposadr[joints[joints >= 0]]
         values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
         return [wp.array(each, dtype=int, ndim=1) for each in values]
 
@@ -249,7 +245,8 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
         theirs, ours = getattr(full, field), getattr(sim, field)
         theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
         words = np.int32 if theirs.dtype.kind == "i" else np.float32
-        theirs, ours = (np.reshape(values, (len(values), -1)).astype(words) for values in (theirs, ours))
+        # where nothing moves there are no degrees of freedom
+        theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
         first, sources = elements[kind]
         for i, source in enumerate(sources.T, int(first)):
             values = theirs[source]

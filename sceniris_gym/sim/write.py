@@ -57,9 +57,8 @@ def addresses_of(
     """Return where the poses of these bodies, or positions of these joints, are kept, each array in ascending order."""
     chosen = np.isin(np.arange(mjm.nbody), bodies)
     ids = np.flatnonzero(chosen[mjm.jnt_bodyid]) if joints is None else np.array(joints, int)
-    widths = np.array([(7, 6), (4, 3), (1, 1), (1, 1)])[mjm.jnt_type[ids]]  # in qpos and in qvel, by type
-    qposadr = _spread(mjm.jnt_qposadr[ids], widths[:, 0])
-    dofadr = _spread(mjm.jnt_dofadr[ids], widths[:, 1])
+    joint_of_qpos = np.repeat(np.arange(mjm.njnt), np.diff([*mjm.jnt_qposadr, mjm.nq]))
+    qposadr, dofadr = (np.flatnonzero(np.isin(each, ids)) for each in (joint_of_qpos, mjm.dof_jntid))
     first, held = rest.rowadr.numpy(), np.isin(rest.qposadr.numpy(), qposadr)
     elements = [e for e in range(len(first) - 1) if held[first[e] : first[e + 1]].any()]
     mocapid = np.sort(mjm.body_mocapid[chosen & (mjm.body_mocapid >= 0)])
@@ -179,7 +178,7 @@ class StateWriter:
         places = addresses_of(mjm, range(mjm.nbody) if whole else bodies or [], rest, joints)
         free = mjm.jnt_qposadr[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
         axis = np.full(mjm.nq, -1)  # coordinate of the origin that is added
-        axis[_spread(free, np.full(len(free), 3))] = np.tile(np.arange(3), len(free))
+        axis[free[:, None] + np.arange(3)] = range(3)
         elements = np.arange(mjm.nu + mjm.na) if whole else places.elements
         sampleadr, sampled = history_samples(mjm)
         delayed = np.isin(sampled, elements)
@@ -218,8 +217,3 @@ class StateWriter:
         """
         inputs, device = [*self._inputs, start, start_rows, rows, *poses], self._outputs[0].device
         wp.launch(_write_state, self._dim, inputs=inputs, outputs=self._outputs, device=device)
-
-
-def _spread(first: np.ndarray, widths: np.ndarray) -> np.ndarray:
-    """Return all addresses of elements that begin at `first` and are `widths` long."""
-    return np.array([a + k for a, width in zip(first, widths, strict=True) for k in range(width)], int)

@@ -67,7 +67,7 @@ class TaskWorlds:
             graph=graph,
             **words,
         )
-        self.state = State(self.batch, self.randomizer.layouts, split, self.randomizer.variant)
+        self.state = State(self.batch, self.randomizer.layouts, self.randomizer.split, self.randomizer.variant)
         self.statistics = EpisodeStatistics(num_envs, self.state.device)
         self._task, self._compiled, self._is_checked = task, compiled, False
 

@@ -93,7 +93,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         scene: A scene to use instead of the task's: a name, path, mapping, SceneConfig or CompiledScene.
         overrides: Parts of the scene to change, by dotted keys: {"objects.apple.clearance": 0.01}.
         device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu, and under torchrun cuda:LOCAL_RANK.
-        split: "train" or "eval", which share no layouts and no random numbers.
+        split: "train" or "eval", which share no layouts and no random numbers. A layout_source may have its own.
         prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
             ResetRandomizer. Not with a layout_source.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
@@ -197,7 +197,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
         self.task, self.num_envs = as_task(task), num_envs
         self.autoreset_mode = as_autoreset_mode(autoreset_mode)
-        self.output, self.copy, self.split = output, copy, split
+        self.output, self.copy = output, copy
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
         self.render_mode, self.final_images = render_mode, final_images
 
@@ -210,6 +210,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         words: dict[str, Any] = {"levels": levels, "knobs": knobs, "split": split, "prefetch": prefetch}
         worlds = TaskWorlds(self.task, self.compiled, num_envs, room, layout_source=layout_source, graph=graph, **words)
         self._worlds, self.batch, self.randomizer = worlds, worlds.batch, worlds.randomizer
+        self.split = self.randomizer.split
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}

@@ -88,6 +88,8 @@ def test_it_steps_as_stable_baselines_own_vector_environment(make, reach_scene: 
             assert info["episode"]["r"] == pytest.approx(expected["episode"]["r"], abs=1e-5)
             assert info["episode"]["l"] == expected["episode"]["l"]
             assert info["episode"]["t"] > 0.0
+            named = {name: value for name, value in expected.items() if name.startswith("layout_")}
+            assert {name: info.get(name) for name in named} == named
             for name, value in ours.reset_infos[i].items():
                 assert value == own.reset_infos[i][name]
             ends.append(info["TimeLimit.truncated"])
@@ -298,7 +300,8 @@ def test_the_bytes_that_are_copied_grow_with_the_number_of_worlds_alone(make, mo
         assert done.all() == done.any() == (steps == 1)
         per_world.append(sum(copied) / num_envs)
     observation = 4 * envs.observation_space.shape[0]
-    finished = observation + 2 + 8 + 4 + 1 if steps == 1 else 0
+    layout = 8 + 4 + 1  # of the episode that ended, and of the one that begins
+    finished = observation + 2 + 2 * layout if steps == 1 else 0
     assert per_world == [observation + 4 + 2 + finished] * 3
 
 

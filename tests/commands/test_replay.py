@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.commands.replay import LayoutId, default_picture, describe, find_scene, replay, report
+from sceniris_gym.commands.replay import LayoutId, default_picture, describe, drawn, find_scene, replay, report
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
@@ -15,6 +15,8 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.layout.scenes import box_mjcf
 from tests.layout.starting import starting
 
@@ -135,3 +137,33 @@ def test_numbers_are_those_of_the_layout_bit_for_bit():
 def test_the_picture_of_a_layout_is_named_after_its_id():
     """Without the colons, which not every file system takes."""
     assert default_picture("0123:eval:4:5").name == "0123-eval-4-5.png"
+
+
+def test_a_replay_has_the_physics_and_looks_of_its_episode():
+    """The numbers of a world that was reset, a model with its values, and a picture with its colours."""
+    looks = {"mass": {"scale": [0.5, 2.0]}, "rgba": {"abs": [[0.0] * 3, [1.0] * 3]}}
+    variants = {"lemon": {"asset": "lemon"}, "brick": {"asset": "brick"}}
+    things = {"can": {"randomize": looks}, "extra": {"variants": variants, "on": "table", "randomize": looks}}
+    scene = {"gravity": {"scale": [0.5, 1.0]}, "materials": {"table/wood": {"rgba": {"scale": [0.5, 1.0]}}}}
+    compiled = compile_scene({"base": "tabletop_lift", "bank": 8, "objects": things, "randomize": scene}, "cpu")
+    batch = Batch(compiled.scene, 3, "cpu")
+    randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, seed=4)
+    for _ in range(2):
+        randomizer.reset()
+    name = LayoutId.parse(randomizer.layout_ids()[2])
+    mjm, numbers = drawn(compiled, name)
+    assert set(numbers) == {"can.mass", "can.rgba", "extra.mass", "extra.rgba", "gravity", "materials.table/wood.rgba"}
+    for draw, found in numbers.items():
+        assert found == batch.fields.parameter(draw, "test").numpy()[2].tolist(), draw
+    present = f"extra/{list(variants)[randomizer.variant.numpy()[2, 0]]}"
+    for ours, theirs in (("can", "can"), ("extra", present)):
+        masses = batch.model.body_mass.numpy()[2, batch.scene.bodies[ours]]
+        assert mjm.body_mass[compiled.scene.bodies[theirs]] == masses
+        colour = mjm.geom_rgba[mjm.body(theirs).geomadr.item(), :3]
+        assert colour.tolist() == numbers[f"{ours}.rgba"]
+    assert (mjm.opt.gravity == batch.model.opt.gravity.numpy()[2]).all()
+    material = mjm.material("table/wood").id
+    assert (mjm.mat_rgba[material] == batch.model.mat_rgba.numpy()[2, material]).all()
+    assert (compiled.mjm.mat_rgba[material] != mjm.mat_rgba[material]).any()
+    told = describe(compiled, replay(compiled, name)) | {"id": "x", "picture": "y", "drawn": numbers}
+    assert f"  can.mass     {numbers['can.mass'][0]:.4g}" in report(told)

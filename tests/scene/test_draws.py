@@ -130,6 +130,11 @@ def test_the_whole_scene_lights_and_materials(build):
             "mass.add: cannot be .* from -4.* should be from 1e-06",
         ),
         ({"box": {"rgba": {"scale": [1, 5]}}}, SceneKeyError, "rgba.scale: .* should be from 0 to 1"),
+        (
+            {"arm": {"forcerange": {"abs": [4, 6]}}},
+            SceneKeyError,
+            "forcerange.abs: .* lower limits should be below all upper ones",
+        ),
         ({"box": {"rgba": {"abs": [[0, 0], [1, 1]]}}}, SceneKeyError, "should have 1 or 3 or 4 numbers, got 2"),
         (
             {"box": {"damping": {"scale": [1, 2]}}},

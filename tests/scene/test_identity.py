@@ -148,6 +148,8 @@ PHYSICS: dict[str, Callable[[mujoco.MjSpec], object]] = {
     "friction": lambda spec: setattr(spec.geom("ledge"), "friction", [0.3, 0.01, 0.001]),
     "frictionloss": lambda spec: setattr(spec.joint("turn"), "frictionloss", 0.2),
     "gains": lambda spec: spec.actuator("turn").set_to_position(kp=7),
+    "limits of forces": lambda spec: setattr(spec.actuator("turn"), "forcerange", [-3, 3]),
+    "a kind of actuator": lambda spec: setattr(spec.actuator("turn"), "dyntype", mujoco.mjtDyn.mjDYN_INTEGRATOR),
     "a camera": lambda spec: spec.worldbody.add_camera(name="eye"),
     "a light": lambda spec: spec.worldbody.add_light(name="lamp", pos=[0, 0, 3]),
 }

@@ -18,7 +18,7 @@ def test_each_tree_has_a_block_of_its_own():
     row = tables.dof_row.numpy()
     places = [row[i] + j for i in range(mjm.nv) for j in np.flatnonzero(mjm.dof_treeid == mjm.dof_treeid[i])]
     np.testing.assert_array_equal(places, np.arange((mjm.tree_dofnum**2).sum()))
-    assert tables.factor.shape == tables.inverse.shape == (3, len(places))
+    assert tables.inverse.shape == (3, 2, len(places))
 
 
 def test_jacobians_of_tendons_are_those_of_mujoco():

@@ -183,6 +183,19 @@ def test_one_world_has_one_variant_at_a_time(compiled: CompiledScene):
     assert len(seen) > 1
 
 
+def test_fixtures_have_variants_where_nothing_moves():
+    """A model without degrees of freedom, whose worlds show one thing or the other."""
+    stand = {"asset": list(STANDS), "kind": "fixture", "on": "floor"}
+    compiled = compile_scene({"floor": {"size": [1, 1]}, "objects": {"stand": stand}, "bank": 4}, "cpu")
+    batch, randomizer = simulated(compiled)
+    assert compiled.sim_mjm.nv == 0
+    drawn = randomizer.variant.numpy()[:, 0]
+    assert {*drawn.tolist()} == {0, 1}
+    body = compiled.scene.sim.bodies["stand"]
+    mass = [compiled.mjm.body(f"stand/{name}").mass.item() for name in STANDS]
+    np.testing.assert_allclose(batch.model.body_mass.numpy()[:, body], np.array(mass)[drawn], rtol=1e-6)
+
+
 def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene):
     """With the function that makes a better one."""
     with wp.ScopedDevice("cpu"):

@@ -16,7 +16,9 @@ from sceniris_gym.errors import (
     SeedError,
     UnknownNameError,
 )
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.levels import Levels
 from tests.vector.stepping import actions, assert_equal, state
 
 
@@ -172,6 +174,19 @@ def test_chosen_layouts_are_those_of_their_ids(make_env, prefetch):
     assert_equal(found, wanted[1][0], [0, 2])
     _, info = envs.reset(options={"layouts": ids[2]})
     assert info["layout_seed"].tolist() == [9, 9, 9]
+
+
+@pytest.mark.parametrize("levels", [None, Levels(replay=0.0)])
+def test_the_split_is_that_of_the_source_of_layouts(make_env, levels):
+    """Ids name it, and give the layouts and the draws of an environment of that split again."""
+    envs = make_env(2, layout_source=lambda compiled, n: LayoutGenerator(compiled, n, split="eval"), levels=levels)
+    plain = make_env(2, split="eval")
+    envs.reset(seed=3)
+    ids = envs.layout_ids()
+    assert [LayoutId.parse(text).split for text in ids] == ["eval", "eval"] == [envs.split] * 2
+    assert_equal(envs.reset(options={"layouts": ids})[0], plain.reset(options={"layouts": ids})[0])
+    with pytest.raises(SceneMismatchError, match="not of split 'eval'"):
+        envs.reset(options={"layouts": envs.compiled.layout_id(3, 0)})
 
 
 def test_a_reseed_shows_once_its_layout_is_served(make_env):

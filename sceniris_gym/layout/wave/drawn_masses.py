@@ -32,14 +32,9 @@ class DrawnMasses:
 
     def __init__(self, compiled: CompiledScene, nworld: int, split: str, knobs: KnobTable) -> None:
         self.statics, self._split, self._drawer = compiled.statics, split, None
-        scene, nominal = compiled.scene, compiled.statics
-        slots = {member: slot for slot, members in scene.config.variants.items() for member in members}
-        draws = []
-        for draw in scene.draws:
-            owner, _, key = draw.name.rpartition(".")
-            if draw.word.field in _ARRAYS:  # inertias decide nothing here
-                word = replace(draw.word, follow=())
-                draws.append(replace(draw, name=f"{slots.get(owner, owner)}.{key}", word=word))
+        nominal = compiled.statics
+        # inertias decide nothing here
+        draws = [replace(d, word=replace(d.word, follow=())) for d in compiled.scene.draws if d.word.field in _ARRAYS]
         if nominal is None or not draws:
             return
         self.statics = copied(Statics, nominal)

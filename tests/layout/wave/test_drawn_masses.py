@@ -94,7 +94,7 @@ def test_gravity_is_drawn_within_the_tilt_at_which_things_stand(tmp_path: Path):
 
 
 def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
-    """They are drawn by the name of the object, relative to the variant that is present."""
+    """They are drawn by the name of the object, relative to the variant that is present, as a knob narrows them."""
     load = {"variants": {name: {"asset": box_mjcf(tmp_path, name, 0.04, 0.04, z)} for name, z in HEIGHTS.items()}}
     words = {"orientation": {"yaw": [0, 0]}}
     objects = {
@@ -102,7 +102,10 @@ def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
         "load": {**load, "on": "plank", "randomize": MASSES, **words},
     }
     compiled = compile_on_cpu({"floor": {"size": [1, 1]}, "attempts": 200, "objects": objects}, bank=8)
-    randomizer = reset(compiled, prefetch=False)
+    knob = "objects.load.randomize.mass"
+    randomizer = reset(compiled, prefetch=False, knobs=knob)
+    randomizer.set_knob(knob, [2.0, 4.0])
+    randomizer.reset()
     generator, slot = randomizer.layout_source, compiled.scene.sim.bodies["load"]
     assert isinstance(generator, LayoutGenerator)
     assert generator._masses.statics is not None
