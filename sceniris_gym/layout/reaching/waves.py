@@ -70,9 +70,6 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
     while found < columns:
         if layouts.present[row, reach.reach_slot[found]] == 0:
             layouts.grasp[row, found] = -1
-            for i in range(MAX_JOINTS):
-                layouts.grasp_qpos[row, found, i] = wp.nan
-                layouts.pregrasp_qpos[row, found, i] = wp.nan
         elif reach.reach_arm[found] == reach.number:
             if reach_search.tier[row, found] >= Tier.IK:
                 break
@@ -110,7 +107,10 @@ def _first_waiting(reach: Reach, search: Search, row: int) -> int:
 
 @wp.func
 def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int):
-    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier."""
+    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier.
+
+    None has joints yet.
+    """
     kind = layouts.start[search.row_world[row]]
     for column in range(reach_search.tier.shape[1]):
         reach_search.tier[row, column] = reach.reach_tier[column]
