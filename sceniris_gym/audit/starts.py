@@ -90,13 +90,11 @@ class StartAudit:
             grasped: As from `grasped`.
             sides: Filled with (row, object) -> the robot's geoms that touch it.
         """
-        owner, mjm = self.scene.tree.owner, self.scene.mjm
         for contact in contacts:
             if not self._holds(contact.owners, contact.row, grasped):
                 yield contact
                 continue
-            for geom in contact.geoms:
-                other = contact.owners[1 - contact.owners.index(owner[int(mjm.geom_bodyid[geom])])]
+            for geom, other in zip(contact.geoms, contact.owners[::-1], strict=True):
                 if other in grasped:
                     sides.setdefault((contact.row, other), set()).add(geom)
 

@@ -166,8 +166,9 @@ def _stance(
     support, mjm = o.support, scene.mjm
     assert support is not None
     assert o.config is not None
-    is_physics = scene.config.geometry == "physics"  # then the plan has them
-    found = [p for p in (pieces if is_physics else extract_pieces(mjm, "physics", set(o.bodies))) if p.body in o.bodies]
+    if scene.config.geometry != "physics":  # visible pieces carry nothing
+        pieces = extract_pieces(mjm, "physics", {*o.bodies, support.body})
+    found = [p for p in pieces if p.body in o.bodies]
     touch = touch_distances(mjm, scene.contact_rules, found, support.body)
     own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]
     if not own:
@@ -179,7 +180,7 @@ def _stance(
         for p in there
         if support.geom in (None, p.geom)
         and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
-    ]
+    ] or there
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
     shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
     states = drawn_states(scene, home, {d.qposadr: d.intervals for d in o.joint_ranges}, o.followers)
@@ -193,9 +194,9 @@ def _stance(
         levels=levels,
         feet=feet,
         load=load,
-        sink=max((_sink(scene, load, *contact[:3]) for contact in contacts), default=0.0),
+        sink=max(_sink(scene, load, *contact[:3]) for contact in contacts),
         touch=max(distance for distance in touch if distance is not None),
-        friction=max((friction for *_, friction in contacts), default=0.0),
+        friction=max(friction for *_, friction in contacts),
         is_whole=whole or _cannot_leave(o, feet, walls),
     )
 

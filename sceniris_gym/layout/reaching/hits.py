@@ -11,7 +11,6 @@ from sceniris_gym.layout.reaching.search import (
     ReachStep,
     reach_candidate_num,
     takes_step,
-    tier_of,
 )
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.device import Cause, Program
@@ -30,7 +29,7 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
         return reach.arm_target[column]
     if step == ReachStep.SELF_AT_GRASP or step == ReachStep.SELF_AT_PREGRASP:
         return reach.arm_self[column]
-    if tier_of(reach, reach_search, row, column) == wp.static(IN_HAND):
+    if reach_search.tier[row, column] == wp.static(IN_HAND):
         return reach.arm_held[column]
     return reach.arm_scene[column]
 
@@ -60,7 +59,7 @@ def _test(
         step = int(first)
         hit = bool(False)
         while step <= last and not hit:
-            if takes_step(reach, reach_search, c, step):
+            if takes_step(reach_search, c, step):
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
@@ -96,7 +95,7 @@ def _test_containment(
         step = int(first)
         inside = bool(False)
         while step <= last and not inside:
-            if takes_step(reach, reach_search, c, step):
+            if takes_step(reach_search, c, step):
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)

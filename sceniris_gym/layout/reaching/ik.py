@@ -91,7 +91,7 @@ def _choose_starts(
         if of_grasp >= 0:
             if reach_search.failed[of_grasp] < ReachStep.IK_AT_GRASP:
                 reach_search.failed[c] = reach_search.failed[of_grasp]
-        if not takes_step(reach, reach_search, c, ReachStep.IK_AT_GRASP):
+        if not takes_step(reach_search, c, ReachStep.IK_AT_GRASP):
             continue
         row = reach_search.row[c]
         column = reach_search.column[row]
@@ -127,7 +127,7 @@ def _solve(
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        if not takes_step(reach, reach_search, c, step):
+        if not takes_step(reach_search, c, step):
             continue
         pos, quat = _target(reach, layouts, reach_search.row[c], reach_search.grasp[c])
         if step == ReachStep.IK_AT_PREGRASP:

@@ -138,7 +138,7 @@ def _pose(
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        if not takes_step(reach, reach_search, c, step):
+        if not takes_step(reach_search, c, step):
             continue
         row = reach_search.row[c]
         grasp = reach_search.grasp[c]

@@ -15,7 +15,6 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.layout.wave.search import SearchSize
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import allocate
-from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.solve import vec8
 
 PREGRASP_DISTANCE = 0.08
@@ -66,7 +65,7 @@ class ReachSearch:
     number: wp.array[int]  # number of the next start, counted over all grasps from the first that the map accepts
     total: wp.array[int]  # candidates that this target has in all
     tried: wp.array[int]  # starts of this target that have failed so far
-    tier: wp.array2d[int]  # of each target, in scenes whose starts ask for more than the targets do; else empty
+    tier: wp.array2d[int]  # of each target: its own, or what the start of the row's world asks for
     furthest: wp.array[int]  # the last step that any candidate of this target reached
     first: wp.array[int]  # the row's first candidate in this wave
     trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
@@ -134,7 +133,7 @@ def first_start(reach_search: ReachSearch, c: int) -> int:
 
 
 @wp.func
-def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bool:
+def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
     """Return True if a candidate takes a step itself, and has not failed before it."""
     if reach_search.failed[c] < step:
         return False
@@ -143,15 +142,7 @@ def takes_step(reach: Reach, reach_search: ReachSearch, c: int, step: int) -> bo
     if step == ReachStep.MAP or step == ReachStep.IK_AT_GRASP or step == ReachStep.SELF_AT_GRASP:
         return True
     row = reach_search.row[c]
-    return tier_of(reach, reach_search, row, reach_search.column[row]) >= Tier.CLEAR
-
-
-@wp.func
-def tier_of(reach: Reach, reach_search: ReachSearch, row: int, column: int) -> int:
-    """Return the tier of a reach target in a row: its own, or the one that the start of the row's world asks for."""
-    if reach_search.tier.shape[0] > 0:
-        return reach_search.tier[row, column]
-    return reach.reach_tier[column]
+    return reach_search.tier[row, reach_search.column[row]] >= Tier.CLEAR
 
 
 def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
@@ -163,7 +154,7 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     with wp.ScopedDevice(compiled.device):
         zeros(nrow, "arm column number total tried furthest first trials")
         zeros((2, nrow), "queue")
-        zeros((0 if compiled.starts is None else nrow, len(reaching.targets)), "tier")
+        zeros((nrow, len(reaching.targets)), "tier")
         zeros(1, "rows_left source rows candidates")
         zeros(ncand, "row grasp start failed grasp_qpos pregrasp_qpos")
         zeros((ncand, mjm.nq), "qpos")

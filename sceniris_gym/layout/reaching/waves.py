@@ -20,7 +20,6 @@ from sceniris_gym.layout.reaching.search import (
     queue_target,
     reach_candidate_num,
     takes_step,
-    tier_of,
 )
 from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
@@ -71,11 +70,8 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
     while found < columns:
         if layouts.present[row, reach.reach_slot[found]] == 0:
             layouts.grasp[row, found] = -1
-            for i in range(MAX_JOINTS):
-                layouts.grasp_qpos[row, found, i] = wp.nan
-                layouts.pregrasp_qpos[row, found, i] = wp.nan
         elif reach.reach_arm[found] == reach.number:
-            if tier_of(reach, reach_search, row, found) >= Tier.IK:
+            if reach_search.tier[row, found] >= Tier.IK:
                 break
             if reach.reach_late[found] != 0:
                 _take_first_through(reach, layouts, row, found)
@@ -111,12 +107,16 @@ def _first_waiting(reach: Reach, search: Search, row: int) -> int:
 
 @wp.func
 def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int):
-    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier."""
+    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier.
+
+    None has joints yet.
+    """
     kind = layouts.start[search.row_world[row]]
     for column in range(reach_search.tier.shape[1]):
         reach_search.tier[row, column] = reach.reach_tier[column]
-        if reaches(starts, kind, column):
-            reach_search.tier[row, column] = int(Tier.CLEAR)
+        if starts.pose.shape[0] > 0:
+            if reaches(starts, kind, column):
+                reach_search.tier[row, column] = int(Tier.CLEAR)
         for i in range(MAX_JOINTS):
             layouts.grasp_qpos[row, column, i] = wp.nan
             layouts.pregrasp_qpos[row, column, i] = wp.nan
@@ -142,7 +142,7 @@ def _open_rows(
         reach_search.candidates[0] = 0  # already 0 unless earlier launches were interrupted
     if reach.number == 0:
         reach_search.arm[row] = 0
-        if search.waiting[row] and reach_search.tier.shape[0] > 0:
+        if search.waiting[row]:
             _ask_tiers(starts, reach, layouts, search, reach_search, row)
         # the world of an unsound row falls back, whatever is in reach
         if search.waiting[row] and not is_sound(program, layouts, row, 0, 1):
@@ -156,13 +156,6 @@ def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -
     """Queue the waiting rows that are at this arm."""
     inputs = [work.program, reach, work.kinds]
     work.launch(_open_rows, work.nrow, inputs, work.layouts, work.search, reach_search)
-
-
-@wp.func
-def _counts(starts: Starts, layouts: LayoutsView, search: Search, row: int, column: int, grasp: int) -> bool:
-    """Return False for a grasp in which the start of a row's world does not take the arm to its target."""
-    kind = layouts.start[search.row_world[row]]
-    return not reaches(starts, kind, column) or starts.grasp[kind, grasp]
 
 
 @wp.kernel(grid_stride=False)
@@ -215,7 +208,7 @@ def _look_up(
     if wp.tid() == 0:
         begin_reach_wave(reach_search)
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        if takes_step(reach, reach_search, c, ReachStep.MAP):
+        if takes_step(reach_search, c, ReachStep.MAP):
             row = reach_search.row[c]
             body_pos = layouts.body_pos[row]
             body_quat = layouts.body_quat[row]
@@ -223,8 +216,10 @@ def _look_up(
             column = reach_search.column[row]
             grasp = reach_search.grasp[c]
             passes = passes_map(reach, column, grasp, base, body_pos, body_quat)
-            if passes and reach_search.tier.shape[0] > 0:
-                passes = _counts(starts, layouts, search, row, column, grasp)
+            if passes and starts.pose.shape[0] > 0:
+                kind = layouts.start[search.row_world[row]]
+                if reaches(starts, kind, column):
+                    passes = starts.grasp[kind, grasp]
             if not passes:
                 reach_search.failed[c] = ReachStep.MAP
 
@@ -245,7 +240,7 @@ def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> 
 def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
     """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
-    clear = tier_of(reach, reach_search, row, column) == Tier.CLEAR
+    clear = reach_search.tier[row, column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
         there = i < reach.arm.njoint
         layouts.grasp_qpos[row, column, i] = wp.where(there, reach_search.grasp_qpos[c][i], wp.nan)
@@ -280,7 +275,7 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
     against itself.
     """
     furthest = reach_search.furthest[row]
-    if tier_of(reach, reach_search, row, reach_search.column[row]) == Tier.CLEAR and (
+    if reach_search.tier[row, reach_search.column[row]] == Tier.CLEAR and (
         furthest < ReachStep.IK_AT_GRASP or furthest > ReachStep.SELF_AT_GRASP
     ):
         return Cause.BLOCKED

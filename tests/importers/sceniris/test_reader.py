@@ -13,7 +13,8 @@ import pytest
 from sceniris_gym import read_sceniris
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.orientation import DrawnOrientation
-from sceniris_gym.config.scene import RobotConfig, SceneConfig
+from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.scene.build import build_model
 from tests.importers.sceniris.configurations import QUARTER_TURN, UPSIDE_DOWN, mug, read

@@ -21,7 +21,6 @@ from sceniris_gym.layout.reaching.search import (
     takes_step,
 )
 from sceniris_gym.layout.wave.search import default_size
-from sceniris_gym.program.device_reach import Reach
 from tests.layout.grasped import cluttered
 
 
@@ -36,9 +35,9 @@ def test_the_room_for_candidates_is_bounded_by_what_rows_can_use(tmp_path: Path)
 
 
 @wp.kernel(enable_backward=False)
-def _take(reach: Reach, reach_search: ReachSearch, step: int, taken_out: wp.array[bool], first_out: wp.array[int]):
+def _take(reach_search: ReachSearch, step: int, taken_out: wp.array[bool], first_out: wp.array[int]):
     c = wp.tid()
-    taken_out[c] = takes_step(reach, reach_search, c, step)
+    taken_out[c] = takes_step(reach_search, c, step)
     first_out[c] = first_start(reach_search, c)
 
 
@@ -53,11 +52,10 @@ def _search(failed: list[int], start: list[int], row: list[int], first: list[int
 
 def _launch(search: ReachSearch, tier: Tier, step: ReachStep) -> tuple[np.ndarray, np.ndarray]:
     """Return for each candidate if it takes a step, and the candidate of its grasp's first start."""
-    reach = Reach()
-    reach.reach_tier = wp.array([int(tier)], dtype=int, device="cpu")
+    search.tier = wp.array(np.full((search.first.shape[0], 1), int(tier)), dtype=int, device="cpu")
     num = search.failed.shape[0]
     taken, first = wp.zeros(num, dtype=bool, device="cpu"), wp.zeros(num, dtype=int, device="cpu")
-    wp.launch(_take, dim=num, inputs=[reach, search, int(step)], outputs=[taken, first], device="cpu")
+    wp.launch(_take, dim=num, inputs=[search, int(step)], outputs=[taken, first], device="cpu")
     return taken.numpy(), first.numpy()
 
 

@@ -99,3 +99,16 @@ def test_more_levels_than_there_is_room_for_are_refused():
     objects = {name: {"on": below} for below, name in zip(["floor", *names], names, strict=False)}
     with pytest.raises(SceneKeyError, match=r"c12\.on: 13 free objects stand on each other, which should be 12"):
         checked(scene_of(objects, model=spec))
+
+
+def test_visible_pieces_carry_nothing():
+    """With visual geometry the contacts are those of the geoms that collide, wherever these end."""
+    objects = {"pan": {"asset": "pan", "on": "floor"}, "block": {"asset": "block", "in": "pan"}}
+    checked(scene_of(objects, geometry="visual"))
+    text = """<mujoco><worldbody><body name="bench">
+      <geom type="box" size=".3 .3 .2" pos="0 0 .2" contype="0" conaffinity="0"/>
+      <geom type="box" size=".3 .3 .199" pos="0 0 .199" group="3" solref="1.5 1" priority="1"/></body>
+      <body name="crate"><freejoint/><geom type="box" size=".05 .05 .05"/></body></worldbody></mujoco>"""
+    spec = mujoco.MjSpec.from_string(text)
+    with pytest.raises(SceneKeyError, match="'crate' sinks into its support"):
+        checked(scene_of({"crate": {"on": "bench"}}, model=spec, geometry="visual"))
