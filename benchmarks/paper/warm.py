@@ -21,6 +21,7 @@ from sceniris_gym.program.compiled import CompiledScene
 
 _KINDS = {
     "draw": "draw",
+    "ahead": "draw",
     "points": "regions",
     "sides": "regions",
     "region_pieces": "regions",
@@ -30,6 +31,7 @@ _KINDS = {
     "standing": "standing",
     "accept": "accept",
     "rounds": "rows and rounds",
+    "settle": "rows and rounds",
 }
 """The kind of work that the kernels of a file of layout/wave/ do."""
 
