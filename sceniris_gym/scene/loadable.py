@@ -23,6 +23,7 @@ def without_broken(config: SceneConfig) -> SceneConfig:
     Raises:
         SceneFileError: No file of a folder is left.
     """
+    left_out: list[str] = []
     for name, members in config.folders.items():
         broken = {}
         for i, member in enumerate(members):
@@ -38,8 +39,8 @@ def without_broken(config: SceneConfig) -> SceneConfig:
             more = f"\n{len(broken) - _TOLD} more" if len(broken) > _TOLD else ""
             message = f"{where}: {len(broken)} of {len(members)} files of the folder are left out:{told}{more}"
             warnings.warn(ModelWarning(message), stacklevel=3)
-            config = config.without(broken)
-    return config
+            left_out += broken
+    return config.without(left_out) if left_out else config
 
 
 def _reason(config: SceneConfig, name: str, member: str) -> str:

@@ -54,6 +54,19 @@ def test_an_override_of_one_file_leaves_the_folder_a_folder(tmp_path: Path):
     assert len(SceneConfig.load(found, {"objects.thing.holdout": 0.7}).variants["thing"]) == 5
 
 
+def test_files_of_each_folder_are_left_out(tmp_path: Path):
+    """Of two folders that both have one: neither brings back that of the other."""
+    objects = {}
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        for file, text in {"cut": BROKEN["cut"], "a": SOUND, "b": SOUND}.items():
+            (tmp_path / name / f"{file}.xml").write_text(text)
+        objects[name] = {"asset": str(tmp_path / name / "*"), "on": "floor"}
+    with pytest.warns(ModelWarning, match="1 of 3 files"):
+        found = build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects}))
+    assert found.config.variants == {"first": ("first/a", "first/b"), "second": ("second/a", "second/b")}
+
+
 def test_a_folder_without_a_sound_file_is_refused(tmp_path: Path):
     """With the first reason."""
     with pytest.raises(SceneFileError, match=r"no file of the folder can be a variant\. The first: .*thing/cut"):
