@@ -9,7 +9,7 @@ import mujoco
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ModelWarning, SceneFileError, ScenirisError
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.assemble import attach_object, compile_spec
+from sceniris_gym.scene.assemble import attach_variants, compile_spec
 from sceniris_gym.scene.variants import check_variants
 
 _TOLD = 5  # files of an object that a warning names
@@ -47,7 +47,7 @@ def _reason(config: SceneConfig, name: str, member: str) -> str:
     """Return the error about a variant in a scene of its own; nothing if it is sound."""
     alone = mujoco.MjSpec()
     try:
-        attach_object(alone, member, config.objects[member], config.where)
+        attach_variants(alone, name, {member: config.objects[member]}, config.where, bodies=True)
         mjm = compile_spec(alone, f"{config.where}: objects.{member}.asset")
         check_variants(alone, mjm, {name: (member,)}, config.where)
     except ScenirisError as error:

@@ -54,6 +54,24 @@ def test_an_override_of_one_file_leaves_the_folder_a_folder(tmp_path: Path):
     assert len(SceneConfig.load(found, {"objects.thing.holdout": 0.7}).variants["thing"]) == 5
 
 
+def test_a_file_is_left_out_for_the_reason_that_a_variant_is_refused_for(tmp_path: Path):
+    """A soft one is told to be soft, and one whose kind drops the joint of its motor to have that."""
+    cloth = '<flexcomp type="grid" count="3 3 3" spacing=".02 .02 .02" name="f" dim="3" mass=".1"/>'
+    motor = '<actuator><motor joint="j"/></actuator>'
+    files = {
+        "a": SOUND,
+        "b": SOUND,
+        "soft": f'<mujoco><worldbody><body name="soft">{cloth}</body></worldbody></mujoco>',
+        "driven": f'<mujoco><worldbody><body><freejoint name="j"/>{GEOM}</body></worldbody>{motor}</mujoco>',
+    }
+    config = SceneConfig.load(scene(tmp_path, files), {"objects.thing.kind": "fixture"})
+    with pytest.warns(ModelWarning, match="2 of 4 files") as told:
+        found = build_model(config)
+    assert found.config.variants == {"thing": ("thing/a", "thing/b")}
+    assert "objects.thing/soft: is soft" in str(told[0].message)
+    assert "have actuators of joints that are dropped" in str(told[0].message)
+
+
 def test_files_of_each_folder_are_left_out(tmp_path: Path):
     """Of two folders that both have one: neither brings back that of the other."""
     objects = {}
