@@ -26,8 +26,10 @@ def files_of(pattern: str) -> list[Path]:
     Warns of files whose names are no text, which are left out.
 
     Raises:
-        PydanticCustomError: There is none.
+        PydanticCustomError: There is none, or the pattern is one of folders.
     """
+    if is_pattern(str(Path(pattern).parent)):
+        raise wrong("should have its '*' in the name of the file and in no folder's")
     found = sorted(path for path in Path(pattern).parent.glob(Path(pattern).name) if path.suffix == ".xml")
     named = [path for path in found if path.name.isprintable()]
     if not named:

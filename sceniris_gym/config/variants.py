@@ -131,6 +131,8 @@ def _members(
         if not isinstance(single.get(member, {}), Mapping):
             _refuse(("objects", member), "should be a mapping of keys to values", single[member])
         own = merge(words, single.get(member, {}), at)
+        for word in (word for word in OF_VARIANTS if word in own):
+            _refuse((*at, VARIANTS, variant, word), f"should be a word of the object '{name}'", own[word])
         for word in own.keys() & drawn.keys():
             drawn[word][member] = own.pop(word)
         members[member] = merge(shared, own, at)
@@ -138,6 +140,8 @@ def _members(
     group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
     for split in SPLITS:
         drawable = [name for name in members if group["splits"].get(name, split) == split]
+        if not drawable:
+            _refuse((*at, VARIANTS), f"should have one that the split '{split}' may draw", list(variants))
         if all(drawn["weight"].get(name) == 0 for name in drawable):
             _refuse((*at, VARIANTS), f"should have one of a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}

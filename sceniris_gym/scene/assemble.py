@@ -169,6 +169,11 @@ def names_in(asset: str, where: str) -> Names:
 
 def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
     if not SHIPPED_NAME.fullmatch(asset):
+        if Path(asset).is_dir():
+            raise SceneFileError(
+                f"{where}: '{asset}' is a folder and should be an MJCF or URDF file. An object of which each file of "
+                f"it is a variant has '{asset}/*'."
+            )
         return load_model(Path(asset), where)
     assets = shipped("assets", ".xml")
     if asset not in assets:

@@ -163,8 +163,13 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no weights in a split": (
         {"objects.target.variants.can.split": "eval", "objects.target.variants.mug.split": "eval"},
-        r"objects\.target\.variants: .*in the split 'train'",
+        r"objects\.target\.variants: .*should have one that the split 'train' may draw",
     ),
+    "variants of a variant": (
+        {"objects.target.variants.can.variants": {"tin": {"asset": "tin"}}},
+        r"objects\.target\.variants\.can\.variants: .*a word of the object 'target'",
+    ),
+    "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "in no folder's"),
     "two kinds": (
         {"objects.target.variants.mug.kind": "fixture"},
         r"objects\.target\.variants\.mug\.kind: .*the kind of",

@@ -107,3 +107,12 @@ def test_an_error_of_something_else_is_told(tmp_path: Path):
     )
     with pytest.raises(UnknownNameError, match=r"objects\.other\.asset"):
         build_model(config)
+
+
+def test_a_folder_without_a_star_is_told_to_need_one(tmp_path: Path):
+    """An asset is a file; the pattern of all files of the folder is named."""
+    config = SceneConfig.load(
+        {"floor": {"size": [1, 1]}, "objects": {"thing": {"asset": str(tmp_path), "on": "floor"}}}
+    )
+    with pytest.raises(SceneFileError, match=rf"objects\.thing\.asset: .* is a folder .*'{tmp_path}/\*'"):
+        build_model(config)

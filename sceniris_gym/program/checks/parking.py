@@ -27,9 +27,10 @@ def check_parking(plan: Plan) -> None:
     for o in (o for o in plan.objects if o.name in absent):
         edge = float((o.variants[0].bounds[2:] - o.variants[0].bounds[:2]).max())
         if edge >= PARKING_SPACING:  # neighbours on the lattice would touch
+            cure = "leave this variant out" if o.name in config.owners else "take it out of its group"
             raise SceneKeyError(
                 f"{config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, and absent objects are "
-                f"parked {PARKING_SPACING:g} m apart. Use something smaller, or take it out of its group."
+                f"parked {PARKING_SPACING:g} m apart. Use something smaller, or {cure}."
             )
     corners = _home_corners(plan)
     for o in plan.objects:

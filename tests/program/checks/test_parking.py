@@ -134,6 +134,13 @@ def test_what_may_be_absent_is_narrower_than_the_places_are_apart(tmp_path: Path
     _check(_scene(tmp_path, {"slab": slab}, {"all": {"of": ["slab"], "count": 1}}))
 
 
+def test_a_variant_that_is_too_large_is_to_be_left_out(tmp_path: Path):
+    """It is in no group that the user wrote."""
+    slab = {"variants": {"one": {"asset": box_mjcf(tmp_path, "slab", 3.0, 0.5, 0.1)}, "two": {"asset": "can"}}}
+    with pytest.raises(SceneKeyError, match=r"objects\.slab/one: is 3 m wide .* or leave this variant out\."):
+        _check(_scene(tmp_path, {"slab": {**slab, "region": {"box": [[0, 0, 1], [1, 1, 2]]}}}))
+
+
 def test_without_groups_anything_may_stand_there(tmp_path: Path):
     """Nothing is parked, so nothing is in the way."""
     tower = {"asset": write_mjcf(tmp_path, "tower", '<geom type="box" size="1 1 1" pos="41 41 1"/>'), "kind": "static"}
