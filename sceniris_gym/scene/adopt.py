@@ -82,9 +82,12 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
                 f"taken as it is. {PLACE_ON}"
             )
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
+        # place_on refuses scenes with assets, such as those of variants
+        attached = any(part.asset is not None for part in config.objects.values())
+        cure = "Give the scene a 'floor', or the MjSpec an endless plane at z = 0." if attached else PLACE_ON
         raise SceneKeyError(
             f"{config.where}: groups: the model has no ground on which absent members are parked, and a model in "
-            f"memory is taken as it is. {PLACE_ON}"
+            f"memory is taken as it is. {cure}"
         )
 
 

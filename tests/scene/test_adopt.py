@@ -162,6 +162,16 @@ def test_members_that_are_parked_need_a_ground():
     assert built(spec.compile(), scene).mjm.geom("parking_ground").id > 0
 
 
+def test_a_model_without_ground_gets_a_floor_for_variants():
+    """`place_on`, which attaches no assets, is no cure for them; the one that is told works."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1])
+    scene = {"objects": {"thing": {"asset": ["can", "mug"], "on": "table"}}}
+    with pytest.raises(SceneKeyError, match=r"groups: the model has no ground .* Give the scene a 'floor', or"):
+        built(spec, scene)
+    assert built(spec, {**scene, "floor": {"size": [1, 1]}}).sim.mjm.nbody == 2
+
+
 def test_mocap_bodies_stand_where_the_keyframe_has_them():
     """In a MjModel as in one from a file; the given model keeps its own."""
     text = '<mujoco><worldbody><body name="m" mocap="true" pos="1 0 0"><geom size=".1"/></body></worldbody>{}</mujoco>'
