@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from sceniris_gym.config.bounds import BOUNDS
 from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS, GroupConfig
@@ -121,7 +122,8 @@ def _members(
     shared = {word: value for word, value in part.items() if word not in OF_VARIANTS}
     variants = _scaled(at, _listed(at, part, shared), shared)
     if not variants:
-        _refuse((*at, VARIANTS), "should have at least one variant", variants)
+        word = VARIANTS if VARIANTS in part else "asset"
+        _refuse((*at, word), "should have at least one variant", part[word])
     members: dict[str, dict] = {}
     drawn: dict[str, dict[str, Any]] = {word: {} for word in DRAWN}
     for variant, words in variants.items():
@@ -207,6 +209,8 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
         if isinstance(scales, list | tuple):
             if not scales or any(isinstance(scale, bool) or not isinstance(scale, int | float) for scale in scales):
                 _refuse(place, "should be a number or a list of numbers", scales)
+            if not all(BOUNDS["scale"].holds(scale) for scale in scales):
+                _refuse(place, BOUNDS["scale"].advice, scales)
             named = {f"{name}-{100 * scale:g}".replace(".", "_"): {**words, "scale": scale} for scale in scales}
             if len(named) < len(scales):
                 _refuse(place, "should have each scale once", scales)

@@ -217,6 +217,11 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         r"target\.variants: 'can-80' should be the name of one variant only",
     ),
     "a word of one that is no mapping": ({"objects.target/can": 3}, r"objects\.target/can: 3 should be a mapping"),
+    "no assets": ({"objects.other": {"asset": [], "on": "table"}}, r"other\.asset: \[\] should have at least one"),
+    "a scale beyond all floats": (
+        {"objects.other": {"asset": "can", "scale": [1, 10**400], "on": "table"}},
+        r"other\.scale: .* should be from 0\.01 to 100",
+    ),
     "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),
 }
 
