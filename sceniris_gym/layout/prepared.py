@@ -2,9 +2,9 @@
 
 A layout is a pure function of (scene, split, seed, episode), so the next one of a world can be made as soon as the
 last one is served: on a GPU on a stream of its own, beside the steps that follow. A few layouts take about as long as
-many, so a prefetch starts once enough worlds wait for one: the more, the longer no world was reset again while it
-waited. A reset never waits for a prefetch: a layout that is not ready, because it is still being made or the world was
-reseeded, is made in place. Either way it is the same layout.
+many, so a prefetch starts once enough worlds wait for one; how many grows until a world is reset that waits already. A
+reset never waits for a prefetch: a layout that is not ready, because it is still being made or the world was reseeded,
+is made in place. Either way it is the same layout.
 """
 
 import sys
@@ -29,7 +29,7 @@ _FIRST = -1
 _LEAST, _MOST, _MORE = (wp.constant(share) for share in (1.0 / 4.0, 2.0 / 3.0, 1.0 / 64.0))
 """A prefetch starts once this share of the worlds waits for its next layout.
 
-It is the least share after a world was reset that waited already, and grows by `_MORE` with each prefetch until then.
+It is `_LEAST` after a world was reset that waited already, and grows by `_MORE` with each prefetch, to `_MOST`.
 """
 
 _PATIENCE = 32

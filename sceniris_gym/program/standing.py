@@ -257,13 +257,13 @@ def _contact(scene: SceneModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray,
     ref, imp = (np.average(x[first], axis=0, weights=mix) for x in (mjm.geom_solref, mjm.geom_solimp))
     if mjm.geom_solref[first, 0].min() <= 0.0:
         ref = mjm.geom_solref[first].min(axis=0)
-    friction = sliding[first].max() * (mjm.geom_condim[first].max() > 1)
+    friction, slides = sliding[first].max(), mjm.geom_condim[first].max() == 1
     for pair in np.flatnonzero(np.isin(mjm.pair_geom1, (a, b)) & np.isin(mjm.pair_geom2, (a, b))):
         ref, imp = mjm.pair_solref[pair], mjm.pair_solimp[pair]
-        friction = mjm.pair_friction[pair, 0] * (mjm.pair_dim[pair] > 1)
+        friction, slides = mjm.pair_friction[pair, 0], mjm.pair_dim[pair] == 1
     if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         ref, imp, friction = mjm.opt.o_solref, mjm.opt.o_solimp, mjm.opt.o_friction[0]
-    return ref, imp, float(friction)
+    return ref, imp, 0.0 if slides else float(friction)
 
 
 def _sink(scene: SceneModel, load: float, bodies: list[int], ref: np.ndarray, imp: np.ndarray) -> float:
@@ -290,4 +290,4 @@ def _sink(scene: SceneModel, load: float, bodies: list[int], ref: np.ndarray, im
     d = least + np.where(x < middle, early, late) * (most - least)
     share = force / max(stiff, mujoco.mjMINVAL)
     depth = np.interp(share, width * x * d**2 / (1.0 - d), width * x)
-    return max(float(depth), share * (1.0 - most) / most**2)  # below the width nothing gets stiffer
+    return max(float(depth), share * (1.0 - most) / most**2)  # deeper than the width it gets no stiffer

@@ -122,10 +122,11 @@ def _body_weight(w: Derived, worldid: int, bodyid: int):
     for i in range(first, end):
         jacr = w.jacr[bodyid, i]
         jacp = w.jacp[bodyid, i] + wp.cross(jacr, arm)
-        for j in range(first, i + 1):  # and the same above the diagonal
+        for j in range(first, i + 1):  # both halves, as the error of one alone may be greater than the sum
             other = w.jacp[bodyid, j] + wp.cross(w.jacr[bodyid, j], arm)
             products = wp.vec2(wp.dot(jacp, other), wp.dot(jacr, w.jacr[bodyid, j]))
-            weight += wp.where(i == j, 1.0, 2.0) * w.inverse[worldid, 0, w.dof_row[i] + j] * products
+            both = w.inverse[worldid, 0, w.dof_row[i] + j] + w.inverse[worldid, 0, w.dof_row[j] + i]
+            weight += wp.where(i == j, 0.5, 1.0) * both * products
     w.body_invweight0[worldid, bodyid] = weight / 3.0
 
 

@@ -90,9 +90,9 @@ def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | No
         raise ArgumentError(f"options['state'] should be of different worlds below {num_envs}: {worlds.tolist()}.")
     for name, tensor in live.items():
         tensor[worlds] = snapshot.rows[name].to(device)
-    written = torch.zeros(num_envs, dtype=torch.bool, device=device)
-    written[worlds] = True
-    return written
+    restored = torch.zeros(num_envs, dtype=torch.bool, device=device)
+    restored[worlds] = True
+    return restored
 
 
 def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> dict[str, Tensor]:

@@ -135,6 +135,20 @@ def test_armatures_of_tendons_and_actuators_count():
     check(mjm, [drawn(mjm, seed) for seed in range(NWORLD)])
 
 
+def test_weights_in_a_long_chain_are_those_of_mujoco():
+    """As near as single precision gets: terms of a body's weight are far greater than their sum."""
+    link = '<body pos="0.1 0 0"><joint axis="{} {} 0"/><geom size="0.03" pos="0.05 0 0"/>'
+    links = "".join(link.format(i % 2, 1 - i % 2) for i in range(40))
+    mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{links}{'</body>' * 40}</worldbody></mujoco>")
+    with wp.ScopedDevice("cpu"):
+        m = mjw.put_model(mjm)
+        expected = m.body_invweight0.numpy().copy()
+        m.body_invweight0.zero_()
+        outputs = ["body_invweight0", "dof_invweight0", "tendon_invweight0", "actuator_acc0"]
+        DerivedFields(mjm, m, 1).launch(wp.ones(1, dtype=wp.bool), outputs)
+    np.testing.assert_allclose(m.body_invweight0.numpy(), expected, rtol=0.03)
+
+
 def test_only_fields_with_a_row_for_each_world_are_written():
     """The others have one row, which stays."""
     mjm = mujoco.MjModel.from_xml_string(CAMERAS)

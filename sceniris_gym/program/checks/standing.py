@@ -134,8 +134,9 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
             fall = max(fall, float((start - _point(data, o.ground, at))[2]))
         if fall > _GIVES:
             names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
-            held = f"joint {names}. Hold that by its frictionloss, stiffness, limits or actuator"
-            by = f"free body '{mjm.body(root).name}'. Place that, too" if is_loose else held
+            by = f"joint {names}. Hold that by its frictionloss, stiffness, limits or actuator"
+            if is_loose:
+                by = f"free body '{mjm.body(root).name}'. Place that, too"
             raise SceneKeyError(
                 f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by {by}, {_ANYWAY}."
             )

@@ -57,6 +57,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"gravity": ".1 0 -9.8", "geom": 'condim="1" priority="1"'},
         "'crate' slides off 'bench'",
     ),
+    "no friction, whatever the override says": (
+        {"gravity": ".1 0 -9.8", "geom": 'condim="1" priority="1"', "flag": '<flag override="enable"/>'},
+        "'crate' slides off 'bench'",
+    ),
     "a loose stool": (
         {"on": "stool"},
         r"gives way by [0-9.]+ mm under 1 kg, by free body 'stool'\. Place",
