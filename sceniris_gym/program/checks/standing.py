@@ -113,7 +113,8 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
         return
     model, data = copy.copy(mjm), mujoco.MjData(mjm)
     held = np.isin(mjm.body_rootid, placed) | (not is_loose)  # what is loose may stand on what is there, too
-    model.opt.disableflags |= 0 if is_loose else int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    if not is_loose:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     model.geom_contype[held[mjm.geom_bodyid]] = model.geom_conaffinity[held[mjm.geom_bodyid]] = 0
     for joint in np.flatnonzero((mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE) & held[mjm.jnt_bodyid]):
         model.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + 6] = _HELD
