@@ -104,6 +104,7 @@ def measure(
     start = time.perf_counter()
     runner.learn(iterations)
     updated, exchanged = update.seconds(), sum(exchange.seconds() for exchange in exchanges)
+    rollout = time.perf_counter() - start - updated
     _wait(rank)
     seconds = time.perf_counter() - start
     steps = rank.size * num_envs * iterations * config.CONFIG["num_steps_per_env"]
@@ -115,6 +116,7 @@ def measure(
         "worlds_each": num_envs,
         "iterations": iterations,
         "steps_per_second": round(steps / seconds),
+        "rollout_seconds": _of_all(rollout, rank, place),
         "update_share": round(updated / seconds, 4),
         "exchange_share": round(exchanged / seconds, 4),
         "weights_differ_by": float((weights - _first(weights, rank)).abs().max()),
@@ -189,6 +191,17 @@ def _wait(rank: Rank) -> None:
         torch.cuda.synchronize()
     if rank.size > 1:
         dist.barrier()
+
+
+def _of_all(number: float, rank: Rank, place: torch.device) -> list[float]:
+    """Return the number of each process."""
+    own = torch.tensor(number, device=place)
+    every = [torch.empty_like(own) for _ in range(rank.size)]
+    if rank.size > 1:
+        dist.all_gather(every, own)
+    else:
+        every = [own]
+    return [round(float(one), 3) for one in every]
 
 
 def _first(tensor: Tensor, rank: Rank) -> Tensor:
