@@ -110,9 +110,9 @@ def pose_arm(
 def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
 
-    More are tested where many have failed, where few rows are left for the `at_once` candidates that a launch tests side
-    by side, and all where rows wait for room, which bounds the number of waves. Other lanes may defer the candidates
-    before it meanwhile.
+    More are tested where many have failed, and where the wave has few rows for the `at_once` candidates that a launch
+    tests side by side; all are where rows wait for room, which bounds the number of waves. Other lanes may defer the
+    candidates before it meanwhile.
     """
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
         return False
@@ -134,8 +134,8 @@ def _pose(
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos,
-    #   qpos, body_pos, body_quat
+    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, failed, grasp_qpos,
+    #   pregrasp_qpos, qpos, body_pos, body_quat
     # ReachSearch out: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
