@@ -110,8 +110,8 @@ def pose_arm(
 def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
 
-    More are tested where many have failed, and where the wave has few rows for the `at_once` candidates that a launch
-    tests side by side; all are where rows wait for room, which bounds the number of waves. Other lanes may defer the
+    More are tested where some have failed, and where the wave has few rows for the `at_once` candidates that a launch
+    tests as fast as one; all are where rows wait for room, which bounds the number of waves. Other lanes may defer the
     candidates before it meanwhile.
     """
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
@@ -122,7 +122,7 @@ def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
         failed = reach_search.failed[other]
         if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
             earlier += 1
-    return earlier >= wp.max(1 + reach_search.tried[row] // 2, at_once // reach_search.rows[0])
+    return earlier >= wp.max(1 + 4 * reach_search.tried[row], at_once // reach_search.rows[0])
 
 
 @wp.kernel(grid_stride=False)
@@ -166,5 +166,6 @@ def _pose(
 
 def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
     """Pose the robot of each candidate as a step tests it, the hand alone before there are joints. Defer some."""
-    lanes, blocks = work.size.lanes, work.size.blocks
-    work.launch(_pose, lanes, [work.program, reach, int(step), blocks, lanes, work.layouts], reach_search)
+    lanes = work.size.lanes
+    at_once = work.size.blocks // 4  # on an H200, four times as many take longer
+    work.launch(_pose, lanes, [work.program, reach, int(step), at_once, lanes, work.layouts], reach_search)
