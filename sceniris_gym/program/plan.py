@@ -13,7 +13,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.objects import JointConfig
+from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError
 from sceniris_gym.geometry.pieces import Piece, PieceType
@@ -175,11 +175,12 @@ def _placed_object(
 ) -> PlacedObject:
     """Work out one step of the program."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
+    if config is None:  # a robot whose base is not drawn
+        config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
     drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
-    intervals = {d.qposadr: d.intervals for d in drawn}
-    followers = followers_of(scene.couplings, intervals)
+    followers = followers_of(scene.couplings, {d.qposadr: d.intervals for d in drawn})
     step = PlacedObject(name, _stream(scene.config, name), ObjectKind.STATIC, bodies, config, drawn, followers)
-    if config is None or not config.is_placed:
+    if not config.is_placed:
         return step
     own = _solid(pieces, bodies)
     shape = HomeShape(home, bodies[0], own)
@@ -193,7 +194,7 @@ def _placed_object(
     support = None if word is None else scene.support(word.parent, f"{where}.{word.word}")
     step = replace(step, support=support, tilts=support is not None and may_lean(scene, support))
     if orientation == "stable":
-        poses = stable_poses(scene, name, own, home, intervals, followers, step.ground)
+        poses = stable_poses(scene, step, own, home)
     variants = [shape.variant(*pose) for pose in poses]
     if name in scene.config.all_robots:
         variants = [_around_base(variant) for variant in variants]
@@ -208,7 +209,7 @@ def _placed_object(
         step,
         footprint=shape.hull(bodies[0]) if len(own) > 1 and not drawn and config.ratio_on_support == 1.0 else None,
         variants=variants,
-        surfaces=surfaces_of(scene, name, support, pieces, home, edges),
+        surfaces=surfaces_of(scene, step, pieces, home, edges),
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
     )
 

@@ -117,20 +117,21 @@ def plan_reaching(
         GraspError: An object that the gripper cannot grasp.
     """
     config = scene.config
-    asked = [(i, o, o.config) for i, o in enumerate(objects) if o.config is not None and o.config.reachable]
-    by = {o.name: config.robot_for(o.name) for _, o, _ in asked}
+    asked = [(i, o) for i, o in enumerate(objects) if o.config.reachable]
+    by = {o.name: config.robot_for(o.name) for _, o in asked}
     arms: list[ReachingArm] = []
     targets: list[ReachTarget] = []
     for robot in (name for name in config.all_robots if name in by.values()):
         arm, (own, _) = robot_arm(scene, robot), scene.home_of(robot)
         gripper = Gripper.from_model(own.mjm, arm, own.home_qpos, pieces if own is scene else obstacles(own))
         reach_map = load_map(arm, config.all_robots[robot], config.where)
-        base = next((i for i, o in enumerate(objects) if o.name == robot and o.config is not None), -1)
+        base = next((i for i, o in enumerate(objects) if o.name == robot and o.config.is_placed), -1)
         drawn = next((i for i, o in enumerate(objects) if o.name == robot), -1)
         default = default_tier(arm, reach_map)
-        for i, o, words in asked:
+        for i, o in asked:
             if by[o.name] != robot:
                 continue
+            words = o.config
             tier = Tier.MAP if words.reachable is True else Tier.of(str(words.reachable))
             tier = tier if default.needs_map or not tier.needs_map else default
             shape = Graspable(scene, o.name, pieces, home)

@@ -131,7 +131,7 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece],
             load[carrier] += load[number]
     found: list[Stance] = []
     for number, (o, carrier) in enumerate(zip(objects, below, strict=True)):
-        if o.config is None or not o.config.has_to_stand or o.heap is not None:
+        if not o.config.has_to_stand or o.heap is not None:
             found.append(NO_STANCE)
             continue
         levels = [number]
@@ -165,11 +165,10 @@ def _stance(
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     support, mjm = o.support, scene.mjm
     assert support is not None
-    assert o.config is not None
     if scene.config.geometry != "physics":  # visible pieces carry nothing
         pieces = extract_pieces(mjm, "physics", {*o.bodies, support.body})
     found = [p for p in pieces if p.body in o.bodies]
-    touch = touch_distances(mjm, scene.contact_rules, found, support.body)
+    touch = touch_distances(scene, found, support.body)
     own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]
     if not own:
         return replace(NO_STANCE, levels=levels)
@@ -183,7 +182,7 @@ def _stance(
     ] or there
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
     shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
-    states = drawn_states(scene, home, {d.qposadr: d.intervals for d in o.joint_ranges}, o.followers)
+    states = drawn_states(scene, o, home)
     centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in states)]
     contacts = [([a.body, b.body], *_contact(scene, a.geom, b.geom)) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
@@ -222,7 +221,6 @@ def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
     """Return whether the foot lies on its support in any heading, as its region or walls keep it from the edge."""
-    assert o.config is not None
     for surfaces, own in zip(o.surfaces, feet, strict=True):
         reach = np.linalg.norm(np.concatenate(own.parts), axis=1).max()
         parts = shapely.union_all([MultiPoint(part).convex_hull for part in own.parts])

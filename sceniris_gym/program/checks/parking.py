@@ -58,7 +58,7 @@ def _home_corners(plan: Plan) -> dict[str, np.ndarray]:
 def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
     """Return the greatest x and y [m] that an object may reach, wherever it is placed, in any joint state."""
     size = _size(plan, o)
-    if o.config is None or not o.config.is_placed:
+    if not o.config.is_placed:
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
     if o.config.support is None:
         assert o.config.region is not None
