@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 
-import mujoco
-
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.tier import Tier
@@ -97,9 +95,7 @@ class Reaching:
         return tuple(target.name for target in self.targets)
 
 
-def plan_reaching(
-    scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData
-) -> Reaching | None:
+def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> Reaching | None:
     """Find the arms of a scene, their maps and the grasps of their reach targets; None if there are no targets.
 
     A target is decided by the tier that it asks for, or by `ik` where the arm has no map that is right often enough.
@@ -108,7 +104,6 @@ def plan_reaching(
         scene: The scene.
         objects: The objects of its plan, in placement order.
         pieces: All obstacles.
-        home: MjData at the start pose.
 
     Raises:
         ArmError: A robot is not a serial arm.
@@ -134,7 +129,7 @@ def plan_reaching(
             words = o.config
             tier = Tier.MAP if words.reachable is True else Tier.of(str(words.reachable))
             tier = tier if default.needs_map or not tier.needs_map else default
-            shape = Graspable(scene, o.name, pieces, home)
+            shape = Graspable(scene, o.name, pieces, scene.home)
             grasps = shape.grasp_set(o.variants, words.drawn_orientation.kind == "any", gripper, words.grasp)
             early = tier == Tier.CLEAR and drawn < i < len(objects) - 1
             targets.append(ReachTarget(o.name, i, len(arms), i < base, early, tier, grasps))

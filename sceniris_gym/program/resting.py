@@ -26,9 +26,7 @@ _FALL = 2.5e-3
 _LEAST_WEIGHT = 1.0e-3
 
 
-def stable_poses(
-    scene: SceneModel, o: PlacedObject, own: list[Piece], home: mujoco.MjData
-) -> list[tuple[np.ndarray, float]]:
+def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[tuple[np.ndarray, float]]:
     """Return the stable poses of an object and their probabilities, by its physics also with `geometry: visual`.
 
     The poses and probabilities are those of its home state. A free object keeps those in which it rests in all states
@@ -38,12 +36,11 @@ def stable_poses(
         scene: The scene.
         o: The object, without its variants.
         own: Its pieces, taken where it has no collision geometry.
-        home: MjData at the start pose.
 
     Raises:
         SceneKeyError: It has no such pose.
     """
-    where, bodies = f"{scene.config.where}: objects.{o.name}.orientation", o.bodies
+    where, bodies, home = f"{scene.config.where}: objects.{o.name}.orientation", o.bodies, scene.home
     physics = scene.config.geometry == "physics"
     pieces = sorted(own, key=lambda p: p.geom) if physics else extract_pieces(scene.mjm, "physics", set(bodies))
     if not (pieces or own):
@@ -58,7 +55,7 @@ def stable_poses(
     check_weight(scene.mjm, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
-    states = chain([home], drawn_states(scene, o, home))
+    states = chain([home], drawn_states(scene, o))
     shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
     # with visual geometry it stands on that, whatever carries it
     kept = [pose for pose in poses if not physics or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
@@ -103,7 +100,7 @@ def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list
     ]
 
 
-def drawn_states(scene: SceneModel, o: PlacedObject, home: mujoco.MjData) -> Iterator[mujoco.MjData]:
+def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
     """Yield states that the joints of an object are drawn in, their ends among them.
 
     They are on a grid, or at random where there are many. All of them are in one MjData, as making many
@@ -122,7 +119,7 @@ def drawn_states(scene: SceneModel, o: PlacedObject, home: mujoco.MjData) -> Ite
         ends = [[rng.choice(values[[0, -1]]) for values in levels] for _ in range(_STATES // 2)]
         chosen = [np.array(values) for values in (*ends, *inner)]
     state = mujoco.MjData(scene.mjm)
-    state.qpos[:] = home.qpos
+    state.qpos[:] = scene.home_qpos
     for values in chosen:
         state.qpos[[d.qposadr for d in o.joint_ranges]] = values
         follow([f.coupling for f in o.followers], state.qpos)

@@ -114,14 +114,13 @@ NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 """The stance of what need not stand."""
 
 
-def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData) -> list[Stance]:
+def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> list[Stance]:
     """Return how each object of a plan stands.
 
     Args:
         scene: The scene.
         objects: Its objects in placement order.
         pieces: All obstacles.
-        home: MjData at the start pose.
     """
     mjm, below = scene.mjm, carriers_of(objects)
     heaviest = drawn_bounds(scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
@@ -135,15 +134,15 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece],
             found.append(NO_STANCE)
             continue
         levels = [number]
-        if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, home, found[carrier]):
+        if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
             levels += found[carrier].levels
-        found.append(_stance(scene, o, pieces, home, float(load[number]), levels))
+        found.append(_stance(scene, o, pieces, float(load[number]), levels))
     return found
 
 
-def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, stance: Stance) -> bool:
+def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: Stance) -> bool:
     """Return whether an object stands anywhere, and its weight keeps it where it is whatever is put on it."""
-    mjm, joints = scene.mjm, scene.moving_joints(o.name)
+    mjm, home, joints = scene.mjm, scene.home, scene.moving_joints(o.name)
     # a joint may not carry things sideways; one that tilts them does no harm, as nothing is placed on what it turns up
     tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _LEVEL for j in joints)
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
@@ -159,9 +158,7 @@ def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
     return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
-def _stance(
-    scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, load: float, levels: list[int]
-) -> Stance:
+def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float, levels: list[int]) -> Stance:
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     support, mjm = o.support, scene.mjm
     assert support is not None
@@ -181,9 +178,8 @@ def _stance(
         and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
     ] or there
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
-    shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
-    states = drawn_states(scene, o, home)
-    centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in states)]
+    shape, root = HomeShape(scene.home, o.bodies[0], own), o.bodies[0]
+    centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in drawn_states(scene, o))]
     contacts = [([a.body, b.body], *_contact(scene, a.geom, b.geom)) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
