@@ -21,10 +21,9 @@ def check_parking(plan: Plan) -> None:
         SceneKeyError: An object is too large to be parked, or something may get to where objects are parked.
     """
     config = plan.scene.config
-    absent = {name for group in config.groups.values() if not group.always_whole for name in group.of}
-    if not absent:
+    if not config.absent:
         return
-    for o in (o for o in plan.objects if o.name in absent):
+    for o in (o for o in plan.objects if o.name in config.absent):
         edge = float((o.variants[0].bounds[2:] - o.variants[0].bounds[:2]).max())
         if edge >= PARKING_SPACING:  # neighbours on the lattice would touch
             cure = "leave this variant out" if o.name in config.owners else "take it out of its group"

@@ -19,12 +19,7 @@ from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
-_ORIENTATIONS = {
-    "yaw": OrientationType.YAW,
-    "stable": OrientationType.YAW,
-    "any": OrientationType.ANY,
-    "face_to": OrientationType.FACE_TO,
-}
+_ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
 
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
@@ -86,7 +81,7 @@ def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.nd
     variants, fields = addressed("obj_variant", (o.variants for o in plan.objects))
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
     return {
-        "obj_orientation": np.array([_ORIENTATIONS[d.kind] for d in drawn], int),
+        "obj_orientation": np.array([_ORIENTATIONS.get(d.kind, OrientationType.YAW) for d in drawn], int),
         "obj_target": np.array([plan.places.index(d.target) if d.target else 0 for d in drawn], int),
         "obj_yaw": np.reshape(yaws, (-1, 2)),
         "obj_beside": np.array(
