@@ -14,7 +14,6 @@ from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
-from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.viewer.overhead import is_covered_rightly
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
@@ -88,7 +87,7 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
     itself. Distances between bounds hold for any heading of the object, so their rings are a little too large.
     """
     placed = world.placed(name)
-    relations = [relation_area(world, name, relation) for relation in relations_of(placed)]
+    relations = [relation_area(world, name, relation) for relation in placed.config.relations]
     found = []
     for surface in placed.surfaces[0] if placed.surfaces else []:
         outline, region, height = _in_world(world, surface)
