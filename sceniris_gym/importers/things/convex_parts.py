@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
 
 from sceniris_gym.errors import PartsError, import_extra
 from sceniris_gym.importers.things.fit import Distances, Fit, Measure, tolerance_of
@@ -28,7 +29,6 @@ from sceniris_gym.importers.things.splitting import (
 
 if TYPE_CHECKING:
     import manifold3d
-    import trimesh
 
 MOST_PARTS = 160
 _TOO_MANY = 2 * MOST_PARTS  # of one piece: merging does not reduce more to `MOST_PARTS`, and finer cuts take minutes

@@ -14,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, SliverError
-from sceniris_gym.importers.things import meshes, usd
+from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, import_extra
+from sceniris_gym.importers.things import meshes
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
 from sceniris_gym.importers.things.inertia import inertia_of
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.rest import STILL, Rest, resting_poses, stands
-from sceniris_gym.importers.things.thing import LEAST_MOMENT, Inertia, Link, Surface, Thing
+from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
 from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.importers.things.write import write_asset
 
-SUFFIXES = (*meshes.SUFFIXES, *usd.SUFFIXES, ".urdf")
+SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")
 """Suffixes of the files that can be imported."""
 _FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
 """Inertia of a link that is only a frame."""
@@ -155,7 +155,12 @@ def _read(source: Path) -> Thing:
         raise NotSupportedError(f"{source}: it should be one of {', '.join(SUFFIXES)}. Export it as one of them.")
     if suffix == ".urdf":
         return read_urdf(source)
-    return usd.read_usd(source) if suffix in usd.SUFFIXES else meshes.read_mesh(source)
+    if suffix in meshes.SUFFIXES:
+        return meshes.read_mesh(source)
+    import_extra("pxr", "import", "usd-core")
+    from sceniris_gym.importers.things.usd import read_usd
+
+    return read_usd(source)
 
 
 def _written(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Link:
@@ -163,18 +168,8 @@ def _written(link: Link, solid: Solid | None, parts: Parts | None, density: floa
     if solid is None or parts is None:
         return replace(link, inertia=link.inertia or _FRAME)
     hulls = tuple(Surface(np.asarray(part.vertices), np.asarray(part.faces)) for part in parts.meshes)
-    return replace(link, solids=hulls, inertia=link.inertia or _weigh(link, solid, parts, density, where))
-
-
-def _weigh(link: Link, solid: Solid, parts: Parts, density: float, where: str) -> Inertia:
-    found = inertia_of(solid, parts, density)
-    if (least := found.least) <= LEAST_MOMENT:
-        raise SliverError(
-            f"{where}: {link.name}: it is a sliver of {1e6 * found.mass:.2g} mg, and its least moment of inertia is "
-            f"{least:.1g} kg m^2. It should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo. Leave it out, or give it a "
-            "thickness; if it should be larger, give its --scale."
-        )
-    return found
+    inertia = link.inertia or inertia_of(solid, parts, density, f"{where}: {link.name}")
+    return replace(link, solids=hulls, inertia=inertia)
 
 
 def _grasps(link: Link, written: Link) -> list[GraspSite]:

@@ -5,17 +5,15 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
+from scipy.spatial import ConvexHull
 
 from sceniris_gym.importers.things.fit import are_near
 from sceniris_gym.importers.things.splitting import small_hull
 
-if TYPE_CHECKING:
-    import trimesh
-
-Beyond = Callable[["trimesh.Trimesh", "list[trimesh.Trimesh]"], float]
+Beyond = Callable[[trimesh.Trimesh, list[trimesh.Trimesh]], float]
 
 
 def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[trimesh.Trimesh]:
@@ -26,8 +24,6 @@ def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[
         beyond: Returns the distance of the outside of a part among others from the mesh [m].
         allowed: The largest such distance [m].
     """
-    from scipy.spatial import ConvexHull
-
     alive = dict(enumerate(parts))
     fresh = itertools.count(len(parts))
     heap: list[tuple[float, int, int]] = []

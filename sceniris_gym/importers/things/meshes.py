@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import trimesh
 
 from sceniris_gym.errors import MeshError, SceneFileError, import_extra
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
-
-if TYPE_CHECKING:
-    import trimesh
 
 SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
 """Suffixes of the files that are read."""
@@ -33,8 +31,6 @@ def read_mesh(path: Path) -> Thing:
 
 def read_surfaces(path: Path) -> tuple[Surface, ...]:
     """Read the surfaces of a file of meshes, one for each of its materials; errors as in `read_mesh`."""
-    import trimesh
-
     if path.suffix.lower() == ".dae":
         import_extra("collada", "import", "pycollada")
     try:
@@ -65,8 +61,6 @@ def _check_finite(path: Path) -> None:
 
     When trimesh merges vertices, it silently drops these and their faces, as if the file had holes.
     """
-    import trimesh
-
     for mesh in trimesh.load_scene(path, process=False).geometry.values():
         if isinstance(mesh, trimesh.Trimesh) and not np.isfinite(mesh.vertices).all():
             raise MeshError(f"{path}: it has vertices that are not finite. Export it again.")

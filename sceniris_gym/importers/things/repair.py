@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
 from sceniris_gym.geometry.pieces import convex_hull
 from sceniris_gym.importers.things.fit import Measure, tolerance_of
 from sceniris_gym.importers.things.thing import Surface
-
-if TYPE_CHECKING:
-    import trimesh
 
 MOST_FACES = 500_000
 """The most triangles of a thing: more than any picture of it needs, and minutes of work."""
@@ -73,8 +72,6 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
         FlatMeshError: It lies in a plane.
         OpenMeshError: Too much of it is missing.
     """
-    import trimesh
-
     mesh = _joined(surfaces)
     size = float(mesh.extents.max()) if len(mesh.faces) else 0.0
     report = []
@@ -124,8 +121,6 @@ def _hull_as_near(mesh: trimesh.Trimesh) -> trimesh.Trimesh | None:
 
 def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
     """Return all surfaces as one mesh in which near vertices are merged."""
-    import trimesh
-
     vertices, faces = trimesh.util.append_faces([s.vertices for s in surfaces], [s.faces for s in surfaces])
     used = vertices[np.unique(faces)]
     grid = _WELD * max(float(np.ptp(used, axis=0).max()), 1e-12)
@@ -139,9 +134,6 @@ def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
 
 def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
     """Return the edges that only one face has, each in that face's direction, by hole: arrays of shape (n, 2)."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     edges = mesh.edges
     _, which, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
     single = edges[(count[which.ravel()] % 2) == 1]
@@ -186,8 +178,6 @@ def _capped(
     mesh: trimesh.Trimesh, loops: list[np.ndarray], rgba: tuple[float, ...]
 ) -> tuple[trimesh.Trimesh, tuple[Surface, ...]]:
     """Close each hole by triangles around its middle; return the mesh, and a surface of those that have an area."""
-    import trimesh
-
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
     faces = np.concatenate(
         [

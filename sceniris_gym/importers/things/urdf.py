@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import trimesh
 
 from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix, of_angles
@@ -110,8 +111,6 @@ def _joint(path: Path, element: ElementTree.Element) -> Joint | None:
 
 
 def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[float, ...]]) -> Iterator[Surface]:
-    import trimesh
-
     geometry, material = element.find("geometry"), element.find("material")
     if geometry is None or not len(geometry):
         return
