@@ -7,10 +7,11 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
+import viser
 
 from sceniris_gym.errors import ScenirisError
 from sceniris_gym.layout.layout_id import LayoutId
@@ -20,9 +21,6 @@ from sceniris_gym.viewer.plots import Plots
 from sceniris_gym.viewer.policies import GROUP, Policy
 from sceniris_gym.viewer.requests import Requests
 from sceniris_gym.viewer.window import Window
-
-if TYPE_CHECKING:
-    import viser
 
 _IDLE = 0.25  # s
 _LOOK = 1.0  # s at the end of all episodes, before the next ones begin

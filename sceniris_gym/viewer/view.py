@@ -7,7 +7,8 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+
+import viser
 
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
 from sceniris_gym.progress import listening
@@ -25,9 +26,6 @@ from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import Sketch, erase
 from sceniris_gym.viewer.worlds import Worlds, view_direction
-
-if TYPE_CHECKING:
-    import viser
 
 _FRAME = 1.0 / 60.0  # s between pictures of physics
 _IDLE = 0.25  # s between looks at the scene's files
