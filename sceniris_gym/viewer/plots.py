@@ -93,7 +93,10 @@ class Plots:
             kept[1].remove()
         series: Any = (
             {"label": "step"},
-            *({"label": name, "width": 1.5, **_look(i)} for i, name in enumerate(names)),
+            *(
+                {"label": name, "width": 1.5, "stroke": _COLOURS[i % _MOST], "dash": _DASHES if i >= _MOST else ()}
+                for i, name in enumerate(names)
+            ),
         )
         of_success = chart == "success"
         scales: Any = {"x": {"time": False}, "y": {"range": (-0.1, 1.1)} if of_success else {}}
@@ -120,8 +123,3 @@ def parts_of(shapes: _Shapes) -> list[Part]:
                 parts.append(Part(f"{name}[{', '.join(index)}]" if index else name, first, labels))
                 first += len(labels)
     return parts
-
-
-def _look(i: int) -> dict[str, Any]:
-    """Return colour and dashes of a curve by its number."""
-    return {"stroke": _COLOURS[i % len(_COLOURS)], "dash": _DASHES if i >= len(_COLOURS) else ()}

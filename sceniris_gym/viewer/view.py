@@ -270,9 +270,9 @@ class SceneView:
     def _show_layers(self, world: ShownWorld) -> None:
         for name, sketch in SKETCHES.items():
             if name in self._layers and self._player is None:
-                self._sketch(_path(name), sketch(world, self._only))
+                self._sketch(f"layer_{name}", sketch(world, self._only))
             else:
-                erase(self.server, _path(name))
+                erase(self.server, f"layer_{name}")
         if self._geometry == SEEN or self._player is not None:
             erase(self.server, _PIECES)
         else:
@@ -358,7 +358,3 @@ class SceneView:
 
     def _tell_counts(self) -> None:
         self.panel.table.content = why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid)
-
-
-def _path(layer: str) -> str:
-    return f"layer_{layer.replace(' ', '_')}"
