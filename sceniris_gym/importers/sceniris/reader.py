@@ -15,8 +15,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import TIERS
 from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
-from sceniris_gym.importers.sceniris.errors import in_its_keys, origin
-from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes
+from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes, in_its_keys, origin
 from sceniris_gym.importers.sceniris.placement import fixed_place, fixed_points, needed_floor, place
 from sceniris_gym.importers.sceniris.relations import Views
 from sceniris_gym.importers.sceniris.robot import robot_words

@@ -16,9 +16,8 @@ import numpy as np
 
 from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, import_extra
 from sceniris_gym.importers.things import meshes
-from sceniris_gym.importers.things.convex_parts import Parts, convex_parts
+from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
-from sceniris_gym.importers.things.inertia import inertia_of
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.rest import STILL, Rest, resting_poses, stands
 from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing
