@@ -197,8 +197,7 @@ def _reachable(keys: KeyReader, tier: str | None) -> dict:
         keys.notes.advise("'reachable' is carried over if read_sceniris gets a 'robot'.")
     elif isinstance(wanted, bool):
         keys.ignore("reachable")
-        return {"reachable": tier} if wanted else {}
-    return {}
+    return {"reachable": tier} if wanted is True and tier is not None else {}
 
 
 def _asset(keys: KeyReader, asset: str | None) -> str:
