@@ -109,16 +109,11 @@ def _try(scene: FirstScene, make: Callable[[SceneConfig], object]) -> None:
                 make(config)
             return
         except ScenirisError as error:
-            name = error.name if isinstance(error, InfeasibleSceneError) else _blamed(str(error))
+            blamed = _OBJECT.search(str(error))
+            name = error.name if isinstance(error, InfeasibleSceneError) else blamed and (blamed.group(1) or ROBOT)
             left = {entry.name for entry in scene.objects if not entry.why}
             left |= {ROBOT} if scene.robot is not None and not scene.robot.why else set()
             if name not in left:
                 raise
             if not scene.let_overhang(name):
                 scene.comment_out(name, str(error).removeprefix(f"{config.where}: "))
-
-
-def _blamed(message: str) -> str | None:
-    """Return the object, or the robot, whose key an error names."""
-    found = _OBJECT.search(message)
-    return None if found is None else found.group(1) or ROBOT

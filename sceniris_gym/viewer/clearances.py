@@ -58,7 +58,8 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
     heaped = [body for heap in heaps if name in heap.of for other in heap.of for body in scene.subtree(other)]
     aside = {*own, *([] if ground is None else [ground]), *heaped, *world.hidden_bodies()}
     collides = np.flatnonzero((mjm.geom_contype | mjm.geom_conaffinity) != 0).tolist()
-    body_of, carriers = mjm.geom_bodyid.tolist(), _carriers(world)
+    body_of, grounds = mjm.geom_bodyid.tolist(), {other: world.placed(other).ground for other in world.placed_names}
+    carriers = {body: g for other, g in grounds.items() if g is not None for body in scene.subtree(other)}
     best, found = _LOOKED, None
     for a in (g for g in collides if body_of[g] in own):
         for b in (g for g in collides if body_of[g] not in aside):
@@ -70,13 +71,6 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
             if distance < best:
                 best, found = distance, Nearest(_owner(world, b), ends.reshape(2, 3), distance)
     return found
-
-
-def _carriers(world: ShownWorld) -> dict[int, int]:
-    """Return body of a placed object -> body that carries the object."""
-    grounds = {name: world.placed(name).ground for name in world.placed_names}
-    scene = world.compiled.scene
-    return {body: g for name, g in grounds.items() if g is not None for body in scene.subtree(name)}
 
 
 def _owner(world: ShownWorld, geom: int) -> str:

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.geometry.supports import SupportSurface, triangulate
+from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.program.device import Cover
 from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.program.plan import PlacedObject
@@ -95,7 +95,11 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
     relations = [relation_area(world, name, relation) for relation in relations_of(placed)]
     found = []
     for surface in placed.surfaces[0] if placed.surfaces else []:
-        outline, region, height = _in_world(world, surface)
+        mat, pos = world.data.xmat[surface.body].reshape(3, 3), world.data.xpos[surface.body]
+        across = (mat[0, 0], mat[0, 1], mat[1, 0], mat[1, 1], pos[0], pos[1])
+        height = float(pos[2] + mat[2, 2] * surface.height)
+        outline = affine_transform(_areas(surface.region) if surface.is_endless else surface.outline, across)
+        region = affine_transform(surface.region, across)
         for area in relations:
             region = region.intersection(area) if area is not None else region
         region = is_covered_rightly(world, placed, region, height)
@@ -144,14 +148,6 @@ def _areas(region: BaseGeometry) -> MultiPolygon:
     discs = [part.buffer(_SITE) if isinstance(part, Point) else part for part in shapely.get_parts(region)]
     parts = shapely.get_parts(shapely.union_all([disc for disc in discs if isinstance(disc, Polygon)]))
     return MultiPolygon([part for part in parts if part.area > 0.0])
-
-
-def _in_world(world: ShownWorld, surface: SupportSurface) -> tuple[MultiPolygon, BaseGeometry, float]:
-    mat, pos = world.data.xmat[surface.body].reshape(3, 3), world.data.xpos[surface.body]
-    across = (mat[0, 0], mat[0, 1], mat[1, 0], mat[1, 1], pos[0], pos[1])
-    outline = _areas(surface.region) if surface.is_endless else surface.outline
-    height = float(pos[2] + mat[2, 2] * surface.height)
-    return affine_transform(outline, across), affine_transform(surface.region, across), height
 
 
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:

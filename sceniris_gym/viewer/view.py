@@ -81,8 +81,10 @@ class SceneView:
             self._looked = now
             if self.file.changed():
                 self._try(self.load)
-            elif not self._counted:
-                self._count()
+            elif not self._counted:  # nobody asks for anything
+                self._counted = True
+                self.deck.count_ahead()
+                self._tell_counts()
 
     def load(self) -> None:
         """Read the scene, and show it at the same seed. If that fails, say why, and leave the page as it is."""
@@ -349,12 +351,6 @@ class SceneView:
             last = (self.where.seed + self.num - 1) % 2**64
             made = f"{name}: {self.num} layouts, seeds {self.where.seed} to {last}"
         return self.panel.say(made, notices=self.loaded.notices)
-
-    def _count(self) -> None:
-        """Make more layouts for the table of counts, while nobody asks for anything."""
-        self._counted = True
-        self.deck.count_ahead()
-        self._tell_counts()
 
     def _tell_counts(self) -> None:
         self.panel.table.content = why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid)

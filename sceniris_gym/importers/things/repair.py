@@ -93,10 +93,11 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     if loops:
         shares = [float(np.linalg.norm(_vector_area(mesh.vertices, edges)) / mesh.area) for edges in loops]
         missing = sum(shares)
-        if (max(shares) > LARGEST_HOLE or missing > MOST_OPEN) and (hull := _hull_as_near(mesh)) is not None:
-            told = f"{missing:.0%} of its surface is missing: taken as its convex hull, which is as near to the surface"
-            return Solid(hull, True, (*report, f"{told} as parts have to be"))
         if max(shares) > LARGEST_HOLE or missing > MOST_OPEN:
+            hull, allowed = convex_hull(mesh.vertices), tolerance_of(mesh)
+            if Measure(mesh, allowed).fit([hull]).error <= allowed:  # then solid and sheet are the same
+                told = f"{missing:.0%} of its surface is missing: taken as its convex hull"
+                return Solid(hull, True, (*report, f"{told}, which is as near to the surface as parts have to be"))
             raise OpenMeshError(
                 f"{where}: it is open along {sum(map(len, loops))} edges. What is missing is {missing:.0%} of "
                 f"what is there, {max(shares):.0%} in the largest hole. Close it (in Blender: Mesh, Clean Up, Fill "
@@ -110,13 +111,6 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     if mesh.volume < _EMPTY * size**3:
         raise FlatMeshError(f"{where}: it encloses no volume. Give it a thickness, or import it with --shell.")
     return Solid(mesh, True, tuple(report), patches)
-
-
-def _hull_as_near(mesh: trimesh.Trimesh) -> trimesh.Trimesh | None:
-    """Return the convex hull of a mesh if it is as near as parts have to be: then solid and sheet are the same."""
-    hull = convex_hull(mesh.vertices)
-    allowed = tolerance_of(mesh)
-    return hull if Measure(mesh, allowed).fit([hull]).error <= allowed else None
 
 
 def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:

@@ -56,7 +56,8 @@ def read_usd(path: Path) -> Thing:
 
 def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
     """Yield the triangles of a mesh, or of a primitive, in its own frame."""
-    rgba = _display_colour(prim, time)
+    colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(time)
+    rgba = (*(float(c) for c in np.mean(np.array(colours), axis=0)), 1.0) if colours else GREY
     if not prim.IsA(UsdGeom.Mesh):
         if (made := _primitive(prim, time)) is not None:
             yield Surface(np.asarray(made.vertices), np.asarray(made.faces), rgba)
@@ -108,11 +109,6 @@ def _primitive(prim: Any, time: Any) -> Any:
     if turn is not None:
         made.vertices = made.vertices @ np.array(turn, float).T
     return made
-
-
-def _display_colour(prim: Any, time: Any) -> tuple[float, ...]:
-    colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(time)
-    return (*(float(c) for c in np.mean(np.array(colours), axis=0)), 1.0) if colours else GREY
 
 
 def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
