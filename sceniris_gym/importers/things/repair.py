@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
 from sceniris_gym.geometry.pieces import convex_hull
@@ -133,9 +131,7 @@ def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
     single = edges[(count[which.ravel()] % 2) == 1]
     if not len(single):
         return []
-    n = len(mesh.vertices)
-    graph = coo_matrix((np.ones(len(single)), (single[:, 0], single[:, 1])), (n, n))
-    label = connected_components(graph, directed=False)[1][single[:, 0]]
+    label = trimesh.graph.connected_component_labels(single, len(mesh.vertices))[single[:, 0]]
     return [loop for i in np.unique(label) for loop in _loops(single[label == i])]
 
 
@@ -180,9 +176,7 @@ def _capped(
         ]
     )
     vertices = np.concatenate([mesh.vertices, middles])
-    corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    seen = faces[area > 1e-9 * float(mesh.extents.max()) ** 2]
+    seen = faces[2.0 * trimesh.triangles.area(vertices[faces]) > 1e-9 * float(mesh.extents.max()) ** 2]
     used, inverse = np.unique(seen, return_inverse=True)
     patches = (Surface(vertices[used], inverse.reshape(-1, 3), rgba),) if len(seen) else ()
     return trimesh.Trimesh(vertices, np.concatenate([mesh.faces, faces]), process=False), patches
