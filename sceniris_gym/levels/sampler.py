@@ -191,9 +191,12 @@ class LevelSampler(LayoutSource):
         Raises:
             ArgumentError: It is of another one.
         """
-        for name, array in arrays_of(self._buffer).items():
-            if name not in state or state[name].shape != array.shape:
-                raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
+        arrays = arrays_of(self._buffer)
+        shapes = {name: array.shape for name, array in arrays.items()} | {"resets": ()}
+        for name, shape in shapes.items():
+            if name not in state or state[name].shape != shape:
+                raise ArgumentError(f"LevelSampler.restore: {name} should have shape {shape}.")
+        for name, array in arrays.items():
             if array.size:
                 array.assign(state[name])
         self._since = int(state["resets"])
