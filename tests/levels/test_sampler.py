@@ -65,6 +65,20 @@ def test_a_sampler_goes_on_where_it_was(make_env):  # noqa: F811
     np.testing.assert_equal(second.randomizer.levels.state(), before)  # all of it or nothing
 
 
+def test_a_snapshot_goes_on_with_the_levels_of_its_step(make_env):  # noqa: F811
+    """Of the episodes that follow, too, once the sampler was restored."""
+    envs = make_env(3, max_episode_steps=3, levels=LEVELS)
+    envs.reset(seed=1)
+    _play(envs, 8)
+    kept, levels, runs = envs.snapshot(), envs.randomizer.levels.state(), []
+    for _ in range(2):
+        envs.randomizer.levels.restore(levels)
+        envs.reset(options={"state": kept})
+        infos = _play(envs, 8)
+        runs.append([info[f"layout_{name}"].tolist() for info in infos for name in ("seed", "level")])
+    assert runs[0] == runs[1]
+
+
 def test_scores_can_be_given(make_env):  # noqa: F811
     """By infos of episodes that ended before, as torch tensors or NumPy arrays; wrong lengths are refused."""
     envs = make_env(4, max_episode_steps=2, levels=Levels("given", replay=1.0, every=1))
