@@ -106,7 +106,7 @@ class TaskWorlds:
         terms, gained, success, broken, *_ = outcome
         self.statistics.add(terms, gained, success, broken, outcome.done, self.state.elapsed)
         if (sampler := self.randomizer.levels) is not None:
-            sampler.launch_finish(wp.from_torch(success), wp.from_torch(self.statistics.finished))
+            sampler.launch_finish(wp.from_torch(success.float()), wp.from_torch(self.statistics.finished))
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
