@@ -347,6 +347,24 @@ def check_type(value: object, kind: type, name: str) -> None:
         raise ArgumentTypeError(f"{name} should be a {kind.__name__}, got {type(value)}.")
 
 
+def as_names(value: Any, name: str) -> tuple[str, ...]:
+    """Return names that are given as a single one or as several.
+
+    Args:
+        value: The argument.
+        name: Its name in messages.
+
+    Raises:
+        ArgumentTypeError: Anything else.
+    """
+    if isinstance(value, str):
+        return (value,)
+    names = tuple(value) if isinstance(value, Iterable) else (value,)
+    if not all(isinstance(each, str) for each in names):
+        raise ArgumentTypeError(f"{name} should be a name or several, got {value!r}.")
+    return names
+
+
 class FallbackWarning(ScenirisWarning):
     """A scene whose worlds run out of attempts or restarts more often than they should.
 

@@ -16,7 +16,6 @@ from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sec
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.program.device import Cover
-from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
@@ -92,7 +91,7 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
     itself. Distances between bounds hold for any heading of the object, so their rings are a little too large.
     """
     placed = world.placed(name)
-    relations = [relation_area(world, name, relation) for relation in relations_of(placed)]
+    relations = [relation_area(world, name, relation) for relation in placed.config.relations]
     found = []
     for surface in placed.surfaces[0] if placed.surfaces else []:
         mat, pos = world.data.xmat[surface.body].reshape(3, 3), world.data.xpos[surface.body]
