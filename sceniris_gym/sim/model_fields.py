@@ -75,8 +75,9 @@ class ModelFields:
         self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
-        self._drawer = None
+        self._drawer = self._beside = None
         if scene.draws:
+            self._beside = wp.Stream(m.qpos0.device) if m.qpos0.device.is_cuda else None
             arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
             self._drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
         for name in getattr(m, _NAMED, ()):
@@ -190,10 +191,23 @@ class ModelFields:
     def launch_draw(
         self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
     ) -> None:
-        """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
-        if self._drawer is not None:
-            self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
-            self.launch_follow(mask)
+        """Draw what the scene randomizes in the masked worlds; see `FieldDrawer.launch`.
+
+        What follows, but for controls, is found beside the launches up to `launch_wait`.
+        """
+        if self._drawer is None:
+            return
+        self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
+        self._launch_holding(mask)
+        if self._beside is not None:
+            self._beside.wait_stream(mask.device.stream)
+        with wp.ScopedStream(self._beside, sync_enter=False):
+            self._launch_derived(mask)
+
+    def launch_wait(self) -> None:
+        """Let later launches begin when all that follows from draws is found."""
+        if self._beside is not None:
+            self._beside.device.stream.wait_stream(self._beside)
 
     @property
     def rows(self) -> dict[str, wp.array]:
@@ -205,8 +219,14 @@ class ModelFields:
 
     def launch_follow(self, mask: wp.array) -> None:
         """Bring what follows up to date in the masked worlds, shape (nworld,), bool."""
+        self._launch_holding(mask)
+        self._launch_derived(mask)
+
+    def _launch_holding(self, mask: wp.array) -> None:
         if self._holding is not None:
             self._holding.launch(mask)
+
+    def _launch_derived(self, mask: wp.array) -> None:
         if self._derived is not None:
             self._derived.launch(mask, self._nominal)
 

@@ -78,12 +78,13 @@ class ResetWriter:
         m, d, poses, pose_rows = self._m, self._d, poses_of(layouts), rows
         if self.variants is not None:
             poses, pose_rows = self.variants.launch(poses, self._mask, layouts.present, rows), None
-        self._contacts.launch_drop()
         self._fields.launch_draw(self._mask, layouts, self._split, knob, rows)
+        self._contacts.launch_drop()
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)
             mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
         self._writer.launch(poses, pose_rows, layouts.start if self._has_starts else None, rows)
+        self._fields.launch_wait()
         self._refresh()
