@@ -104,7 +104,7 @@ class Replacer:
         if variants is None:
             state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat
         else:
-            reader = VariantReader(self._compiled.scene, d, variants.variant, self._layouts.view)
+            reader = VariantReader(d, variants, self._layouts.view)
             state = reader.state
         bodies = np.unique(self._compiled.scene.sim_bodies[redraw.bodies])
         writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=bodies.tolist(), origins=self._origins)

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 import mujoco_warp as mjw
-import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.device import copied
-from sceniris_gym.program.plan import slot_names
-from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.variants import LANES, mocap_bodies, owners_of_qpos
+from sceniris_gym.sim.variants import LANES, VariantWriter, is_absent
 
 wp.set_module_options({"enable_backward": False})
 
 _FAR = 1.0e6  # coordinates of absent variants [m], beyond the origin of any world
 
 
-@wp.func
-def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
-    """Return whether something is a variant, `kind` its object and number, and not the one that is there."""
-    if kind[0] < 0:
-        return False
-    return variant[kind[0]] != kind[1]
-
-
 @wp.kernel
 def _read_worlds(
-    # Of each slot, position and mocap body of layouts: its object with variants, -1 for none, and its number
+    # Places:
     slot_kind: wp.array[wp.vec2i],
     qpos_kind: wp.array[wp.vec2i],
     mocap_kind: wp.array[wp.vec2i],
-    # Where these positions and mocap bodies are simulated:
     qpos_adr: wp.array[int],
     mocap_adr: wp.array[int],
     # In:
@@ -53,15 +41,15 @@ def _read_worlds(
     for i in range(lane, slot_kind.shape[0], wp.block_dim()):
         present_out[worldid, i] = present_in[worldid, i]
         if slot_kind[i][0] >= 0:
-            present_out[worldid, i] = wp.where(_is_absent(slot_kind[i], variant[worldid]), 0, 1)
+            present_out[worldid, i] = wp.where(is_absent(slot_kind[i], variant[worldid]), 0, 1)
     for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
         qpos_out[worldid, i] = qpos_in[worldid, qpos_adr[i]]
-        if _is_absent(qpos_kind[i], variant[worldid]):
+        if is_absent(qpos_kind[i], variant[worldid]):
             qpos_out[worldid, i] = wp.static(_FAR)
     for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
         mocap_pos_out[worldid, i] = mocap_pos_in[worldid, mocap_adr[i]]
         mocap_quat_out[worldid, i] = mocap_quat_in[worldid, mocap_adr[i]]
-        if _is_absent(mocap_kind[i], variant[worldid]):
+        if is_absent(mocap_kind[i], variant[worldid]):
             mocap_pos_out[worldid, i] = wp.vec3(wp.static(_FAR))
 
 
@@ -69,28 +57,17 @@ class VariantReader:
     """Reads simulated worlds as rows of layouts, in which absent variants are far away.
 
     Args:
-        scene: A scene in which objects have variants.
         d: Data of the worlds; its arrays are used in place.
-        variant: The variants that worlds have: `VariantWriter.variant`.
+        variants: The writer of the variants that worlds have.
         layouts: The layouts that worlds were reset to, which say who else is present.
 
     Attributes:
         state: The worlds: `layouts` with arrays of its own for `present`, `qpos`, `mocap_pos` and `mocap_quat`.
     """
 
-    def __init__(self, scene: SceneModel, d: mjw.Data, variant: wp.array, layouts: LayoutsView) -> None:
-        full, sim, kind = scene.mjm, scene.sim.mjm, np.full((scene.mjm.nbody, 2), -1)
-        for i, members in enumerate(scene.config.variants.values()):
-            kind[[scene.bodies[member] for member in members]] = [(i, number) for number in range(len(members))]
-        slots, owners, mocap = slot_names(scene.config), owners_of_qpos(full), mocap_bodies(full)
-        first = full.jnt_qposadr[full.body_jntadr[owners]], sim.jnt_qposadr[sim.body_jntadr[scene.sim_bodies[owners]]]
+    def __init__(self, d: mjw.Data, variants: VariantWriter, layouts: LayoutsView) -> None:
         self._device, self._nworld, self.state = d.qpos.device, d.nworld, copied(LayoutsView, layouts)
-        with wp.ScopedDevice(self._device):
-            kinds = [kind[bodies] for bodies in ([scene.bodies[name] for name in slots], owners, mocap)]
-            adr = [np.arange(full.nq) - first[0] + first[1], sim.body_mocapid[scene.sim_bodies[mocap]]]
-            self._inputs = [wp.array(each, dtype=wp.vec2i, ndim=1) for each in kinds]
-            self._inputs += [wp.array(each, dtype=int, ndim=1) for each in adr]
-        self._inputs += [variant, layouts.present, d.qpos, d.mocap_pos, d.mocap_quat]
+        self._inputs = [*variants.places, variants.variant, layouts.present, d.qpos, d.mocap_pos, d.mocap_quat]
         self._outputs = []
         for name in ("present", "qpos", "mocap_pos", "mocap_quat"):
             setattr(self.state, name, wp.zeros_like(getattr(layouts, name)))
