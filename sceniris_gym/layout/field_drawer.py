@@ -181,7 +181,7 @@ class FieldDrawer:
     """Draws the fields of a scene's words.
 
     Args:
-        draws: The draws.
+        draws: The draws, if there are any.
         arrays: The fields that they write, each with a row for each world, by name.
         nominal: The values of the model for these fields, with one row or a row for each world.
         nworld: Number of worlds.
@@ -207,7 +207,8 @@ class FieldDrawer:
             places[name] = len(fields), width // (array.shape[1] if array.ndim > 1 else 1)
             fields.append((array.ptr, made.ptr, made.shape[0], width, kind))
         drawn, items, table, self._first = _tables(draws, places)
-        with wp.ScopedDevice(next(iter(arrays.values())).device):
+        device = next((array.device for array in arrays.values()), None)
+        with wp.ScopedDevice(device):
             self._fields, self._drawn, self._items = (
                 wp.array(np.array(rows, dtype.numpy_dtype()), dtype=dtype)
                 for rows, dtype in ((fields, Field), (drawn, Number), (items, Item))
@@ -248,6 +249,8 @@ class FieldDrawer:
             rows: Row of each world, shape (nworld,); None gives world i row i.
             knob: Numbers of the knobs, shape (nrow, nvalue); None is those of the scene file.
         """
+        if not self._draws:
+            return
         if self._knobbed is not None:
             knob = self._default if knob is None else knob
             launch_write(self._knobbed, self._nworld, mask, knob, self._default[0], rows)

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-import mujoco
 import mujoco_warp as mjw
 import warp as wp
 
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.transforms import quat_mat
-from sceniris_gym.sim.derived_tables import Derived, derived_tables
+from sceniris_gym.sim.derived_tables import Derived
 
 wp.set_module_options({"enable_backward": False})
 
@@ -231,26 +230,16 @@ def _derive(
         _write_weight(w, worldid, row)
 
 
-class DerivedFields:
-    """Updates of fields that follow from others.
+def launch_derived(tables: Derived, m: mjw.Model, mask: wp.array, wide: Container[str]) -> None:
+    """Bring fields that follow from others up to date.
 
     Args:
-        mjm: The model.
+        tables: The `derived_tables` of the model.
         m: The Model; its present arrays are used in place.
-        nworld: Number of worlds.
+        mask: Which worlds, shape (nworld,), bool.
+        wide: Names of the fields that have a row for each world.
     """
-
-    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, nworld: int) -> None:
-        self._model, self._nworld = m, nworld
-        with wp.ScopedDevice(m.qpos0.device):
-            self._derived = derived_tables(mjm, nworld)
-            # MuJoCo has it in all versions, MuJoCo-Warp does not
-            self._derived.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
-
-    def launch(self, mask: wp.array, wide: Container[str]) -> None:
-        """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool."""
-        for name in Derived.vars:
-            if (array := getattr(self._model, name, None)) is not None:
-                setattr(self._derived, name, None if name in FOLLOWS and name not in wide else array)
-        inputs = [mask, self._derived]
-        wp.launch_tiled(_derive, dim=[self._nworld], inputs=inputs, block_dim=_LANES, device=mask.device)
+    for name in Derived.vars:
+        if (array := getattr(m, name, None)) is not None:
+            setattr(tables, name, None if name in FOLLOWS and name not in wide else array)
+    wp.launch_tiled(_derive, dim=[mask.shape[0]], inputs=[mask, tables], block_dim=_LANES, device=mask.device)

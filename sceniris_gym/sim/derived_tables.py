@@ -93,6 +93,8 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     t.moved = wp.array(moved[: len(rows) - len(driven)], dtype=wp.vec2i, ndim=1)
     t.geared = wp.array(2 * mjm.nbody + mjm.nv + np.flatnonzero(transmissions), dtype=int)
     t.inverse = wp.zeros((nworld, 2, mjm.nv, max(mjm.tree_dofnum, default=0)), dtype=float)
+    # MuJoCo has it in all versions, MuJoCo-Warp does not
+    t.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
     return t
 
 

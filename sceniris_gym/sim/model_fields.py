@@ -12,14 +12,14 @@ from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.field_drawer import FieldDrawer
-from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
-from sceniris_gym.sim.holding import GAINS, HoldingControls
+from sceniris_gym.sim.derived import FOLLOWS, launch_derived
+from sceniris_gym.sim.derived_tables import Derived, derived_tables
+from sceniris_gym.sim.holding import GAINS, launch_holding
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -59,6 +59,7 @@ class ModelFields:
 
     Attributes:
         rest: The controls and activations that hold a pose.
+        drawer: Draws what the scene randomizes.
         asked: The fields that somebody asked for, to write to.
         varied: The values of the present variants for the fields in which variants of objects differ, with a row for
             each world; empty without variants. Resets write them before anything else is drawn.
@@ -70,16 +71,13 @@ class ModelFields:
         self.varied = {name: self._before(name, every=True) for name in names}
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
-        self._derived: DerivedFields | None = None
-        self._holding: HoldingControls | None = None
-        self._closed = False
+        self._derived: Derived | None = None
+        self._has_gains = self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
-        self._drawer = self._beside = None
-        if scene.draws:
-            self._beside = wp.Stream(m.qpos0.device) if m.qpos0.device.is_cuda else None
-            arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
-            self._drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
+        self._beside = wp.Stream(m.qpos0.device) if scene.draws and m.qpos0.device.is_cuda else None
+        arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
+        self.drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
         for name in getattr(m, _NAMED, ()):
             self.ask(name, where="put_model")
 
@@ -112,10 +110,14 @@ class ModelFields:
         for each in _with_followers(name):
             if each not in self._nominal:
                 self._widen(each, name, where)
-        if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
-            self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
-        if self._holding is None and not self._nominal.keys().isdisjoint(GAINS):
-            self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
+        with wp.ScopedDevice(self._model.qpos0.device):
+            if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
+                self._derived = derived_tables(self._scene.mjm, self._nworld)
+            if not self._has_gains and not self._nominal.keys().isdisjoint(GAINS):
+                self._has_gains, rest = True, self.rest
+                for each in ("coef", "bias"):
+                    rows = np.repeat(getattr(rest, each).numpy(), self._nworld, axis=0)
+                    setattr(rest, each, wp.array(rows, dtype=float))
         return self._known[name]
 
     def _widen(self, name: str, source: str, where: str) -> None:
@@ -178,15 +180,9 @@ class ModelFields:
         Raises:
             UnknownNameError: The scene draws nothing of this name.
         """
-        numbers = {} if self._drawer is None else self._drawer.numbers
-        if name not in numbers:
-            raise UnknownNameError("parameter", name, where, numbers)
-        return numbers[name]
-
-    def use_knobs(self, knobs: KnobTable | None) -> None:
-        """Draw from intervals that knobs narrow, world by world."""
-        if self._drawer is not None and knobs is not None:
-            self._drawer.use_knobs(knobs)
+        if name not in self.drawer.numbers:
+            raise UnknownNameError("parameter", name, where, self.drawer.numbers)
+        return self.drawer.numbers[name]
 
     def launch_draw(
         self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
@@ -195,9 +191,9 @@ class ModelFields:
 
         What follows, but for controls, is found beside the launches up to `launch_wait`.
         """
-        if self._drawer is None:
+        if not self._scene.draws:
             return
-        self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
+        self.drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
         self._launch_holding(mask)
         if self._beside is not None:
             self._beside.wait_stream(mask.device.stream)
@@ -213,9 +209,8 @@ class ModelFields:
     def rows(self) -> dict[str, wp.array]:
         """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
-        numbers = {} if self._drawer is None else self._drawer.numbers
-        found |= {f"drawn.{name}": array for name, array in numbers.items()}
-        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
+        found |= {f"drawn.{name}": array for name, array in self.drawer.numbers.items()}
+        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._has_gains else {})
 
     def launch_follow(self, mask: wp.array) -> None:
         """Bring what follows up to date in the masked worlds, shape (nworld,), bool."""
@@ -223,12 +218,12 @@ class ModelFields:
         self._launch_derived(mask)
 
     def _launch_holding(self, mask: wp.array) -> None:
-        if self._holding is not None:
-            self._holding.launch(mask)
+        if self._has_gains:
+            launch_holding(self.rest, self._model, self._data, mask)
 
     def _launch_derived(self, mask: wp.array) -> None:
         if self._derived is not None:
-            self._derived.launch(mask, self._nominal)
+            launch_derived(self._derived, self._model, mask, self._nominal)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""

@@ -151,7 +151,7 @@ class ResetRandomizer(Fixed, StaysHere):
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
-        self.fields.use_knobs(self.layouts.knobs)
+        self.fields.drawer.use_knobs(self.layouts.knobs)
         self._update, self.split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:

@@ -33,6 +33,8 @@ class RestMap:
         upper: Upper limit, shape (nu + na,).
         actuator: The actuator that holds a pose by this element, shape (nu + na,); -1 if none does.
         arm: Factor of a term in the actuator's length, over its gear.
+        sampleadr: Addresses in `history` of the past controls of delayed actuators.
+        sampled: The control of each.
     """
 
     rowadr: wp.array[int]
@@ -43,6 +45,8 @@ class RestMap:
     upper: wp.array[float]
     actuator: wp.array[int]
     arm: wp.array[float]
+    sampleadr: wp.array[int]
+    sampled: wp.array[int]
 
 
 @wp.func
@@ -117,6 +121,7 @@ def rest_map(
         rest.bias = wp.array(bias.reshape(1, -1), dtype=float)
         rest.lower, rest.upper = (wp.array(values, dtype=float) for values in (lower, upper))
         rest.actuator = wp.array(actuator, dtype=int)
+        rest.sampleadr, rest.sampled = (wp.array(each, dtype=int) for each in history_samples(mjm))
     return rest
 
 
