@@ -35,8 +35,7 @@ def _hold_anew(
     act_out: wp.array2d[float],
     history_out: wp.array2d[float],
     # Out:
-    coef_out: wp.array2d[float],
-    bias_out: wp.array2d[float],
+    law_out: wp.array2d[wp.vec2],
 ):
     worldid, element = wp.tid()
     actuatorid = rest.actuator[element]
@@ -49,9 +48,7 @@ def _hold_anew(
     gear = actuator_gear[worldid % actuator_gear.shape[0], actuatorid][0]
     if gain * bias1 >= 0.0:
         return
-    bias_out[worldid, element] = -bias0 / gain
-    for term in range(rest.rowadr[element], rest.rowadr[element + 1]):
-        coef_out[worldid, term] = -bias1 / gain * (gear * rest.arm[term])
+    law_out[worldid, element] = wp.vec2(-bias0 / gain, -bias1 / gain * gear)
     now = rest_value(rest, worldid, element, qpos[worldid])
     # controls that hold the present pose follow; those that somebody else has set stay
     nu = ctrl_out.shape[1]
@@ -74,6 +71,6 @@ def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> 
         mask: Which worlds, shape (nworld,), bool.
     """
     gains = [m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
-    outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.coef, rest.bias]
+    outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.law]
     dim = d.nworld, rest.actuator.shape[0]
     wp.launch(_hold_anew, dim, inputs=[mask, rest, *gains, d.qpos], outputs=outputs, device=mask.device)

@@ -114,10 +114,8 @@ class ModelFields:
             if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
                 self._derived = derived_tables(self._scene.mjm, self._nworld)
             if not self._has_gains and not self._nominal.keys().isdisjoint(GAINS):
-                self._has_gains, rest = True, self.rest
-                for each in ("coef", "bias"):
-                    rows = np.repeat(getattr(rest, each).numpy(), self._nworld, axis=0)
-                    setattr(rest, each, wp.array(rows, dtype=float))
+                self._has_gains, laws = True, np.repeat(self.rest.law.numpy(), self._nworld, axis=0)
+                self.rest.law = wp.array(laws, dtype=wp.vec2, ndim=2)
         return self._known[name]
 
     def _widen(self, name: str, source: str, where: str) -> None:
@@ -210,7 +208,7 @@ class ModelFields:
         """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
         found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
         found |= {f"drawn.{name}": array for name, array in self.drawer.numbers.items()}
-        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._has_gains else {})
+        return found | ({"rest": self.rest.law} if self._has_gains else {})
 
     def launch_follow(self, mask: wp.array) -> None:
         """Bring what follows up to date in the masked worlds, shape (nworld,), bool."""

@@ -60,8 +60,7 @@ def test_controls_follow_gains_where_they_held_the_pose():
         qpos = np.random.default_rng(0).uniform(-1.0, 1.0, (NWORLD, 2)).astype(np.float32)
         d.qpos.assign(qpos)
         rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
-        for name in ("coef", "bias"):
-            setattr(rest, name, wp.array(np.repeat(getattr(rest, name).numpy(), NWORLD, axis=0), dtype=float))
+        rest.law = wp.array(np.repeat(rest.law.numpy(), NWORLD, axis=0), dtype=wp.vec2, ndim=2)
         everywhere = wp.ones(NWORLD, dtype=wp.bool)
         held = np.stack([qpos[:, 0] * 2.0, (5.0 * qpos[:, 1] - 0.4) / 3.0, 0.0 * qpos[:, 0]], axis=1)
         d.ctrl.assign(held)
