@@ -132,17 +132,16 @@ def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]
     """Return (qpos address, factor) pairs that sum to an actuator's length over its gear, or None if it is no sum."""
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
-        joints = [(target, 1.0)]
+        joints, arms = np.array([target]), np.ones(1)
     elif trntype == mujoco.mjtTrn.mjTRN_TENDON:
-        wraps = range(mjm.tendon_adr[target], mjm.tendon_adr[target] + mjm.tendon_num[target])
-        if any(mjm.wrap_type[w] != mujoco.mjtWrap.mjWRAP_JOINT for w in wraps):
+        wraps = slice(mjm.tendon_adr[target], mjm.tendon_adr[target] + mjm.tendon_num[target])
+        joints, arms = mjm.wrap_objid[wraps], mjm.wrap_prm[wraps]
+        if (mjm.wrap_type[wraps] != mujoco.mjtWrap.mjWRAP_JOINT).any():
             return None
-        joints = [(mjm.wrap_objid[w], float(mjm.wrap_prm[w])) for w in wraps]
     else:
         return None
-    if any(int(mjm.jnt_type[j]) not in SCALAR_JOINTS for j, _ in joints):
-        return None
-    return [(int(mjm.jnt_qposadr[j]), coef) for j, coef in joints]
+    is_sum = np.isin(mjm.jnt_type[joints], SCALAR_JOINTS).all()
+    return list(zip(mjm.jnt_qposadr[joints].tolist(), arms.tolist(), strict=True)) if is_sum else None
 
 
 def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
