@@ -11,6 +11,7 @@ from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import name_hash, named_stream, uniforms
+from sceniris_gym.device.transforms import axis_angle_quat
 from sceniris_gym.layout.knobs import FLOAT, TYPES, KnobTable, launch_write, put_number
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.scene.draws import FieldDraw
@@ -132,12 +133,10 @@ def _value(
         turn = wp.vec3()
         q = wp.vec4()
         for k in range(3):
-            turn[k] = 0.5 * _RADIANS * numbers[item.number + k]
+            turn[k] = _RADIANS * numbers[item.number + k]
         for k in range(4):
             q[k] = _nominal(fields[item.drawn], worldid, first + k)
-        half = wp.length(turn)
-        axis = wp.normalize(turn) * wp.sin(half)
-        turned = mul_quat(q, wp.vec4(wp.cos(half), axis[0], axis[1], axis[2]))
+        turned = mul_quat(q, axis_angle_quat(wp.normalize(turn), wp.length(turn)))
         value = turned[item.drawn_offset % 4]
     if item.field != item.drawn:
         value = value / nominal * _nominal(fields[item.field], worldid, item.offset)
