@@ -284,12 +284,13 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
-    def random(self, name: str, shape: tuple[int, ...] = ()) -> wp.array:
-        """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), float32.
+    def random(self, name: str, shape: int | tuple[int, ...] = ()) -> wp.array:
+        """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), or (nworld, n) for a number n, float32.
 
         They depend only on the seed and the episode of a world's layout, the split, and the name.
         """
         layouts, nworld = self.layouts, self.data.nworld
+        shape = (shape,) if isinstance(shape, int) else shape
         with wp.ScopedDevice(self.device):
             values = wp.empty((nworld, math.prod(shape)), dtype=float)
             draw_named(layouts.seed, layouts.episode, self.split, name, values)

@@ -190,7 +190,7 @@ class State(Readings):
     @overload
     def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor: ...
     @overload
-    def random(self, n: str, low: tuple[int, ...] = ()) -> Tensor: ...
+    def random(self, n: str, low: int | tuple[int, ...] = ()) -> Tensor: ...
     def random(self, n: int | str, low: Any = None, high: float = 1.0, *, stream: int = 0) -> Tensor:
         """Draw uniform numbers: `random(n, low, high)` for this step, or `random(name, shape)` for this episode.
 
@@ -198,11 +198,12 @@ class State(Readings):
         seed and episode, the steps since its reset, and `stream`: a second call in the same step gives the same
         numbers, so use another stream for another purpose.
 
-        With a name they are in [0, 1), shape (num_envs, *shape), and depend only on seed, episode and name.
+        With a name they are in [0, 1), shape (num_envs, *shape), or (num_envs, m) for a number m, and depend only on
+        seed, episode and name.
         """
         layouts = self._layouts
         if isinstance(n, str):
-            shape = low or ()
+            shape = (low,) if isinstance(low, int) else low or ()
             values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
             draw_named(layouts.seed, layouts.episode, self._split, n, wp.from_torch(values))
             return values.reshape(self.num_envs, *shape)

@@ -142,7 +142,26 @@ def test_the_whole_scene_lights_and_materials(build):
             "box.randomize.damping: cannot be .*: it is 0 in the model",
         ),
         ({"box": {"gains": {"scale": [1, 2]}}}, SceneKeyError, "nothing in the model has it"),
-        ({"box": {"mass": {"choice": ["heavy"]}}}, UnknownNameError, "unknown texture 'heavy'"),
+        (
+            {"box": {"mass": {"choice": ["heavy"]}}},
+            SceneKeyError,
+            "choice: .* its values should be numbers, got 'heavy'",
+        ),
+        (
+            {"box": {"solref": {"abs": [[-100, -1], [0.02, 1]]}}},
+            SceneKeyError,
+            "solref.abs: .* should be above 0, or none of them",
+        ),
+        (
+            {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 2], [0.9, 1.5, 0.001, 0.5, 2]]}}},
+            SceneKeyError,
+            "solimp.abs: .* from 0.95 to 1.5 and should be from 0 to 1",
+        ),
+        (
+            {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 0.5], [0.9, 0.95, 0.001, 0.5, 2]]}}},
+            SceneKeyError,
+            "solimp.abs: .* from 0.5 to 2 and should be from 1 to inf",
+        ),
         ({"randomize": {"lights": {"lam": {"pos": {"add": [0, 1]}}}}}, UnknownNameError, "Did you mean 'lamp'"),
         (
             {"randomize": {"materials": {"grain": {"texid": {"choice": ["steal"]}}}}},
