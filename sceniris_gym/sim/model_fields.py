@@ -108,8 +108,16 @@ class ModelFields:
     def wide(self, name: str, where: str = "model_field") -> wp.array:
         """Return the array of a field, with a row for each world, as all have that follow from it."""
         for each in _with_followers(name):
-            if each not in self._nominal:
-                self._widen(each, name, where)
+            if each in self._nominal:
+                continue
+            array = getattr(owner(self._model, each), each)
+            if array.size and array.shape[0] != self._nworld and not self._grow:
+                raise SceneMismatchError(
+                    f"{where}: model.{each} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
+                    f'Make the Model by put_model(compiled, {self._nworld}, "{name}").'
+                )
+            self._nominal[each] = self._before(each)
+            self._known[each] = widen(self._model, each, self._nworld)
         with wp.ScopedDevice(self._model.qpos0.device):
             if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
                 self._derived = derived_tables(self._scene.mjm, self._nworld)
@@ -117,18 +125,6 @@ class ModelFields:
                 self._has_gains, laws = True, np.repeat(self.rest.law.numpy(), self._nworld, axis=0)
                 self.rest.law = wp.array(laws, dtype=wp.vec2, ndim=2)
         return self._known[name]
-
-    def _widen(self, name: str, source: str, where: str) -> None:
-        """Give a field that follows from `source` a row for each world."""
-        array = getattr(owner(self._model, name), name)
-        if array.size and array.shape[0] != self._nworld and not self._grow:
-            raise SceneMismatchError(
-                f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
-                f'Make the Model by put_model(compiled, {self._nworld}, "{source}").'
-            )
-        self._nominal[name] = self._before(name)
-        widen(self._model, name, self._nworld)
-        self._known[name] = getattr(owner(self._model, name), name)
 
     def _before(self, name: str, *, every: bool = False) -> wp.array:
         """Return the first row of a field, or every, from before anything was drawn by a randomizer of the Model."""
@@ -206,7 +202,7 @@ class ModelFields:
     @property
     def rows(self) -> dict[str, wp.array]:
         """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
-        found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
+        found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
         found |= {f"drawn.{name}": array for name, array in self.drawer.numbers.items()}
         return found | ({"rest": self.rest.law} if self._has_gains else {})
 
@@ -285,11 +281,12 @@ def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
     return m.opt if name in OPTIONS else m
 
 
-def widen(m: mjw.Model, name: str, nworld: int) -> None:
-    """Give a field a row for each world, all with the values of its first one."""
+def widen(m: mjw.Model, name: str, nworld: int) -> wp.array:
+    """Give a field a row for each world, all with the values of its first one, and return its array."""
     array = getattr(owner(m, name), name)
     if array.size and array.shape[0] != nworld:  # one of nothing is as good for all worlds
         with wp.ScopedDevice(array.device):
-            wide = wp.array(np.repeat(array.numpy()[:1], nworld, axis=0), dtype=array.dtype)
-        wide._is_batched = True  # as mujoco_warp marks its own
-        setattr(owner(m, name), name, wide)
+            array = wp.array(np.repeat(array.numpy()[:1], nworld, axis=0), dtype=array.dtype)
+        array._is_batched = True  # as mujoco_warp marks its own
+        setattr(owner(m, name), name, array)
+    return array
