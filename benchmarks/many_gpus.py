@@ -121,6 +121,7 @@ def measure(
         "rollout_seconds": _of_all(rollout, rank, place),
         "update_share": round(updated / seconds, 4),
         "exchange_share": round(exchanged / seconds, 4),
+        "success": round(float(envs.unwrapped.statistics.read()["success"]), 4),
         "weights_differ_by": float((weights - _first(weights, rank)).abs().max()),
         "layouts": made,
         "layouts_shared": shared,
