@@ -7,7 +7,8 @@ import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.device import copied
-from sceniris_gym.sim.variants import LANES, VariantWriter, is_absent
+from sceniris_gym.sim.variants import LANES, Places, VariantWriter, is_absent
+from sceniris_gym.sim.write import Poses, poses_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -16,41 +17,32 @@ _FAR = 1.0e6  # coordinates of absent variants [m], beyond the origin of any wor
 
 @wp.kernel
 def _read_worlds(
-    # Places:
-    slot_kind: wp.array[wp.vec2i],
-    qpos_kind: wp.array[wp.vec2i],
-    mocap_kind: wp.array[wp.vec2i],
-    qpos_adr: wp.array[int],
-    mocap_adr: wp.array[int],
+    places: Places,
     # In:
     variant: wp.array2d[int],
     present_in: wp.array2d[int],
-    qpos_in: wp.array2d[float],
-    mocap_pos_in: wp.array2d[wp.vec3],
-    mocap_quat_in: wp.array2d[wp.quat],
+    # Poses in: qpos, mocap_pos, mocap_quat
+    poses: Poses,
     mask: wp.array[wp.bool],
-    # Out:
-    present_out: wp.array2d[int],
-    qpos_out: wp.array2d[float],
-    mocap_pos_out: wp.array2d[wp.vec3],
-    mocap_quat_out: wp.array2d[wp.quat],
+    # Layouts out: qpos, mocap_pos, mocap_quat, present
+    layouts_out: LayoutsView,
 ):
     worldid, lane = wp.tid()
     if not mask[worldid]:
         return
-    for i in range(lane, slot_kind.shape[0], wp.block_dim()):
-        present_out[worldid, i] = present_in[worldid, i]
-        if slot_kind[i][0] >= 0:
-            present_out[worldid, i] = wp.where(is_absent(slot_kind[i], variant[worldid]), 0, 1)
-    for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
-        qpos_out[worldid, i] = qpos_in[worldid, qpos_adr[i]]
-        if is_absent(qpos_kind[i], variant[worldid]):
-            qpos_out[worldid, i] = wp.static(_FAR)
-    for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
-        mocap_pos_out[worldid, i] = mocap_pos_in[worldid, mocap_adr[i]]
-        mocap_quat_out[worldid, i] = mocap_quat_in[worldid, mocap_adr[i]]
-        if is_absent(mocap_kind[i], variant[worldid]):
-            mocap_pos_out[worldid, i] = wp.vec3(wp.static(_FAR))
+    for i in range(lane, places.slot_kind.shape[0], wp.block_dim()):
+        layouts_out.present[worldid, i] = present_in[worldid, i]
+        if places.slot_kind[i][0] >= 0:
+            layouts_out.present[worldid, i] = wp.where(is_absent(places.slot_kind[i], variant[worldid]), 0, 1)
+    for i in range(lane, places.qpos_adr.shape[0], wp.block_dim()):
+        layouts_out.qpos[worldid, i] = poses.qpos[worldid, places.qpos_adr[i]]
+        if is_absent(places.qpos_kind[i], variant[worldid]):
+            layouts_out.qpos[worldid, i] = wp.static(_FAR)
+    for i in range(lane, places.mocap_adr.shape[0], wp.block_dim()):
+        layouts_out.mocap_pos[worldid, i] = poses.mocap_pos[worldid, places.mocap_adr[i]]
+        layouts_out.mocap_quat[worldid, i] = poses.mocap_quat[worldid, places.mocap_adr[i]]
+        if is_absent(places.mocap_kind[i], variant[worldid]):
+            layouts_out.mocap_pos[worldid, i] = wp.vec3(wp.static(_FAR))
 
 
 class VariantReader:
@@ -67,13 +59,11 @@ class VariantReader:
 
     def __init__(self, d: mjw.Data, variants: VariantWriter, layouts: LayoutsView) -> None:
         self._device, self._nworld, self.state = d.qpos.device, d.nworld, copied(LayoutsView, layouts)
-        self._inputs = [*variants.places, variants.variant, layouts.present, d.qpos, d.mocap_pos, d.mocap_quat]
-        self._outputs = []
+        self._inputs = [variants.places, variants.variant, layouts.present, poses_of(d)]
         for name in ("present", "qpos", "mocap_pos", "mocap_quat"):
             setattr(self.state, name, wp.zeros_like(getattr(layouts, name)))
-            self._outputs.append(getattr(self.state, name))
 
     def launch(self, mask: wp.array) -> None:
         """Read the masked worlds, shape (nworld,), bool."""
-        words = {"inputs": [*self._inputs, mask], "outputs": self._outputs, "block_dim": LANES}
+        words = {"inputs": [*self._inputs, mask], "outputs": [self.state], "block_dim": LANES}
         wp.launch_tiled(_read_worlds, dim=[self._nworld], **words, device=self._device)

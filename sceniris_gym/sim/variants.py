@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco_warp as mjw
 import numpy as np
@@ -39,7 +39,8 @@ def fields_of_variants() -> tuple[str, ...]:
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
 
 
-class Places(NamedTuple):
+@wp.struct
+class Places:
     """Places of layouts, with the variant that each belongs to: its object and its number there, (-1, -1) for none.
 
     Attributes:
@@ -50,11 +51,11 @@ class Places(NamedTuple):
         mocap_adr: Numbers of mocap bodies in the simulation.
     """
 
-    slot_kind: wp.array
-    qpos_kind: wp.array
-    mocap_kind: wp.array
-    qpos_adr: wp.array
-    mocap_adr: wp.array
+    slot_kind: wp.array[wp.vec2i]
+    qpos_kind: wp.array[wp.vec2i]
+    mocap_kind: wp.array[wp.vec2i]
+    qpos_adr: wp.array[int]
+    mocap_adr: wp.array[int]
 
 
 @wp.func
@@ -67,12 +68,7 @@ def is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
 
 @wp.kernel
 def _write_variants(
-    # Places:
-    slot_kind: wp.array[wp.vec2i],
-    qpos_kind: wp.array[wp.vec2i],
-    mocap_kind: wp.array[wp.vec2i],
-    qpos_adr: wp.array[int],
-    mocap_adr: wp.array[int],
+    places: Places,
     # Words of the model:
     table: wp.array2d[int],
     owner: wp.array[int],
@@ -85,14 +81,12 @@ def _write_variants(
     mask: wp.array[wp.bool],
     rows: wp.array[int],
     present: wp.array2d[int],
-    qpos_in: wp.array2d[float],
-    mocap_pos_in: wp.array2d[wp.vec3],
-    mocap_quat_in: wp.array2d[wp.quat],
+    # Poses in: qpos, mocap_pos, mocap_quat
+    poses_in: Poses,
     # Out:
     variant: wp.array2d[int],
-    qpos_out: wp.array2d[float],
-    mocap_pos_out: wp.array2d[wp.vec3],
-    mocap_quat_out: wp.array2d[wp.quat],
+    # Poses out: qpos, mocap_pos, mocap_quat
+    poses_out: Poses,
     subtreemass_out: wp.array2d[float],
 ):
     worldid, lane = wp.tid()
@@ -100,8 +94,8 @@ def _write_variants(
         return
     row = row_of(worldid, rows)
     if present:
-        for i in range(lane, slot_kind.shape[0], wp.block_dim()):
-            kind = slot_kind[i]
+        for i in range(lane, places.slot_kind.shape[0], wp.block_dim()):
+            kind = places.slot_kind[i]
             if kind[0] >= 0 and present[row, i] != 0:
                 variant[worldid, kind[0]] = kind[1]
         block_sync()
@@ -115,13 +109,13 @@ def _write_variants(
             for i in range(bodies.shape[0]):
                 total += subtreemass_out[worldid, bodies[i]]
             subtreemass_out[worldid, 0] = total
-    for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
-        if not is_absent(qpos_kind[i], variant[worldid]):
-            qpos_out[worldid, qpos_adr[i]] = qpos_in[row, i]
-    for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
-        if not is_absent(mocap_kind[i], variant[worldid]):
-            mocap_pos_out[worldid, mocap_adr[i]] = mocap_pos_in[row, i]
-            mocap_quat_out[worldid, mocap_adr[i]] = mocap_quat_in[row, i]
+    for i in range(lane, places.qpos_adr.shape[0], wp.block_dim()):
+        if not is_absent(places.qpos_kind[i], variant[worldid]):
+            poses_out.qpos[worldid, places.qpos_adr[i]] = poses_in.qpos[row, i]
+    for i in range(lane, places.mocap_adr.shape[0], wp.block_dim()):
+        if not is_absent(places.mocap_kind[i], variant[worldid]):
+            poses_out.mocap_pos[worldid, places.mocap_adr[i]] = poses_in.mocap_pos[row, i]
+            poses_out.mocap_quat[worldid, places.mocap_adr[i]] = poses_in.mocap_quat[row, i]
 
 
 class VariantWriter:
@@ -156,8 +150,9 @@ class VariantWriter:
         bodies, mocap = [scene.sim.bodies[name] for name in variants], (nworld, max(sim.nmocap, 1))
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
-            kinds = ((nworld, sim.nq), float), (mocap, wp.vec3), (mocap, wp.quat)
-            self._poses = Poses(*(wp.zeros(shape, dtype=dtype) for shape, dtype in kinds))
+            self._poses = Poses()
+            self._poses.qpos = wp.zeros((nworld, sim.nq), dtype=float)
+            self._poses.mocap_pos, self._poses.mocap_quat = (wp.zeros(mocap, dtype=each) for each in (wp.vec3, wp.quat))
             self.places, self._words = _places(scene), _words(scene, m, varied)
             self._masses = [wp.array(bodies, dtype=int), np.delete(sim.body_mass, bodies).sum()]
         # kernels have their addresses alone
@@ -175,8 +170,8 @@ class VariantWriter:
             present: Which objects are present, shape (nrow, nslot), int32; None if worlds keep their variants.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
-        inputs = [*self.places, *self._words, *self._masses, mask, rows, present, *poses]
-        words = {"outputs": [self.variant, *self._poses, self._subtreemass], "block_dim": LANES}
+        inputs = [self.places, *self._words, *self._masses, mask, rows, present, poses]
+        words = {"outputs": [self.variant, self._poses, self._subtreemass], "block_dim": LANES}
         wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words, device=self._device)
         return self._poses
 
@@ -192,8 +187,10 @@ def _places(scene: SceneModel) -> Places:
     first = full.jnt_qposadr[full.body_jntadr[owners]], sim.jnt_qposadr[sim.body_jntadr[scene.sim_bodies[owners]]]
     kinds = (kind[bodies] for bodies in ([scene.bodies[name] for name in slot_names(scene.config)], owners, mocap))
     adr = np.arange(full.nq) - first[0] + first[1], sim.body_mocapid[scene.sim_bodies[mocap]]
-    arrays = [wp.array(each, dtype=wp.vec2i, ndim=1) for each in kinds]
-    return Places(*arrays, *(wp.array(each, dtype=int, ndim=1) for each in adr))
+    places = Places()
+    places.slot_kind, places.qpos_kind, places.mocap_kind = (wp.array(each, dtype=wp.vec2i, ndim=1) for each in kinds)
+    places.qpos_adr, places.mocap_adr = (wp.array(each, dtype=int, ndim=1) for each in adr)
+    return places
 
 
 def _words(scene: SceneModel, m: mjw.Model, varied: Mapping[str, wp.array]) -> list[wp.array]:
