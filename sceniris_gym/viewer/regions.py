@@ -16,7 +16,6 @@ from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sec
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.program.device import Cover
-from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
