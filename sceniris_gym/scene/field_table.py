@@ -37,7 +37,7 @@ LEFT_OUT_AT_ZERO = (
 _SELDOM_FULL = ("body_ipos", "body_iquat")
 """Fields that shape the mass matrix of a body which MuJoCo took for a simple one."""
 
-_ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "tex": "texture", "eq": "equality"}
 
 
@@ -127,6 +127,6 @@ def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
         first = mjm.tendon_adr[target]
         target, on_joint = mjm.wrap_objid[first], mjm.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
         return int((mjm.jnt_bodyid if on_joint else mjm.site_bodyid)[target])
-    if int(kind) in _ON_JOINTS:
+    if int(kind) in JOINT_TRANSMISSIONS:
         return int(mjm.jnt_bodyid[target])
     return int(mjm.site_bodyid[target]) if kind == mujoco.mjtTrn.mjTRN_SITE else -1

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.support import subtree
-from sceniris_gym.sim.rest import JOINT_TRANSMISSIONS
 from sceniris_gym.sim.versions import actuator_outputs
 
 

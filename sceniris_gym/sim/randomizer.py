@@ -32,7 +32,7 @@ from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.replacing import Replacer
-from sceniris_gym.sim.reset_writer import ResetWriter
+from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
 from sceniris_gym.sim.sources import choose_source
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
@@ -161,11 +161,11 @@ class ResetRandomizer(Fixed, StaysHere):
         variants = None
         if compiled.config.variants:
             variants = VariantWriter(compiled.scene, model, data.nworld, self.fields.varied)
-        more: Any = {"origins": origins, "variants": variants, "refresh": self._update}
-        found, rest = (compiled, model, data), self.fields.rest
-        self.replacer = Replacer(*found, self.layouts, self.split, rest=rest, **more, graph=graph)
-        more |= {"whole": write == "all", "count": self.replacer.number}
-        self._writer = ResetWriter(*found, self.fields, self._mask, self.split, **more)
+        simulation = Simulation(
+            compiled, model, data, self.split, self.fields.rest, self._update, origins=origins, variants=variants
+        )
+        self.replacer, whole = Replacer(simulation, self.layouts, graph=graph), write == "all"
+        self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.replacer.number)
         self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)

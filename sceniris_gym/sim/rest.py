@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 
@@ -12,7 +13,6 @@ CTRL_HOLDS = tuple(
     int(d) for d in (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
 )
 ACT_HOLDS = (*CTRL_HOLDS, int(mujoco.mjtDyn.mjDYN_INTEGRATOR))
-JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
