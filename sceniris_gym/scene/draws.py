@@ -151,8 +151,8 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     for k in np.argwhere((every < least) | (every > most))[:1, -1]:
         found, bounds = f"{every[..., k].min():g} to {every[..., k].max():g}", f"{least.flat[k]:g} to {most.flat[k]:g}"
         _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
-    above = ends > 0.0  # MuJoCo's two formats
-    if word.field == "geom_solref" and (above.any(axis=(0, 2)) != above.all(axis=(0, 2))).any():
+    above, axes = ends > 0.0, 2 if config.choice is not None else (0, 2)
+    if word.field == "geom_solref" and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
         _refuse(f"{where}.{config.form}", "all of its values should be above 0, or none of them.")
     if word.field == "actuator_forcerange" and (ends[..., 0].max(axis=0) >= ends[..., -1].min(axis=0)).any():
         _refuse(f"{where}.{config.form}", "all lower limits should be below all upper ones. Give lists of both.")

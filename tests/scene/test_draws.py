@@ -196,6 +196,13 @@ def test_draws_that_nothing_reads_are_refused(build, scene: dict):
         build(**scene)
 
 
+def test_both_formats_of_solref_can_be_chosen_from(build):
+    """Each value has one of them."""
+    assert only(build(box={"solref": {"choice": [[0.02, 1], [-100, -1]]}})).choice.shape == (2, 2)
+    with pytest.raises(SceneKeyError, match="should be above 0, or none of them"):
+        build(box={"solref": {"choice": [[0.02, 1], [-100, 1]]}})
+
+
 def test_elements_that_do_not_read_a_field_are_left_out(build):
     """Actuators without limits, cameras with a lens."""
     limits = only(build(arm={"forcerange": {"abs": [[-3, 3], [-3, 3]]}}))
