@@ -49,7 +49,7 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
         ArgumentError: Steps of this model leave the field out.
     """
     if name not in FIELDS or not hasattr(mjm.opt if name in OPTIONS else mjm, name):
-        raise UnknownNameError("model field", name, where, FIELDS)
+        raise UnknownNameError("model field", str(name), where, FIELDS)
     if name in LEFT_OUT_AT_ZERO and not np.any(getattr(mjm.opt if name in OPTIONS else mjm, name)):
         raise ArgumentError(
             f"{where}: '{name}' is 0 in the whole model, so steps leave it out. It should have a value other than 0 in "

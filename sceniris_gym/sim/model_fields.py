@@ -95,7 +95,7 @@ class ModelFields:
             SceneMismatchError: The Model has one row for all worlds.
         """
         check_field(name, self._scene.mjm, where)
-        rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
+        rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, str(of), where)
         if name not in self._nominal and self._closed:
             raise ArgumentError(
                 f"{where}: '{name}' is asked for too late, as captured steps have it once for all worlds. Ask for it "
@@ -144,7 +144,7 @@ class ModelFields:
         Args:
             name: A field that was asked for.
             of: An element, object or robot: see `field_rows`.
-            factor: Factors, a Warp array or torch tensor on the device, shape (nworld,), float32.
+            factor: Factors, a Warp array or torch tensor on the device or a numpy array, shape (nworld,), float32.
             mask: Which worlds, shape (nworld,), bool.
             where: The caller, for errors.
 
@@ -156,7 +156,12 @@ class ModelFields:
         for argument, given in (("factor", factor), ("mask", mask)):
             if (shape := getattr(given, "shape", type(given).__name__)) != (self._nworld,):
                 raise ArgumentError(f"{where}: {argument} should have shape ({self._nworld},), got {shape}.")
-        factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
+        if isinstance(factor, np.ndarray):
+            factor = wp.array(factor, dtype=float, device=mask.device)
+        elif not isinstance(factor, wp.array):
+            factor = wp.from_torch(factor.detach().float().contiguous())
+        if factor.dtype is not wp.float32:
+            raise ArgumentError(f"{where}: factor should hold float32, got {factor.dtype.__name__}.")
         rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
         word = _word(name)
@@ -166,7 +171,7 @@ class ModelFields:
                 for each in (self._nominal[field], self.wide(field))
             )
             dim = (self._nworld, array.shape[1], count or array.shape[2])
-            wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
+            wp.launch(_scale, dim, inputs=[first, mask, factor, nominal], outputs=[array], device=array.device)
 
     def parameter(self, name: str, where: str) -> wp.array:
         """Return the numbers that a draw of the scene's `randomize` has taken, shape (nworld, n).

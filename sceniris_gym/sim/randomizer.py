@@ -278,7 +278,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Args:
             name: A field that `put_model` or `model_field` was asked for.
             of: An element of the model, or an object or a robot.
-            factor: Factors of the model's values, a torch tensor or a Warp array, shape (nworld,), float32.
+            factor: Factors of the model's values, a torch, numpy or Warp array, shape (nworld,), float32.
 
         Raises:
             UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`; or factors of another shape.
