@@ -337,9 +337,18 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         else:
             setattr(self, name, values)
 
-    def layout_ids(self) -> list[str]:
-        """Return the ids of the present layouts, one per world. Waits for the device."""
-        return self.randomizer.layout_ids()
+    def layout_ids(self, info: Mapping[str, Any] | None = None) -> list[str]:
+        """Return the ids of the present layouts, one per world. Waits for the device.
+
+        Args:
+            info: An `info` of `reset` or `step` that names other layouts; `final_info` those of episodes that ended.
+        """
+        if info is None:
+            return self.randomizer.layout_ids()
+        table, split = self.randomizer.layouts.knobs, self.split
+        knobs = map(table.text, table.rows(info.get("layout_knobs", {}), self.num_envs))
+        rows = zip(info["layout_seed"].tolist(), info["layout_episode"].tolist(), knobs, strict=True)
+        return [self.compiled.layout_id(seed, episode, split, text) for seed, episode, text in rows]
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""
