@@ -246,8 +246,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
             )
-        source = self.randomizer.layout_source
-        chosen = arguments.as_chosen_layouts(given.get(LAYOUTS), self.num_envs, source, self.split)
+        source, chosen = self.randomizer.layout_source, given.get(LAYOUTS)
+        if chosen is not None:
+            chosen = arguments.as_chosen_layouts(chosen, self.num_envs, source, self.split)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
