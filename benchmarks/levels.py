@@ -3,13 +3,14 @@
     python -m benchmarks.levels buffer
     python -m benchmarks.levels knobs clutter_extract
     python -m benchmarks.levels steps TabletopReach-v0
+    python -m benchmarks.levels resets TabletopReach-v0
     python -m benchmarks.levels table FOLDER FOLDER
 
 `buffer` times decisions and updates of 4,096 worlds with 10^6 levels, launched one by one and as a graph, and a refresh
 of all weights. `knobs` times a change of all knobs of a scene in all worlds, alike or each in its own way, and the next
-layouts after it. `steps` times steps of random actions by turns, with levels and without. `table` prints the successes
-of trained policies by the number of things in a layout, out of `judged.json` of their folders. Each prints lines of
-JSON.
+layouts after it. `steps` times steps of random actions by turns, with levels and without, `resets` the kernels of
+resets. `table` prints the successes of trained policies by the number of things in a layout, out of `judged.json` of
+their folders. Each prints lines of JSON.
 """
 
 from __future__ import annotations
@@ -197,6 +198,37 @@ def steps(
     print(json.dumps({"task": task, "num_envs": num_envs, "turns": len(times["levels", True]), **found}))
 
 
+def resets(task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096) -> None:
+    """Time the kernels of a reset of 1% of the worlds, one by one: without levels, with them, and with all knobs, too.
+
+    Layouts are made ahead, as in a training; that is not part of it.
+
+    Args:
+        task: id of a task of this package
+        device: a GPU
+        num_envs: worlds
+    """
+    compiled = compile_scene(scene_of(task, reachable=True), device)
+    words = {"plain": {}, "levels": {"levels": Levels()}, "levels_and_knobs": {"levels": Levels(), "knobs": "*"}}
+    found: dict[str, dict[str, float]] = {}
+    for name, more in words.items():
+        envs: Any = make_env(task, num_envs, compiled, **more)
+        randomizer, each = envs.randomizer, found.setdefault(name, {})
+        envs.reset(seed=0)
+        number = torch.arange(num_envs, device=envs.device) // (num_envs // 100 + 1)
+        for turn in range(_ROUNDS):
+            wait(envs)
+            wp.copy(randomizer._mask, wp.from_torch(number == turn))  # other worlds each time, whose layouts are ready
+            wp.timing_begin()
+            randomizer._launch_reset()
+            for one in wp.timing_end():
+                each[one.name] = each.get(one.name, 0.0) + (1e3 * one.elapsed / (_ROUNDS - 1) if turn else 0.0)
+    total = {name: round(sum(each.values()), 1) for name, each in found.items()}
+    more = {kernel: round(us - found["plain"].get(kernel, 0.0), 1) for kernel, us in found["levels_and_knobs"].items()}
+    largest = dict(sorted(more.items(), key=lambda item: -item[1])[:8])
+    print(json.dumps({"task": task, "num_envs": num_envs, "reset_us": total, "more_us": largest}))
+
+
 def table(folders: tyro.conf.Positional[tuple[Path, ...]]) -> None:
     """Print the successes of policies by the number of things.
 
@@ -213,4 +245,4 @@ def table(folders: tyro.conf.Positional[tuple[Path, ...]]) -> None:
 
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({f.__name__: f for f in (buffer, knobs, steps, table)})
+    tyro.extras.subcommand_cli_from_dict({f.__name__: f for f in (buffer, knobs, steps, resets, table)})
