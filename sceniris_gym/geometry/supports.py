@@ -12,6 +12,7 @@ import shapely
 from shapely.geometry import MultiPoint, MultiPolygon, Point, Polygon, box
 
 from sceniris_gym.config.bounds import MOST_FAR
+from sceniris_gym.config.fields import Points
 from sceniris_gym.config.objects import RegionConfig
 from sceniris_gym.errors import ErodedSupportError
 from sceniris_gym.geometry.pieces import Piece, PieceType
@@ -133,7 +134,7 @@ def crop(
 
 
 def _kept(
-    surfaces: list[SupportSurface], keep: Polygon | None, points: tuple[tuple[float, ...], ...] | None, erosion: float
+    surfaces: list[SupportSurface], keep: Polygon | None, points: Points | None, erosion: float
 ) -> list[SupportSurface]:
     """Return the surfaces with their regions eroded, but those of which nothing is left.
 
@@ -152,11 +153,7 @@ def _kept(
 
 
 def _check_points(
-    surfaces: list[SupportSurface],
-    points: tuple[tuple[float, ...], ...],
-    kept: list[SupportSurface],
-    erosion: float,
-    where: str,
+    surfaces: list[SupportSurface], points: Points, kept: list[SupportSurface], erosion: float, where: str
 ) -> None:
     """Check that each point is on a surface, by the smallest erosion that `ratio_on_support` demands of any pose."""
     used = {tuple(xy) for s in kept for xy in shapely.get_coordinates(s.region).tolist()}

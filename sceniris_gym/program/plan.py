@@ -10,7 +10,6 @@ import heapq
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import mujoco
 import numpy as np
 
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
@@ -57,13 +56,8 @@ class Plan:
     place: np.ndarray
     bounds: np.ndarray
 
-    @property
-    def home(self) -> mujoco.MjData:
-        """The model at the start pose."""
-        return self.scene.home
-
     @cached_property
-    def reaching(self) -> Reaching | None:
+    def reaching(self) -> Reaching:
         """The arms of the scene and what they are to reach, planned when it is asked for; see `plan_reaching`."""
         return plan_reaching(self.scene, self.objects, self.pieces)
 
@@ -77,8 +71,8 @@ class Plan:
         """All pieces but planes, with their least and greatest extents [m] at home along the world's axes, (3,)."""
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
-            low, high = p.extents(self.home.xmat[p.body].reshape(3, 3))
-            found.append((p, low + self.home.xpos[p.body], high + self.home.xpos[p.body]))
+            low, high = p.extents(self.scene.home.xmat[p.body].reshape(3, 3))
+            found.append((p, low + self.scene.home.xpos[p.body], high + self.scene.home.xpos[p.body]))
         return found
 
 

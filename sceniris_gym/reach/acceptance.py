@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from sceniris_gym.config.tier import Tier
+from sceniris_gym.progress import tell
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.reach.solve import ITERATIONS, RESTARTS, solve
 
@@ -22,9 +23,7 @@ _DRAWS, _ROUNDS = 1 << 16, 16
 _EFFORTS = ((RESTARTS, ITERATIONS), (2 * RESTARTS, 2 * ITERATIONS))
 
 
-def measure_false_accepts(
-    reach_map: ReachMap, device: str, progress: Callable[[str, int, int], object] = lambda what, done, total: None
-) -> float | None:
+def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
     """Measure the share of the poses accepted by a map that are out of reach, within limits.
 
     Three sets of poses are uniform over the map's box: in any orientation, straight up and straight down.
@@ -32,7 +31,6 @@ def measure_false_accepts(
     Args:
         reach_map: The map. Its seed determines the poses, and the starts from which they are solved.
         device: Warp's name of the device. One CPU core takes a second, and longer if many poses are out of reach.
-        progress: Called with the stage, the number of finished sets, and the number of sets.
 
     Returns:
         The largest share among the sets; None if the map accepts almost no pose of any set.
@@ -42,7 +40,7 @@ def measure_false_accepts(
         found = np.concatenate(list(_accepted(reach_map, number, members, device)))[:POSES]
         if len(found) >= _LEAST:
             shares.append(_out_of_reach(reach_map, found, device) / len(found))
-        progress("false accepts", number + 1, len(_SETS))
+        tell("false accepts", number + 1, len(_SETS))
     return max(shares, default=None)
 
 

@@ -135,24 +135,6 @@ class SerialArm:
         return (self.link_pos[0] - along * (self.link_pos[0, 2] / along[2]))[:2]
 
     @property
-    def tcp_offset(self) -> tuple[float, float]:
-        """Distance [m] of the TCP from the last joint's axis, and angle [rad] between that axis and the TCP's z."""
-        axis, pos = self.axis[-1], self.link_pos[-1]
-        turned = rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1])
-        away = pos - (pos @ axis) * axis
-        return float(np.linalg.norm(away)), _angle_to(turned, axis)
-
-    @property
-    def free_base(self) -> bool:
-        """True if the first joint can make a full turn."""
-        return self._turns_freely(0)
-
-    @property
-    def free_wrist(self) -> bool:
-        """True if the last joint can make a full turn."""
-        return self._turns_freely(-1)
-
-    @property
     def no_map(self) -> str | None:
         """Reason why reachability maps, symmetric about the base's z and the TCP's z, do not apply; None if they do."""
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
@@ -162,7 +144,9 @@ class SerialArm:
             return f"the first joint{first} is {np.degrees(self.tilt):.3g} degrees off the z axis of '{self.name}'"
         if self.slide[-1]:
             return f"the last joint{last} is a slide, not a hinge about the approach axis of the TCP"
-        length, angle = self.tcp_offset
+        axis, pos = self.axis[-1], self.link_pos[-1]
+        length = float(np.linalg.norm(pos - (pos @ axis) * axis))
+        angle = _angle_to(rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1]), axis)
         if length >= _TCP_LENGTH_TOL or angle >= _TCP_ANGLE_TOL:
             return (
                 f"the TCP is {1000.0 * length:.3g} mm off the axis of the last joint{last}, "
@@ -170,7 +154,8 @@ class SerialArm:
             )
         return None
 
-    def _turns_freely(self, i: int) -> bool:
+    def turns_freely(self, i: int) -> bool:
+        """Return True if a joint, by its number, can make a full turn."""
         return bool(not self.slide[i] and self.upper[i] - self.lower[i] > 2.0 * np.pi - _ANGLE_TOL)
 
 

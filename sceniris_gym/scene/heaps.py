@@ -68,11 +68,10 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
         rows = HeapRows(names, found["pos"], found["quat"], str(found["settled_with"]))
         whole = rows.pos.shape[1:] == (len(names), 3) and rows.quat.shape == (*rows.pos.shape[:2], 4)
         sound = whole and len(rows.pos) > 0 and np.isfinite(rows.pos).all()
-        sound = sound and np.abs(np.linalg.norm(rows.quat, axis=-1) - 1.0).max(initial=0.0) < 1e-3
-    except (*UNREADABLE, KeyError, TypeError):
-        sound, rows = False, None
-    if rows is None or not sound:
-        raise HeapError(f"{where}.rows: '{path}' holds no settled heaps. {mend}")
+        if not sound or not np.abs(np.linalg.norm(rows.quat, axis=-1) - 1.0).max(initial=0.0) < 1e-3:
+            raise ValueError("poses of another shape, or none")
+    except UNREADABLE:
+        raise HeapError(f"{where}.rows: '{path}' holds no settled heaps. {mend}") from None
     if rows.names != heap.of:
         listed = ", ".join(rows.names)
         raise HeapError(

@@ -57,15 +57,11 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
         bodies: The bodies of the variants of one object.
     """
     kinds = geom_classes(mjm)
-    own = [_numbered([kinds[geom] for geom in _geoms(mjm, body)]) for body in bodies]
+    of_bodies = [[kinds[geom] for geom in _geoms(mjm, body)] for body in bodies]
+    own = [[(kind, some[:i].count(kind)) for i, kind in enumerate(some)] for some in of_bodies]  # numbered in its class
     order = list(dict.fromkeys(kind for numbered in own for kind, _ in numbered))
     shared = sorted({*chain(*own)}, key=lambda each: (order.index(each[0]), each[1]))
     return [kind for kind, _ in shared], [[shared.index(each) for each in numbered] for numbered in own]
-
-
-def _numbered(kinds: list[tuple[int, ...]]) -> list[tuple[tuple[int, ...], int]]:
-    """Return each class with the number of geoms before it that have the same."""
-    return [(kind, kinds[:i].count(kind)) for i, kind in enumerate(kinds)]
 
 
 class SharedBodies:
@@ -189,8 +185,7 @@ def check_variants(
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
-    first = int(mjm.body_geomadr[body])
-    return list(range(first, first + int(mjm.body_geomnum[body])))
+    return np.flatnonzero(mjm.geom_bodyid == body).tolist()
 
 
 def _free_bit(mjm: mujoco.MjModel, where: str) -> int:

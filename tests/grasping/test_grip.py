@@ -27,7 +27,7 @@ def closing(tmp_path_factory: pytest.TempPathFactory):
     plan = build_plan(model)
     assert plan.reaching is not None
     one, target = plan.reaching.arms[0], plan.reaching.targets[0]
-    return plan, Fingers(model.mjm, one.arm, one.gripper, plan.home), target.grasp_set.grasps, model.subtree("cube")
+    return plan, Fingers(model.mjm, one.arm, one.gripper, model.home), target.grasp_set.grasps, model.subtree("cube")
 
 
 def test_fingers_close_until_they_are_a_little_inside(closing):

@@ -59,9 +59,7 @@ class _Drawn:
 
     def __init__(self, plan: Plan) -> None:
         self.mjm, self.owners = plan.scene.mjm, plan.scene.owners
-        addresses = [d.qposadr for o in plan.objects for d in o.joint_ranges]
-        addresses += [f.coupling.adr for o in plan.objects for f in o.followers]
-        self.joints = set(np.flatnonzero(np.isin(self.mjm.jnt_qposadr, addresses)).tolist())
+        self.joints = {joint for o in plan.objects for joint in plan.scene.moving_joints(o.name)}
         placed = {o.bodies[0]: o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
         self.above: list[frozenset[int | str]] = [frozenset()]
         for body in range(1, self.mjm.nbody):

@@ -43,7 +43,7 @@ def check_distances(plan: Plan) -> None:
 
 def _check_start(plan: Plan, name: str) -> None:
     """Check that an object or a robot that is not placed stands near enough."""
-    config, at = plan.scene.config, plan.home.xpos[plan.scene.bodies[name]]
+    config, at = plan.scene.config, plan.scene.home.xpos[plan.scene.bodies[name]]
     if np.abs(at).max() > MOST_FAR:
         key, robot = config.key(name), config.all_robots.get(name)
         if robot is not None:
@@ -61,7 +61,7 @@ def _check_size(plan: Plan, o: PlacedObject) -> None:
     if any(p.type == PieceType.PLANE and p.body in o.bodies for p in plan.pieces):
         raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
     for p, *ends in (solid for solid in plan.solids if solid[0].body in o.bodies):
-        reach = float(np.abs(np.subtract(ends, plan.home.xpos[o.bodies[0]])).max())
+        reach = float(np.abs(np.subtract(ends, plan.scene.home.xpos[o.bodies[0]])).max())
         if reach > MOST_FAR:
             raise SceneKeyError(
                 f"{where}: geom '{geom_name(plan.scene.mjm, p.geom)}' reaches {reach:.4g} m from the object's origin, "
@@ -92,8 +92,8 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
     if o.support is None or o.config.support is None:
         return
     moves = o.support.owner in placed
-    pos = np.zeros(3) if moves else plan.home.xpos[o.support.body]
-    mat = np.eye(3) if moves else plan.home.xmat[o.support.body].reshape(3, 3)
+    pos = np.zeros(3) if moves else plan.scene.home.xpos[o.support.body]
+    mat = np.eye(3) if moves else plan.scene.home.xmat[o.support.body].reshape(3, 3)
     reach = float(np.abs(o.corners @ mat.T + pos).max())
     if reach > MOST_FAR + 1e-6:
         where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.{o.config.support.word}"

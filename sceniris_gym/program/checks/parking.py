@@ -73,7 +73,7 @@ def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.n
 def _far_corner(plan: Plan, o: PlacedObject) -> np.ndarray:
     """Return the greatest x and y [m] of the region of an object on a support that stays."""
     assert o.ground is not None
-    at, mat = plan.home.xpos[o.ground], plan.home.xmat[o.ground].reshape(3, 3)
+    at, mat = plan.scene.home.xpos[o.ground], plan.scene.home.xmat[o.ground].reshape(3, 3)
     return (o.corners @ mat.T + at)[:, :2].max(axis=0)
 
 

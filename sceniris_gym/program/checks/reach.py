@@ -18,8 +18,6 @@ def check_reach(plan: Plan) -> None:
         MapError: A tier asks for the map of an arm that has none.
         SceneKeyError: An arm that is not in the scene would have to be posed.
     """
-    if plan.reaching is None:
-        return
     for i, one in enumerate(plan.reaching.arms):
         _check_arm(plan.scene.config, one, [target for target in plan.reaching.targets if target.arm == i])
 

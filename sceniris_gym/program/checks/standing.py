@@ -106,7 +106,7 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
     places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
-    joints = sorted({joint for at in places for joint in _yielding(mjm, plan.home, o.ground, at)})
+    joints = sorted({joint for at in places for joint in _yielding(mjm, plan.scene.home, o.ground, at)})
     root, placed = int(mjm.body_rootid[o.ground]), [x.bodies[0] for x in plan.objects if x.kind == ObjectKind.FREE]
     is_loose = mjm.body_dofnum[root] == 6 and root not in placed
     if not joints and not is_loose:
@@ -122,7 +122,7 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     ends = [{r.qposadr: r.intervals[i][i] for r in owner.joint_ranges} for i in (0, -1)]
     for state, at in itertools.product(({}, *ends), places):
         mujoco.mj_resetData(model, data)
-        data.qpos[:], data.ctrl[:] = plan.home.qpos, plan.scene.home_ctrl
+        data.qpos[:], data.ctrl[:] = plan.scene.home.qpos, plan.scene.home_ctrl
         data.qpos[list(state)] = list(state.values())
         mujoco.mj_forward(model, data)
         if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there

@@ -59,7 +59,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class ArmPairs:
-    """Pairs of an arm in a grasp, in lists like those of `collider_pairs`; all are empty without reach targets.
+    """Pairs of an arm in a grasp, in lists like those of `collider_pairs`.
 
     Attributes:
         robots: For each reach target, in placement order, the robot that is to reach it.
@@ -204,8 +204,6 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
         rules: The rules for its colliders.
     """
     reaching, scene, bodies = plan.reaching, plan.scene, [c.body for c in rules.colliders]
-    if reaching is None:
-        return ArmPairs()
     markers, config = _marker_bodies(scene), scene.config
     lifted = {name for start in config.start if start.is_held for name in start.targets(config.groups)}
     numbers = {body: i for i, o in enumerate(plan.objects) for body in o.bodies}
@@ -242,7 +240,7 @@ def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
     pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
     if not rules.is_physics:
         return [pair for pair in pairs if not _touch_at_home(rules, plan, pair)]
-    home = HomeTouch(rules.mjm, plan.home)
+    home = HomeTouch(rules.mjm, plan.scene.home)
     return [part for pair in pairs for part in _as_at_home(rules, plan, home, pair)]
 
 
@@ -253,7 +251,7 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
     """
     near = max(pair.margin, _NEAR)
     geoms = [rules.geoms(collider) for collider in (pair.a, pair.b)]
-    return any(mujoco.mj_geomDistance(rules.mjm, plan.home, g, h, near, None) < near for g, h in product(*geoms))
+    return any(mujoco.mj_geomDistance(rules.mjm, plan.scene.home, g, h, near, None) < near for g, h in product(*geoms))
 
 
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
@@ -273,5 +271,5 @@ def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> li
 
 def _directions(plan: Plan, piece: Piece, direction: np.ndarray) -> np.ndarray:
     """Return a direction of the world at home and the piece's axes, to and fro, in the frame of the piece's body."""
-    found = np.vstack([plan.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
+    found = np.vstack([plan.scene.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
     return np.concatenate([found, -found])

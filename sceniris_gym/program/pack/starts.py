@@ -34,10 +34,9 @@ def _raise_bounds(plan: Plan, draws: np.ndarray, bounds: np.ndarray) -> None:
     adr = [r.qposadr for o in plan.objects for r in o.joint_ranges]
     is_drawn = draws[..., :1] <= draws[..., 1:]
     bounds[adr] = np.maximum(bounds[adr], np.where(is_drawn, np.abs(draws), 0.0).max(axis=(0, 2), initial=0.0))
-    for one in () if plan.reaching is None else plan.reaching.arms:
+    for one in plan.reaching.arms:
         limits = np.abs([one.arm.lower, one.arm.upper])
-        bounds[one.arm.qposadr] = np.maximum(
-            np.where(np.isfinite(limits), limits, np.pi).max(axis=0), bounds[one.arm.qposadr]
-        )
+        most = np.where(np.isfinite(limits), limits, np.pi).max(axis=0)
+        bounds[one.arm.qposadr] = np.maximum(bounds[one.arm.qposadr], most)
         adr, qpos = one.gripper.poses(np.linspace(0.0, 1.0, 17))
         bounds[adr] = np.maximum(bounds[adr], np.abs(qpos).max(axis=0, initial=0.0))
