@@ -164,7 +164,12 @@ class Auditor:
         """Return the report with the motion of free objects in some layouts."""
         if not len(table) or not self.free:
             return report
-        mjm, limp = self.scene.mjm, limp_joints(self.scene.mjm, self._robots())
+        mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
+        joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
+        # robots, and anything else with actuators that is no object of the scene
+        names = {*config.all_robots} | {owner[body] for body in mjm.jnt_bodyid[driven]} - {*config.objects}
+        limp = limp_joints(mjm, {body for body, name in enumerate(owner) if name in names})
         motion = settle(mjm, self.free, table, frozen=limp)
         unstable: dict[str, tuple[int, str]] = {}
         for kind, text in motion.warnings.values():
@@ -179,15 +184,6 @@ class Auditor:
             top_speed=float(max(v.max(initial=0.0, where=~np.isnan(v)) for v in motion.speed.values())),
             unstable=unstable,
         )
-
-    def _robots(self) -> set[int]:
-        """Return the bodies of the robots, and of anything else with actuators that is no object of the scene."""
-        mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
-        joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-        driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
-        names = {owner[body] for body in mjm.jnt_bodyid[driven]}
-        names = set(config.all_robots) | names - set(config.objects)
-        return {body for body, name in enumerate(owner) if name in names}
 
     def excess(self, table: LayoutTable, poses: Poses) -> Excess:
         """Measure relations, orientations and groups alone.

@@ -18,7 +18,6 @@ from sceniris_gym.errors import CycleError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
-from sceniris_gym.program.couplings import followers_of
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.heap_poses import HeapPoses, heap_poses
 from sceniris_gym.program.obstacles import obstacles
@@ -28,10 +27,8 @@ from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.standing import Stance, stances
 from sceniris_gym.program.surfaces import may_lean, surfaces_of
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.couplings import free_range
+from sceniris_gym.scene.couplings import driven_by, free_range
 from sceniris_gym.scene.model import SceneModel
-
-_KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,14 +166,14 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: Heap
     if config is None:  # a robot whose base is not drawn
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
     drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
-    followers = followers_of(scene.couplings, {d.qposadr: d.intervals for d in drawn})
+    followers = tuple(driven_by(scene.couplings, scene.joint_configs(name)))
     step = PlacedObject(name, _stream(scene.config, name), ObjectKind.STATIC, bodies, config, drawn, followers)
     if not config.is_placed:
         return step
     own, home = _solid(pieces, bodies), scene.home
     shape = HomeShape(home, bodies[0], own)
     poses = [(of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]])), 1.0)]
-    step = replace(step, kind=_KINDS[config.kind])
+    step = replace(step, kind=ObjectKind[config.kind.upper()])
     if heap is not None:
         variants = [shape.variant(*pose) for pose in poses]
         return replace(step, variants=variants, support=heap.support, surfaces=[[heap.surface]], heap=heap)

@@ -140,7 +140,14 @@ class SharedBodies:
         unnamed = sorted(self._hulls - {geom.meshname for geom in spec.geoms if geom.contype | geom.conaffinity})
         if not unnamed:
             return
-        body, bit = spec.worldbody.add_body(name=_HULLS), _free_bit(self._full, self._where)
+        used = int(np.bitwise_or.reduce(self._full.geom_conaffinity.astype(np.int64)))
+        bit = next((1 << i for i in range(_CONTACT_BITS) if not used >> i & 1), 0)
+        if not bit:
+            raise SceneKeyError(
+                f"{self._where}: objects with variants need a contact bit of their own, and the geoms of the model "
+                f"have all {_CONTACT_BITS} in their conaffinity. Leave one out."
+            )
+        body = spec.worldbody.add_body(name=_HULLS)
         for mesh in unnamed:
             geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, contype=bit, conaffinity=0, mass=0.0)
             geom.group, geom.rgba = HIDDEN_GROUP, [0.0, 0.0, 0.0, 0.0]
@@ -186,19 +193,3 @@ def check_variants(
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
     return np.flatnonzero(mjm.geom_bodyid == body).tolist()
-
-
-def _free_bit(mjm: mujoco.MjModel, where: str) -> int:
-    """Return a contact bit that no geom reacts to.
-
-    Raises:
-        SceneKeyError: There is none.
-    """
-    used = int(np.bitwise_or.reduce(mjm.geom_conaffinity.astype(np.int64)))
-    bit = next((1 << i for i in range(_CONTACT_BITS) if not used >> i & 1), 0)
-    if not bit:
-        raise SceneKeyError(
-            f"{where}: objects with variants need a contact bit of their own, and the geoms of the model have all "
-            f"{_CONTACT_BITS} in their conaffinity. Leave one out."
-        )
-    return bit

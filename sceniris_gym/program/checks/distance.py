@@ -30,7 +30,16 @@ def check_distances(plan: Plan) -> None:
         _check_region(plan, o, placed)
         if o.kind != ObjectKind.STATIC:
             _check_size(plan, o)
-        _check_draws(plan, o)
+        bound, mjm = BOUNDS["joint"], plan.scene.mjm
+        for drawn in o.joint_ranges:
+            ends = drawn.choice or (drawn.low, drawn.high)
+            if not all(map(bound.holds, ends)):
+                joint = mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == drawn.qposadr)[0])).name
+                raise SceneKeyError(
+                    f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.joints: '{joint}' is drawn between "
+                    f"{min(ends):g} and {max(ends):g}, and {bound.advice}. Correct its limits in the model, or give a "
+                    "'range'."
+                )
     for p, low, high in plan.solids:
         reach = float(np.abs([low, high]).max())
         if reach > MOST_WIDE and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
@@ -67,20 +76,6 @@ def _check_size(plan: Plan, o: PlacedObject) -> None:
                 f"{where}: geom '{geom_name(plan.scene.mjm, p.geom)}' reaches {reach:.4g} m from the object's origin, "
                 f"and should end within {MOST_FAR:g} m of it: rounding grows with distance. Correct its position, or "
                 "give its mesh a smaller `scale`."
-            )
-
-
-def _check_draws(plan: Plan, o: PlacedObject) -> None:
-    """Check that the limits between which joints are drawn are those of a mechanism."""
-    bound, mjm = BOUNDS["joint"], plan.scene.mjm
-    for drawn in o.joint_ranges:
-        ends = drawn.choice or (drawn.low, drawn.high)
-        if not all(map(bound.holds, ends)):
-            joint = mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == drawn.qposadr)[0])).name
-            raise SceneKeyError(
-                f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.joints: '{joint}' is drawn between "
-                f"{min(ends):g} and {max(ends):g}, and {bound.advice}. Correct its limits in the model, or give a "
-                "'range'."
             )
 
 

@@ -66,7 +66,7 @@ def _moving(plan: Plan) -> dict[int, tuple[int, np.poly1d]]:
     All joints that differ between layouts are there, by their addresses in qpos.
     """
     found = {d.qposadr: (d.qposadr, np.poly1d([1.0, 0.0])) for o in plan.objects for d in o.joint_ranges}
-    for c in (f.coupling for o in plan.objects for f in o.followers):
+    for c in (c for o in plan.objects for c in o.followers):
         root, position = found[c.driver_adr]
         found[c.adr] = root, np.poly1d((*reversed(c.coef), c.offset))(position - c.origin)
     return found

@@ -33,11 +33,6 @@ class JoinedSites:
     own: np.ndarray
     turn: float
 
-    @property
-    def sites(self) -> np.ndarray:
-        """Both positions, shape (4,)."""
-        return np.hstack([self.at, self.own])
-
 
 def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
     """Return how an object is joined.

@@ -28,10 +28,8 @@ def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
     quats = (mjm.jnt_qposadr + 3 * is_free)[is_free | is_ball]
     bound[quats[:, None] + np.arange(4)] = 1.0
     for o in plan.objects:
-        for d in o.joint_ranges:
-            bound[d.qposadr] = max(map(abs, d.choice or (d.low, d.high)))
-        for f in o.followers:
-            bound[f.coupling.adr] = max(abs(f.low), abs(f.high))
+        for adr, ends in o.spans.items():
+            bound[adr] = max(map(abs, ends))
     mocap = np.full(mjm.nmocap, 3.0 * far)
     bodies = np.flatnonzero(mjm.body_mocapid >= 0)
     mocap[mjm.body_mocapid[bodies]] += np.abs(mjm.body_pos[bodies]).sum(axis=1)

@@ -56,7 +56,10 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
     view.mapped = one.map is not None
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
     if present:
-        view.hand_pos, view.hand_quat = _in_tcp(home, one.arm.tcp_site, hand[0])
+        site, body = one.arm.tcp_site, hand[0]
+        back = home.site_xmat[site].reshape(3, 3).T
+        view.hand_pos = wp.vec3(*(back @ (home.xpos[body] - home.site_xpos[site])))
+        view.hand_quat = wp.vec4(*product(quaternion(back), home.xquat[body]))
     return {
         "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
         "arm_body": np.array(scene.subtree(one.robot)[1:], int),
@@ -66,13 +69,6 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
         "grip_open": gripper.open_qpos,
         **coupling_arrays(gripper.couplings),
     }
-
-
-def _in_tcp(home: mujoco.MjData, site: int, body: int) -> tuple[wp.vec3, wp.vec4]:
-    """Return the pose of a body that moves with the TCP, in the frame of the TCP, a site."""
-    back = home.site_xmat[site].reshape(3, 3).T
-    pos = back @ (home.xpos[body] - home.site_xpos[site])
-    return wp.vec3(*pos), wp.vec4(*product(quaternion(back), home.xquat[body]))
 
 
 def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
