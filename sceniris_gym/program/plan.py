@@ -154,12 +154,6 @@ def _around_base(variant: Variant) -> Variant:
     return replace(variant, pivot=turn.T @ np.array([0.0, 0.0, at[2]]), bounds=variant.bounds + np.tile(at[:2], 2))
 
 
-def _stream(config: SceneConfig, name: str) -> int:
-    """Return the random stream of an object or a robot: 0 for the first robot, then the objects, then other robots."""
-    robots = list(config.all_robots)
-    return 0 if robots[:1] == [name] else 1 + [*config.objects, *robots[1:]].index(name)
-
-
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
     """Work out one step of the program."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
@@ -167,7 +161,10 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: Heap
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
     drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
     followers = tuple(driven_by(scene.couplings, scene.joint_configs(name)))
-    step = PlacedObject(name, _stream(scene.config, name), ObjectKind.STATIC, bodies, config, drawn, followers)
+    # the first robot has the random stream 0; then come the objects, then other robots
+    first, *robots = scene.config.all_robots or [None]
+    stream = 0 if name == first else 1 + [*scene.config.objects, *robots].index(name)
+    step = PlacedObject(name, stream, ObjectKind.STATIC, bodies, config, drawn, followers)
     if not config.is_placed:
         return step
     own, home = _solid(pieces, bodies), scene.home

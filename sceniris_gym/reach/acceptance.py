@@ -60,15 +60,11 @@ def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device
         poses[:, :3] = draws.uniform(low, high, (_DRAWS, 3))
         poses[:, 3 + np.array(members)] = draws.standard_normal((_DRAWS, len(members)))
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-        verdict = reach_map.verdict_at(poses[:, :3], _approach(poses[:, 3:]), device)
+        w, x, y, z = poses[:, 3:].T
+        approach = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z]
+        verdict = reach_map.verdict_at(poses[:, :3], np.stack(approach, axis=1), device)
         kept = poses[verdict >= Tier.MAP.least_verdict]
         yield kept
         found += len(kept)
         if found >= POSES:
             break
-
-
-def _approach(quat: np.ndarray) -> np.ndarray:
-    """Return the z axes of unit wxyz quaternions, shape (N, 4) -> (N, 3)."""
-    w, x, y, z = quat.T
-    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1)

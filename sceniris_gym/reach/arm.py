@@ -83,8 +83,7 @@ class SerialArm:
             raise UnknownNameError("site", tcp, f"arm '{base}'", filter(None, sites))
         base_body, tcp_site = bodies.index(base), sites.index(tcp)
         ids, pos, quat = _chain(mjm, base_body, tcp_site)
-        _check_joints(mjm, base, tcp, ids)
-        _check_serial(mjm, base, base_body, ids)
+        _check_joints(mjm, base_body, tcp, ids)
         adr = mjm.jnt_qposadr[ids]
         limited = mjm.jnt_limited[ids].astype(bool)
         lower = np.where(limited, mjm.jnt_range[ids, 0], -np.inf)
@@ -183,8 +182,9 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
     return ids, np.array([link[0] for link in links]), np.array([link[1] for link in links])
 
 
-def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> None:
-    """Raise ArmError for a number or a kind of joints that an arm cannot have."""
+def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int]) -> None:
+    """Raise ArmError for joints that an arm cannot have, that move its base, or that are coupled."""
+    base = mjm.body(base_body).name
     if not ids:
         raise ArmError(
             f"arm '{base}': no joint is between it and the site '{tcp}'. The site should be on a body that joints move."
@@ -200,10 +200,6 @@ def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> N
             raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a {word} joint. Use hinges and slides.")
         if kind == mujoco.mjtJoint.mjJNT_SLIDE and not mjm.jnt_limited[i]:
             raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a slide without limits. Give it a range.")
-
-
-def _check_serial(mjm: mujoco.MjModel, base: str, base_body: int, ids: list[int]) -> None:
-    """Raise ArmError for joints that move the base, and for constraints that couple the arm's joints."""
     for i in _joints_of(mjm, base_body):
         if mujoco.mjtJoint(mjm.jnt_type[i]) != mujoco.mjtJoint.mjJNT_FREE:
             raise ArmError(

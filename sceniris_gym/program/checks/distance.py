@@ -23,9 +23,18 @@ def check_distances(plan: Plan) -> None:
             joint that is drawn too far out.
     """
     placed = {o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
-    for name in plan.slots:
-        if name not in placed:
-            _check_start(plan, name)
+    config = plan.scene.config
+    for name in (name for name in plan.slots if name not in placed):
+        at = plan.scene.home.xpos[plan.scene.bodies[name]]
+        if np.abs(at).max() > MOST_FAR:
+            key, robot = config.key(name), config.all_robots.get(name)
+            if robot is not None:
+                key = f"{robot.section}.base" if robot.in_model is None else robot.key
+            place = ", ".join(f"{x:.4g}" for x in at)
+            raise SceneKeyError(
+                f"{config.where}: {key}: stands at ({place}) m, and should be within {MOST_FAR:g} m of the world's "
+                "origin along each axis: rounding grows with distance. Move the model to the origin."
+            )
     for o in plan.objects:
         _check_region(plan, o, placed)
         if o.kind != ObjectKind.STATIC:
@@ -48,20 +57,6 @@ def check_distances(plan: Plan) -> None:
                 f"the world's origin, and should end within {MOST_WIDE:g} m along each axis: rounding grows with "
                 "distance. Use a plane, or smaller geoms."
             )
-
-
-def _check_start(plan: Plan, name: str) -> None:
-    """Check that an object or a robot that is not placed stands near enough."""
-    config, at = plan.scene.config, plan.scene.home.xpos[plan.scene.bodies[name]]
-    if np.abs(at).max() > MOST_FAR:
-        key, robot = config.key(name), config.all_robots.get(name)
-        if robot is not None:
-            key = f"{robot.section}.base" if robot.in_model is None else robot.key
-        place = ", ".join(f"{x:.4g}" for x in at)
-        raise SceneKeyError(
-            f"{config.where}: {key}: stands at ({place}) m, and should be within {MOST_FAR:g} m of the world's origin "
-            "along each axis: rounding grows with distance. Move the model to the origin."
-        )
 
 
 def _check_size(plan: Plan, o: PlacedObject) -> None:

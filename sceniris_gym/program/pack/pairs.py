@@ -158,8 +158,13 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         plan: The plan.
         rules: The rules for its colliders.
     """
-    bodies, standing = [c.body for c in rules.colliders], _standing_clearances(plan)
-    config = plan.scene.config
+    bodies, scene, config = [c.body for c in rules.colliders], plan.scene, plan.scene.config
+    clearances = dict.fromkeys(range(scene.mjm.nbody), 0.0)
+    for name, part in (*config.all_robots.items(), *config.objects.items()):
+        clearances |= dict.fromkeys(scene.subtree(name), part.clearance)
+    left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
+    # of what stands before anything is placed; nothing keeps off markers
+    standing = {body: clearance for body, clearance in clearances.items() if body not in left_out}
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
@@ -178,16 +183,6 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
             standing.update(dict.fromkeys(o.bodies, clearance))
         result.append(pairs)
     return result
-
-
-def _standing_clearances(plan: Plan) -> dict[int, float]:
-    """Return the clearance [m] of each body that stands before anything is placed; nothing keeps off markers."""
-    scene, config = plan.scene, plan.scene.config
-    clearances = dict.fromkeys(range(scene.mjm.nbody), 0.0)
-    for name, part in (*config.all_robots.items(), *config.objects.items()):
-        clearances |= dict.fromkeys(scene.subtree(name), part.clearance)
-    left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
-    return {body: clearance for body, clearance in clearances.items() if body not in left_out}
 
 
 def _marker_bodies(scene: SceneModel) -> set[int]:
