@@ -26,7 +26,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
     """Return the fields `obj_*`, and the lists that they address but for pairs; `joints` as from `joints_of`."""
     objects, slots, shared = plan.objects, plan.slots, plan.scene.config.owners
     boxes = [_box(o.config) for o in objects]
-    followers, followed = addressed("obj_follow", ([f.coupling for f in o.followers] for o in objects))
+    followers, followed = addressed("obj_follow", (o.followers for o in objects))
     return {
         **columns("obj", objects, stream=1, kind=1, cover=1, erosion=1),
         "obj_body": np.array([o.bodies[0] for o in objects], int),
