@@ -190,6 +190,12 @@ def resolve(
 
 
 @wp.func
+def depends_on_heading(program: Program, rel: int) -> bool:
+    """Return True if the region of a relation depends on the heading of the object, not on its bounds alone."""
+    return program.rel_type[rel] == RelationType.BESIDE or program.rel_type[rel] == RelationType.JOINED
+
+
+@wp.func
 def side_num(s: ResolvedRelation) -> int:
     """Return the number of half-planes that bound one piece of a relation; -1 if it is not active."""
     if not s.active:

@@ -11,9 +11,9 @@ from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, piece_of, point_counter, point_uniforms
+from sceniris_gym.layout.wave.exponential_race import NO_PIECE, first_arrival, piece_of, point_counter, point_uniforms
 from sceniris_gym.layout.wave.posing import pose_candidate
-from sceniris_gym.layout.wave.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
+from sceniris_gym.layout.wave.region_pieces import cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.footprint import outline_distance
@@ -87,7 +87,7 @@ def _point_holds(
     """Return True if all relations hold exactly at the drawn point, and the pivot is far enough from the outline."""
     worldid = search.row_world[row]
     for i in range(program.obj_relnum[obj]):
-        resolved = search.relations[c, i]
+        resolved = search.relations[search.holder[c], i]
         rel = program.obj_reladr[obj] + i
         if not relation_holds(program, worldid, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
             return False
@@ -118,7 +118,7 @@ def _draw_in_piece(
     at = t.a
     if not is_point(program, tri):
         polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
-        num = cut_triangle(program, search, c, obj, index // triangles, t, polygon)
+        num = cut_triangle(program, search, search.holder[c], obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
     heading = search.heading[c]
     if program.obj_orientation[obj] == OrientationType.FACE_TO:
@@ -147,11 +147,7 @@ def _repeat_race(
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
             numbers = point_counter(program, split, layouts, search, racing)
-            best = NO_PIECE
-            for k in range(lane, search.pieces[racing], wp.block_dim()):
-                size = search.piece_area[racing, k]
-                if size > LEAST_AREA:
-                    best = wp.min(best, arrival_key(numbers, redraw, search.piece[racing, k], size))
+            best = first_arrival(search, search.holder[racing], numbers, redraw, lane, wp.block_dim())
             best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
             if lane == other:
                 own = best
@@ -166,7 +162,7 @@ def _draw_points(
     # Layouts in: present, pending_seed, pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart, cuts, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat,
-    #   relations, sides, side_num, pieces, piece, piece_area, winner, cut
+    #   relations, sides, side_num, pieces, piece, piece_area, winner, cut, holder
     # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
     search: Search,
 ):

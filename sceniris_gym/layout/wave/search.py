@@ -70,6 +70,7 @@ class Search:
     opened: wp.array[int]  # number of candidates of the next wave
     candidates: wp.array[int]
     cuts: wp.array[int]  # number of candidates in `cut`
+    regions: wp.array[int]  # number of candidates in `region`
     narrow_pairs: wp.array[int]
     enclosed: wp.array[int]
     hands: wp.array[int]  # number of entries in `hand`
@@ -103,6 +104,8 @@ class Search:
     piece_area: wp.array2d[float]  # [m^2]
     winner: wp.array[wp.uint64]  # arrival key of the piece that wins the first exponential race
     cut: wp.array[int]  # candidates whose region differs from world to world
+    region: wp.array[int]  # those that regions are cut for, one for each region of a row
+    holder: wp.array[int]  # the one of these that has the candidate's region
     narrow_pair: wp.array[wp.vec4i]  # (candidate, pair, node of a, node of b)
     # Points inside the bounding box of a collider, in the frame of its body; for `geometry: visual`
     enclosed_candidate: wp.array[int]
@@ -177,6 +180,7 @@ def begin_wave(search: Search):
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.cuts[0] = 0
+    search.regions[0] = 0
     search.narrow_pairs[0] = 0
     search.enclosed[0] = 0
     search.hands[0] = 0
@@ -346,7 +350,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
-        zeros(1, "opened candidates cuts narrow_pairs enclosed hands any_overflowed")
+        zeros(1, "opened candidates cuts regions narrow_pairs enclosed hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
@@ -357,7 +361,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")
         zeros((related, compiled.pieces), "piece piece_area")
-        zeros(related, "pieces winner cut")
+        zeros(related, "pieces winner cut region holder")
         zeros(0 if visual else size.narrow_pairs, "narrow_pair")
         zeros(size.narrow_pairs if visual else 0, "enclosed_candidate enclosed_by enclosed_point")
     return s
