@@ -86,6 +86,8 @@ def _build_sides(
         i = k % MAX_RELATIONS
         obj = search.obj[c]
         if search.cause[c] == Cause.NONE and program.obj_kind[obj] != ObjectKind.STATIC and program.obj_cutnum[obj] > 0:
+            if i >= wp.max(program.obj_relnum[obj], 1):
+                continue
             row = search.row[c]
             frame = support_pose(program, layouts, row, obj)
             if frame.rot[2, 2] < LEVEL:
@@ -99,7 +101,7 @@ def _build_sides(
                 if holder == c:
                     search.pieces[c] = 0
                     search.region[wp.atomic_add(search.regions, 0, 1)] = c
-            if i < program.obj_relnum[obj] and holder == c:
+            if holder == c and program.obj_relnum[obj] > 0:
                 _resolve(program, layouts, search, c, i, row, obj, frame)
 
 
