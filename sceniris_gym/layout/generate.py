@@ -34,7 +34,7 @@ from sceniris_gym.layout.wave.draw import launch_draw
 from sceniris_gym.layout.wave.drawn_masses import DrawnMasses
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
-from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces, launch_sample_pieces
+from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.wave.rounds import launch_finish, launch_open_rows, launch_start
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.settle import launch_settle
@@ -213,7 +213,6 @@ class LayoutGenerator(Fixed, LayoutSource):
             launch_build_sides(work)
             launch_find_pieces(work)
             launch_measure_pieces(work)
-            launch_sample_pieces(work)
             launch_draw_points(work)
         if self._has_markers:
             launch_put_at_markers(work)

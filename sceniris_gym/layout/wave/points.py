@@ -1,8 +1,8 @@
 """Draw the point of a support that an object is placed at: uniform by area in the region that its relations leave.
 
 Without relations the region is the same in every world, and its triangles are clipped once, on the host. With relations
-`region_pieces.py` clips them in each world and samples a piece by area. This module draws a point of that piece; where
-the point fails the exact test of the relations, another exponential race and another point follow.
+`region_pieces.py` clips them in each world. This module samples a piece by area in an exponential race, and draws a
+point of it; where the point fails the exact test of the relations, another race and another point follow.
 """
 
 import warp as wp
@@ -134,16 +134,24 @@ def _draw_in_piece(
 
 
 @wp.func
-def _repeat_race(
-    program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int, needs: int, lane: int, redraw: int
+def _race(
+    program: Program,
+    split: wp.uint32,
+    layouts: LayoutsView,
+    search: Search,
+    c: int,
+    needs: int,
+    lane: int,
+    most: int,
+    redraw: int,
 ) -> wp.uint64:
-    """Return the arrival key that wins the race of a redraw, for each lane whose candidate needs one.
+    """Return the arrival key that wins the race of a redraw, for each of the `most` first lanes that needs one.
 
-    A candidate may have hundreds of pieces, so all lanes of the block share its race, one candidate after the other.
+    A region may have hundreds of pieces, so all lanes of the block share a race, one candidate after the other.
     """
     own = NO_PIECE
     wanted = wp.tile(wp.where(needs != 0, c, -1))
-    for other in range(wp.block_dim()):
+    for other in range(most):
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
             numbers = point_counter(program, split, layouts, search, racing)
@@ -162,25 +170,25 @@ def _draw_points(
     # Layouts in: present, pending_seed, pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart, cuts, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat,
-    #   relations, sides, side_num, pieces, piece, piece_area, winner, cut, holder
+    #   relations, sides, side_num, pieces, piece, piece_area, cut, holder
     # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
     search: Search,
 ):
     block, lane = wp.tid()
     num = search.cuts[0]
-    for base in range(block * wp.block_dim(), num, blocks * wp.block_dim()):
-        needs = wp.where(base + lane < num, 1, 0)
+    # Few candidates: a block for each is faster. Many: a lane for each.
+    most = wp.clamp((num + blocks - 1) // blocks, 1, wp.block_dim())
+    for base in range(block * most, num, blocks * most):
+        needs = wp.where(lane < wp.min(most, num - base), 1, 0)
         c = search.cut[wp.min(base + lane, num - 1)]
         row = search.row[c]
         obj = search.obj[c]
-        winner = search.winner[c]
-        if winner == NO_PIECE and needs != 0:
-            search.cause[c] = Cause.EMPTY
-            needs = 0
         redraw = int(0)
         while redraw < _REDRAWS and block_any(needs) != 0:
-            if redraw > 0:
-                winner = _repeat_race(program, split, layouts, search, c, needs, lane, redraw)
+            winner = _race(program, split, layouts, search, c, needs, lane, most, redraw)
+            if winner == NO_PIECE and needs != 0:
+                search.cause[c] = Cause.EMPTY
+                needs = 0
             if needs != 0:
                 u = point_uniforms(point_counter(program, split, layouts, search, c), redraw)
                 if _draw_in_piece(program, layouts, search, c, row, obj, piece_of(winner), u):
@@ -192,5 +200,5 @@ def _draw_points(
 
 
 def launch_draw_points(work: Workspace) -> None:
-    """Draw the points of the listed candidates, one lane per candidate."""
+    """Draw the points of the listed candidates."""
     work.launch_blocks(_draw_points, [work.program, work.split, work.size.blocks, work.layouts], work.search)

@@ -1,8 +1,7 @@
-"""Clip the support's triangles to each relation, and sample one of the pieces by area.
+"""Clip the support's triangles to each relation, and measure the pieces.
 
 A piece is the part of a triangle inside one convex piece of every relation, a *combination* of them. Its number is
-combination * triangles + triangle. The candidates of a row share its pieces, and sample one each. Several lanes share
-the pieces of a region, and those that a candidate samples from: the fewer there are, the more.
+combination * triangles + triangle. Several lanes share the pieces of a region: the fewer the regions, the more.
 """
 
 import warp as wp
@@ -10,7 +9,6 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE, first_arrival, point_counter
 from sceniris_gym.layout.wave.search import Search, Workspace, lanes_for_each
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
@@ -192,32 +190,3 @@ def launch_measure_pieces(work: Workspace) -> None:
     """Measure the area of the listed pieces."""
     size = work.size
     work.launch(_measure_pieces, size.lanes, [work.program, size.lanes, size.parts, work.layouts], work.search)
-
-
-@wp.kernel(grid_stride=False)
-def _sample_pieces(
-    program: Program,
-    split: wp.uint32,
-    lanes: int,
-    least_parts: int,
-    # Layouts in: pending_seed, pending_episode
-    layouts: LayoutsView,
-    # Search in: row_world, row_restart, cuts, row, obj, trial, pieces, piece, piece_area, winner, cut, holder
-    # Search out: winner
-    search: Search,
-):
-    num = search.cuts[0]
-    parts = lanes_for_each(lanes, num, least_parts)
-    for i in range(wp.tid(), parts * num, lanes):
-        c = search.cut[i // parts]
-        numbers = point_counter(program, split, layouts, search, c)
-        best = first_arrival(search, search.holder[c], numbers, 0, i % parts, parts)
-        if best != NO_PIECE:
-            wp.atomic_min(search.winner, c, best)
-
-
-def launch_sample_pieces(work: Workspace) -> None:
-    """Run the first exponential race of each listed candidate among the pieces of its region."""
-    size = work.size
-    inputs = [work.program, work.split, size.lanes, size.parts, work.layouts]
-    work.launch(_sample_pieces, size.lanes, inputs, work.search)

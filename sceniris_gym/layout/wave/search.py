@@ -102,7 +102,6 @@ class Search:
     pieces: wp.array[int]  # number of pieces of its region that may have positive area
     piece: wp.array2d[int]  # their numbers
     piece_area: wp.array2d[float]  # [m^2]
-    winner: wp.array[wp.uint64]  # arrival key of the piece that wins the first exponential race
     cut: wp.array[int]  # candidates whose region differs from world to world
     region: wp.array[int]  # those that regions are cut for, one for each region of a row
     holder: wp.array[int]  # the one of these that has the candidate's region
@@ -361,7 +360,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")
         zeros((related, compiled.pieces), "piece piece_area")
-        zeros(related, "pieces winner cut region holder")
+        zeros(related, "pieces cut region holder")
         zeros(0 if visual else size.narrow_pairs, "narrow_pair")
         zeros(size.narrow_pairs if visual else 0, "enclosed_candidate enclosed_by enclosed_point")
     return s

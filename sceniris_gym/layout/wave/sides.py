@@ -10,7 +10,6 @@ from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.placed import placed
 from sceniris_gym.placement.relations import depends_on_heading, resolve, side_num, write_sides
@@ -78,7 +77,7 @@ def _build_sides(
     # Layouts in: present, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_first, candidates, cuts, regions, row, obj, cause, turn, heading, hulls
-    # Search out: cuts, regions, cause, relations, hulls, sides, side_num, pieces, winner, cut, region, holder
+    # Search out: cuts, regions, cause, relations, hulls, sides, side_num, pieces, cut, region, holder
     search: Search,
 ):
     for k in range(wp.tid(), MAX_RELATIONS * candidate_num(search), lanes):
@@ -95,7 +94,6 @@ def _build_sides(
                 continue
             holder = _holder(program, search, c, row, obj)
             if i == 0:
-                search.winner[c] = NO_PIECE
                 search.cut[wp.atomic_add(search.cuts, 0, 1)] = c
                 search.holder[c] = holder
                 if holder == c:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE
 from sceniris_gym.layout.wave.search import Search, Workspace, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.program.device import Cause
@@ -59,13 +58,11 @@ def test_candidates_on_level_supports_are_listed(generator: LayoutGenerator, lan
     view.body_quat.assign(quats)
     failed = np.arange(N) % 5 == 0
     search.cause.assign(np.where(failed, Cause.COLLISION, Cause.NONE))
-    search.winner.fill_(7)
     launch_build_sides(_with_lanes(generator, lanes))
     level = lean < np.radians(0.1)
     assert _listed(search) == np.flatnonzero(level & ~failed).tolist()
     expected = np.where(failed, Cause.COLLISION, np.where(level, Cause.NONE, Cause.EMPTY))
     assert (search.cause.numpy() == expected).all()
-    assert (search.winner.numpy() == np.where(level & ~failed, np.uint64(NO_PIECE), np.uint64(7))).all()
     assert (search.pieces.numpy()[level & ~failed] == 0).all()
 
 
