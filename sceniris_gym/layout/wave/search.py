@@ -145,8 +145,10 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
     trial = search.row_trial[row]
     # the share of the rows that goes on is expected to be that of the last wave
     rows = float(wp.max(search.rows[0], 1))
-    scale = float(busy) * wp.max(float(search.rows_before[0]), rows) / (rows * rows)
-    trials = wp.min(scale * program.obj_effort[obj], float(program.attempts - trial))
+    share = wp.max(float(search.rows_before[0]), rows) / (rows * rows)
+    # no more than there is room for: the count of all candidates would overflow
+    most = wp.min(float(busy) * program.obj_effort[obj], float(search.cause.shape[0]))
+    trials = wp.min(share * most, float(program.attempts - trial))
     wanted = ahead + wp.max(int(trials), 1)
     first = wp.atomic_add(search.opened, 0, wanted)
     num = wp.clamp(search.cause.shape[0] - first, 0, wanted)
