@@ -72,7 +72,6 @@ class Search:
     cuts: wp.array[int]  # number of candidates in `cut`
     regions: wp.array[int]  # number of candidates in `region`
     narrow_pairs: wp.array[int]
-    enclosed: wp.array[int]
     hands: wp.array[int]  # number of entries in `hand`
     any_overflowed: wp.array[int]  # 1: at least one candidate has `overflowed` set
     # Candidates
@@ -106,10 +105,6 @@ class Search:
     region: wp.array[int]  # those that regions are cut for, one for each region of a row
     holder: wp.array[int]  # the one of these that has the candidate's region
     narrow_pair: wp.array[wp.vec4i]  # (candidate, pair, node of a, node of b)
-    # Points inside the bounding box of a collider, in the frame of its body; for `geometry: visual`
-    enclosed_candidate: wp.array[int]
-    enclosed_by: wp.array[int]
-    enclosed_point: wp.array[wp.vec3]
 
 
 @wp.func
@@ -183,7 +178,6 @@ def begin_wave(search: Search):
     search.cuts[0] = 0
     search.regions[0] = 0
     search.narrow_pairs[0] = 0
-    search.enclosed[0] = 0
     search.hands[0] = 0
     search.any_overflowed[0] = 0
 
@@ -220,8 +214,8 @@ class SearchSize:
         rows: Rows beyond one per world, for restarts that run at the same time.
         candidates: Most candidates in a wave.
         busy: Number of candidates that a wave is filled up to with further trials of its rows.
-        narrow_pairs: Capacity of the queue of narrow-phase pairs, or with `geometry: visual` of the queue of points
-            that may be enclosed. With 0 each candidate is tested as a whole.
+        narrow_pairs: Capacity of the queue of narrow-phase pairs, which `geometry: visual` does without. Candidates
+            whose pairs have no room are tested as a whole.
         grasps: Most candidates in a wave of the reach stage, each with a pose of the robot.
         lanes: Lanes of a launch in which lanes work independently.
         parts: Lanes that share the containment test of a candidate, and at least so many share its prefilter and the
@@ -341,7 +335,6 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     related = ncand if compiled.related else 0
     targets = () if compiled.reaching is None else compiled.reaching.targets
     early = sum(len(target.grasp_set.grasps) for target in targets if target.early)
-    visual = compiled.config.geometry == "visual"
     s = Search()
     zeros = partial(allocate, Search, s)
     with wp.ScopedDevice(compiled.device):
@@ -351,7 +344,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
-        zeros(1, "opened candidates cuts regions narrow_pairs enclosed hands any_overflowed")
+        zeros(1, "opened candidates cuts regions narrow_pairs hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
@@ -363,6 +356,5 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((related, compiled.sides), "sides")
         zeros((related, compiled.pieces), "piece piece_area")
         zeros(related, "pieces cut region holder")
-        zeros(0 if visual else size.narrow_pairs, "narrow_pair")
-        zeros(size.narrow_pairs if visual else 0, "enclosed_candidate enclosed_by enclosed_point")
+        zeros(0 if compiled.config.geometry == "visual" else size.narrow_pairs, "narrow_pair")
     return s
