@@ -8,6 +8,7 @@ a LayoutsView, of which seeds and episodes, starts, presence and positions are r
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,14 +31,23 @@ from sceniris_gym.program.device import OrientationType, Program
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-def redraw_counts(nworld: int, device: str | wp.Device) -> list[wp.array]:
-    """Return counts of 0 on the device.
+class RedrawCounts(NamedTuple):
+    """Counts of redraws, on the device, all int32.
 
-    Returns:
-        Redraws of each world since its reset, shape (nworld,); the `Status` of its latest one, VALID or KEPT, or NONE
-        before the first, (nworld,); and the running number of those in which nothing fitted, (1,); all int32.
+    Attributes:
+        number: Redraws of each world since its reset, shape (nworld,).
+        status: The `Status` of its latest one, VALID or KEPT, or NONE before the first, shape (nworld,).
+        kept: Running number of those in which nothing fitted, shape (1,).
     """
-    return [wp.zeros(num, dtype=int, device=device) for num in (nworld, nworld, 1)]
+
+    number: wp.array
+    status: wp.array
+    kept: wp.array
+
+    @classmethod
+    def zeros(cls, nworld: int, device: str | wp.Device) -> RedrawCounts:
+        """Return counts of 0."""
+        return cls(*(wp.zeros(num, dtype=int, device=device) for num in (nworld, nworld, 1)))
 
 
 @wp.func
@@ -229,18 +239,16 @@ class Redraw(StaysHere):
             self._given += [wp.array(anchors, dtype=int, ndim=1), wp.array(slots, dtype=int, ndim=1)]
             self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
 
-    def launch(
-        self, state: LayoutsView, mask: wp.array, counts: Sequence[wp.array], origins: wp.array | None = None
-    ) -> None:
+    def launch(self, state: LayoutsView, mask: wp.array, counts: RedrawCounts, origins: wp.array | None = None) -> None:
         """Redraw the objects in the masked worlds.
 
         Args:
             state: The worlds; see the module.
             mask: Which worlds, shape (nworld,), bool.
-            counts: As from `redraw_counts`; this redraw is added.
+            counts: This redraw is added to them.
             origins: Origins of the worlds [m], shape (nworld,), vec3, which the state has and layouts do not.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
-        read = [self._program, mask, self._split, *self._given, counts[0], origins, state]
+        read = [self._program, mask, self._split, *self._given, counts.number, origins, state]
         self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
         wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed, *counts], device=device)

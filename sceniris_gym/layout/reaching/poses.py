@@ -107,11 +107,12 @@ def pose_arm(
 
 
 @wp.func
-def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
+def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
 
-    More are tested at once where many have failed, and all where rows wait for room, which bounds the number of waves.
-    Other lanes may defer the candidates before it meanwhile.
+    More are tested where some have failed, and where the wave has few rows for the `at_once` candidates that a launch
+    tests as fast as one; all are where rows wait for room, which bounds the number of waves. Other lanes may defer the
+    candidates before it meanwhile.
     """
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
         return False
@@ -121,7 +122,7 @@ def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
         failed = reach_search.failed[other]
         if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
             earlier += 1
-    return earlier > reach_search.tried[row] // 2
+    return earlier >= wp.max(1 + 4 * reach_search.tried[row], at_once // reach_search.rows[0])
 
 
 @wp.kernel(grid_stride=False)
@@ -129,11 +130,12 @@ def _pose(
     program: Program,
     reach: Reach,
     step: int,
+    at_once: int,
     lanes: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tried, tier, first, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos,
-    #   qpos, body_pos, body_quat
+    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, failed, grasp_qpos,
+    #   pregrasp_qpos, qpos, body_pos, body_quat
     # ReachSearch out: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
@@ -153,7 +155,7 @@ def _pose(
             continue
         joints = reach_search.pregrasp_qpos[c]
         if step == ReachStep.SELF_AT_GRASP:
-            if _is_deferred(reach_search, c):
+            if _is_deferred(reach_search, at_once, c):
                 reach_search.failed[c] = wp.static(DEFERRED)
                 continue
             joints = reach_search.grasp_qpos[c]
@@ -165,4 +167,5 @@ def _pose(
 def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
     """Pose the robot of each candidate as a step tests it, the hand alone before there are joints. Defer some."""
     lanes = work.size.lanes
-    work.launch(_pose, lanes, [work.program, reach, int(step), lanes, work.layouts], reach_search)
+    at_once = work.size.blocks // 4  # on an H200, four times as many take longer
+    work.launch(_pose, lanes, [work.program, reach, int(step), at_once, lanes, work.layouts], reach_search)
