@@ -81,9 +81,7 @@ def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, 
 
 
 @wp.func
-def _between(
-    width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2], first: int
-) -> ResolvedRelation:
+def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2]) -> ResolvedRelation:
     """Resolve `between`: the hull of the anchors, or a strip if they lie on a line, or a square if at one point."""
     a = int(0)
     b = int(0)
@@ -107,7 +105,7 @@ def _between(
         left = wp.max(left, off)
         right = wp.min(right, off)
     if left - right > _THIN:
-        s.hullnum = convex_hull(points, num, hull, first)
+        s.hullnum = convex_hull(points, num, hull)
     return s
 
 
@@ -144,12 +142,11 @@ def resolve(
     bounds: wp.array[wp.vec4],
     present: wp.array[int],
     hull: wp.array[wp.vec2],
-    first: int,
 ) -> ResolvedRelation:
     """Resolve a relation of an object, given its heading and bounds, to its region in one world.
 
     Absent anchors count as not named; a relation without enough anchors is not active. The corners of a hull are
-    written to `hull` from `first` on.
+    written to `hull`.
     """
     adr = program.rel_anchoradr[rel]
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
@@ -164,7 +161,7 @@ def resolve(
         if width < 0.0:
             size = own.high - own.low
             width = wp.min(size[0], size[1])
-        return _between(width, points, num, hull, first)
+        return _between(width, points, num, hull)
 
     s = ResolvedRelation()
     s.reach = _NO_LIMIT
@@ -223,10 +220,8 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
     for piece in range(pieces):
         adr = first + 4 * piece
         start = s.axis - s.half_angle + slice * float(piece)
-        sides[adr] = everything
-        sides[adr + 1] = everything
-        sides[adr + 2] = everything
-        sides[adr + 3] = everything
+        for k in range(4):
+            sides[adr + k] = everything
         if s.half_angle < _PI or pieces > 1:
             sides[adr] = HalfPlane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
             sides[adr + 1] = HalfPlane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
@@ -243,20 +238,16 @@ def write_sides(
     rel: int,
     s: ResolvedRelation,
     hull: wp.array[wp.vec2],
-    corner: int,
     sides: wp.array[HalfPlane],
     first: int,
 ):
-    """Write the half-planes that bound all pieces of a relation to `sides` from `first` on.
-
-    The corners of its hull start at `corner` in `hull`.
-    """
+    """Write the half-planes that bound all pieces of a relation to `sides` from `first` on."""
     if not s.active:
         return
     if s.hullnum > 0:
         for k in range(s.hullnum):
-            a = hull[corner + k]
-            edge = hull[corner + (k + 1) % s.hullnum] - a
+            a = hull[k]
+            edge = hull[(k + 1) % s.hullnum] - a
             sides[first + k] = HalfPlane(wp.vec2(edge[1], -edge[0]), a, 0.0)
     elif program.rel_type[rel] == RelationType.SECTOR:
         _slice_sides(program, rel, s, sides, first)

@@ -12,16 +12,15 @@ from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.exponential_race import NO_PIECE, first_arrival, piece_of, point_counter, point_uniforms
-from sceniris_gym.layout.wave.posing import pose_candidate
+from sceniris_gym.layout.wave.posing import heading_at, pose_candidate
 from sceniris_gym.layout.wave.region_pieces import cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.footprint import outline_distance
-from sceniris_gym.placement.orientations import facing
-from sceniris_gym.placement.placed import Placed, is_there, placed
+from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
 from sceniris_gym.placement.relations import relation_holds
-from sceniris_gym.program.device import Cause, OrientationType, Program
+from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -120,13 +119,7 @@ def _draw_in_piece(
         polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
         num = cut_triangle(program, search, search.holder[c], obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
-    heading = search.heading[c]
-    if program.obj_orientation[obj] == OrientationType.FACE_TO:
-        target = program.obj_target[obj]
-        if is_there(layouts.present[row], target):
-            place = layouts.place[row, target]
-            heading = turn.yaw + facing(at, wp.vec2(place[0], place[1]))
-    own = placed(at, heading, turn.bounds)
+    own = placed(at, heading_at(program, layouts, search, c, row, obj, at), turn.bounds)
     if not _point_holds(program, layouts, search, c, row, obj, tri, frame, own):
         return False
     _keep_point(program, search, c, obj, tri, frame, at)

@@ -14,7 +14,7 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
+from sceniris_gym.config.limits import MAX_RELATIONS
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import CountError
 from sceniris_gym.layout.layouts import LayoutsView
@@ -95,7 +95,6 @@ class Search:
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
     relations: wp.array2d[ResolvedRelation]
-    hulls: wp.array2d[wp.vec2]
     sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of its relations
     side_num: wp.array2d[int]  # number of half-planes of each piece of a relation; -1 if the relation is inactive
     pieces: wp.array[int]  # number of pieces of its region that may have positive area
@@ -352,7 +351,6 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((ncand, early), "free")
         zeros(ncand * early, "hand")
         zeros((related, MAX_RELATIONS), "relations side_num")
-        zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")
         zeros((related, compiled.pieces), "piece piece_area")
         zeros(related, "pieces cut region holder")

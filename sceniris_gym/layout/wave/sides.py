@@ -35,7 +35,7 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: int, row: int, obj: int, frame: Pose):
     """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces."""
     rel = program.obj_reladr[obj] + i
-    hull = search.hulls[c]
+    hull = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
     resolved = resolve(
         program,
         search.row_world[row],
@@ -46,11 +46,10 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
         layouts.bounds[row],
         layouts.present[row],
         hull,
-        i * MAX_ANCHORS,
     )
     search.relations[c, i] = resolved
     search.side_num[c, i] = side_num(resolved)
-    write_sides(program, rel, resolved, hull, i * MAX_ANCHORS, search.sides[c], program.rel_sideadr[rel])
+    write_sides(program, rel, resolved, hull, search.sides[c], program.rel_sideadr[rel])
 
 
 @wp.func
@@ -76,8 +75,8 @@ def _build_sides(
     lanes: int,
     # Layouts in: present, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_first, candidates, cuts, regions, row, obj, cause, turn, heading, hulls
-    # Search out: cuts, regions, cause, relations, hulls, sides, side_num, pieces, cut, region, holder
+    # Search in: row_world, row_first, candidates, cuts, regions, row, obj, cause, turn, heading
+    # Search out: cuts, regions, cause, relations, sides, side_num, pieces, cut, region, holder
     search: Search,
 ):
     for k in range(wp.tid(), MAX_RELATIONS * candidate_num(search), lanes):
