@@ -73,17 +73,11 @@ def _clears_outline(program: Program, obj: int, tri: int, frame: Pose, own: Plac
 
 @wp.func
 def _point_holds(
-    program: Program,
-    layouts: LayoutsView,
-    search: Search,
-    c: int,
-    row: int,
-    obj: int,
-    tri: int,
-    frame: Pose,
-    own: Placed,
+    program: Program, layouts: LayoutsView, search: Search, c: int, tri: int, frame: Pose, own: Placed
 ) -> bool:
     """Return True if all relations hold exactly at the drawn point, and the pivot is far enough from the outline."""
+    row = search.row[c]
+    obj = search.obj[c]
     worldid = search.row_world[row]
     for i in range(program.obj_relnum[obj]):
         resolved = search.relations[search.holder[c], i]
@@ -120,7 +114,7 @@ def _draw_in_piece(
         num = cut_triangle(program, search, search.holder[c], obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
     own = placed(at, heading_at(program, layouts, search, c, row, obj, at), turn.bounds)
-    if not _point_holds(program, layouts, search, c, row, obj, tri, frame, own):
+    if not _point_holds(program, layouts, search, c, tri, frame, own):
         return False
     _keep_point(program, search, c, obj, tri, frame, at)
     return True
@@ -128,22 +122,15 @@ def _draw_in_piece(
 
 @wp.func
 def _race(
-    program: Program,
-    split: wp.uint32,
-    layouts: LayoutsView,
-    search: Search,
-    c: int,
-    needs: int,
-    lane: int,
-    most: int,
-    redraw: int,
+    program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int, lane: int, most: int, redraw: int
 ) -> wp.uint64:
-    """Return the arrival key that wins the race of a redraw, for each of the `most` first lanes that needs one.
+    """Return the arrival key that wins the race of a redraw for a lane's candidate, -1 for none.
 
-    A region may have hundreds of pieces, so all lanes of the block share a race, one candidate after the other.
+    Only the `most` first lanes have one. A region may have hundreds of pieces, so all lanes of the block share a race,
+    one candidate after the other.
     """
     own = NO_PIECE
-    wanted = wp.tile(wp.where(needs != 0, c, -1))
+    wanted = wp.tile(c)
     for other in range(most):
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
@@ -178,7 +165,7 @@ def _draw_points(
         obj = search.obj[c]
         redraw = int(0)
         while redraw < _REDRAWS and block_any(needs) != 0:
-            winner = _race(program, split, layouts, search, c, needs, lane, most, redraw)
+            winner = _race(program, split, layouts, search, wp.where(needs != 0, c, -1), lane, most, redraw)
             if winner == NO_PIECE and needs != 0:
                 search.cause[c] = Cause.EMPTY
                 needs = 0
