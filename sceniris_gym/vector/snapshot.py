@@ -33,13 +33,13 @@ class Snapshot:
     """The state of worlds, a row for each.
 
     Attributes:
-        scene: Hash of the scene.
+        source: Hash of the scene, split and knobs of the layouts.
         worlds: The world that each row is of, shape (nrow,), int64.
         rows: What has a row for each world, by name: the state in mujoco_warp's Data, the layout, the steps since its
             reset, and the memory of the task, each of shape (nrow, ...).
     """
 
-    scene: str
+    source: tuple[str, ...]
     worlds: Tensor
     rows: Mapping[str, Tensor]
 
@@ -47,12 +47,12 @@ class Snapshot:
         return len(self.worlds)
 
     def __getitem__(self, index: Any) -> Snapshot:
-        return Snapshot(self.scene, self.worlds[index], {name: rows[index] for name, rows in self.rows.items()})
+        return Snapshot(self.source, self.worlds[index], {name: rows[index] for name, rows in self.rows.items()})
 
 
-def take(scene: str, live: Mapping[str, Tensor], worlds: Tensor) -> Snapshot:
+def take(source: tuple[str, ...], live: Mapping[str, Tensor], worlds: Tensor) -> Snapshot:
     """Return the rows of these worlds, copied."""
-    return Snapshot(scene, worlds, {name: tensor[worlds] for name, tensor in live.items()})
+    return Snapshot(source, worlds, {name: tensor[worlds] for name, tensor in live.items()})
 
 
 def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
@@ -69,19 +69,21 @@ def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) 
     return {name: tensor for name, tensor in live.items() if name not in kept}
 
 
-def put(snapshot: Any, scene: str, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
+def put(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
     """Write a snapshot back, into its own worlds or, in order, into those of a mask, and return the mask of them.
 
     Raises:
         ArgumentTypeError: No Snapshot.
-        SceneMismatchError: A snapshot of another scene or task.
+        SceneMismatchError: A snapshot of another scene, split or task, or of worlds with other knobs.
         ArgumentError: As many rows as the mask has worlds are needed; or a world that does not exist, or twice.
     """
     check_type(snapshot, Snapshot, "options['state']")
     found = {name: tuple(rows.shape[1:]) for name, rows in snapshot.rows.items()}
     wanted = {name: tuple(tensor.shape[1:]) for name, tensor in live.items()}
-    if snapshot.scene != scene or not wanted.items() <= found.items():
-        raise SceneMismatchError("options['state'] should be a snapshot of this scene and task. Take one of this one.")
+    if snapshot.source != source or not wanted.items() <= found.items():
+        raise SceneMismatchError(
+            "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."
+        )
     num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
     worlds = snapshot.worlds.to(device) if mask is None else mask.nonzero().flatten()
     if len(worlds) != len(snapshot):

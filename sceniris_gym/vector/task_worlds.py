@@ -97,6 +97,11 @@ class TaskWorlds:
         if (sampler := self.randomizer.levels) is not None:
             sampler.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
 
+    @property
+    def source(self) -> tuple[str, ...]:
+        """Hash of the scene, split and knobs of the layouts."""
+        return self._compiled.hash, self.randomizer.split, *self.randomizer.layouts.knobs.names
+
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
         sampler, replacer = self.randomizer.levels, self.randomizer.replacer
@@ -107,10 +112,10 @@ class TaskWorlds:
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
         """Write a snapshot into its own worlds, or into those of a mask, and return the mask of them; see `put`."""
-        due = put(snapshot, self._compiled.hash, live, mask)
+        due = put(snapshot, self.source, live, mask)
         if self._compiled.config.variants:  # which brings the model of the variants as it was made
             self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
-            put(snapshot, self._compiled.hash, live, mask)
+            put(snapshot, self.source, live, mask)
         self.batch.update()
         self.statistics.start(due)
         return due

@@ -309,7 +309,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         with self._launching("snapshot"):
             worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(as_host_mask(mask, self.num_envs))
-            return take(self.compiled.hash, self._live(), torch.from_numpy(worlds).to(self.device))
+            return take(self._worlds.source, self._live(), torch.from_numpy(worlds).to(self.device))
 
     @exclusive
     def set_knob(self, name: str, value: Any, mask: Any = None) -> None:

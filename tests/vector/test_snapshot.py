@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -130,7 +131,7 @@ def test_rows_go_to_the_masked_worlds_in_order(make_env):
 
 
 def test_wrong_snapshots_are_refused(make_env):
-    """Of another scene or type, with too many rows, with a seed beside them, or before the first reset."""
+    """Of another scene, split or type, of other knobs, with too many rows, with a seed beside them, or before the first reset."""
     envs = make_env(2)
     with pytest.raises(gymnasium.error.ResetNeeded, match=r"before snapshot"):
         envs.snapshot()
@@ -146,9 +147,14 @@ def test_wrong_snapshots_are_refused(make_env):
         envs.reset(options={"state": kept, "reset_mask": np.array([True, False])})
     with pytest.raises(ArgumentError, match="different worlds"):
         envs.reset(options={"state": kept[[0, 0]]})
-    other = type(kept)("0123456789abcdef", kept.worlds, kept.rows)
-    with pytest.raises(SceneMismatchError, match="of this scene and task"):
-        envs.reset(options={"state": other})
+    others = [replace(kept, source=("0123456789abcdef", *kept.source[1:]))]
+    for words in ({"split": "eval"}, {"knobs": "objects.cabinet.joints.slide"}):
+        foreign = make_env(2, **words)
+        foreign.reset(seed=0)
+        others.append(foreign.snapshot())
+    for other in others:
+        with pytest.raises(SceneMismatchError, match="of this scene, split, task and knobs"):
+            envs.reset(options={"state": other})
 
 
 def test_a_world_that_ended_is_reset_by_the_next_step(make_env):
