@@ -113,7 +113,7 @@ class KnobTable:
             UnknownNameError: It is none of these.
         """
         if name not in self.knobs:
-            raise UnknownNameError("knob", str(name), f"{where}, one of `knobs`", self.names)
+            raise UnknownNameError("knob", str(name), f"{where} (the argument `knobs` should name it)", self.names)
         return self.knobs[name]
 
     def named(self, rows: Any) -> dict[str, Any]:

@@ -69,8 +69,8 @@ class Knob:
         width, half = len(self.default), self.half
         if given.size not in (width, nworld * width):
             each = {"interval": "[low, high]", "count": "[low, high]", "clearance": "a number"}
-            wanted = each.get(self.form, f"{width} numbers")
-            raise ArgumentError(f"{self.name} should be {wanted}, or such for each of {nworld} worlds: {short(value)}.")
+            wanted = f"{each.get(self.form, f'{width} numbers')}, or such for each of {nworld} worlds"
+            raise ArgumentError(f"{self.name} should be {wanted}, got {short(value)}.")
         rows = given.reshape(-1, width)
         low, high = rows[:, :half], rows[:, half:]
         least, most = self._limits
@@ -78,13 +78,13 @@ class Knob:
         if not fits or (self.form == "box" and (low == high).any()):
             limits = f"from {least[0]:g} to {most[0]:g}"
             if half:
-                ends = f"{least[:half].tolist()} and {most[half:].tolist()}"
-                limits = f"low and high within {ends}, as the scene file has them"
-            raise ArgumentError(f"{self.name} should be {limits}: {short(value)}.")
+                ends = (f"[{', '.join(map(str, part))}]" for part in (least[:half], most[half:]))
+                limits = f"low and high from {' to '.join(ends)}, as in the scene file"
+            raise ArgumentError(f"{self.name} should be {limits}, got {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
-            raise ArgumentError(f"{self.name} should be whole numbers: {short(value)}.")
+            raise ArgumentError(f"{self.name} should be whole numbers, got {short(value)}.")
         if self.least and (np.count_nonzero(rows, axis=1) < self.least).any():
-            raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0: {short(value)}.")
+            raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0, got {short(value)}.")
         return rows
 
 

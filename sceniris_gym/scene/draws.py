@@ -149,7 +149,8 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     every, least, most = np.broadcast_arrays(ends, word.least, word.most)
     for k in np.argwhere((every < least) | (every > most))[:1, -1]:
         found, bounds = f"{every[..., k].min():g} to {every[..., k].max():g}", f"{least.flat[k]:g} to {most.flat[k]:g}"
-        _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
+        part = f" of component {k + 1}" if isinstance(word.least, tuple) else ""
+        _refuse(f"{where}.{config.form}", f"its values{part} would be from {found} and should be from {bounds}.")
     above, axes = ends > 0.0, 2 if config.choice is not None else (0, 2)
     if word.field == "geom_solref" and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
         _refuse(f"{where}.{config.form}", "all of its values should be above 0, or none of them.")

@@ -74,6 +74,7 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
         UnknownNameError: Nothing of that name has rows in this field.
         ArgumentError: The rows do not follow each other.
     """
+    name = str(name)  # MuJoCo looks up strings alone
     if field in OPTIONS:
         raise UnknownNameError("part of a field of the whole scene", name, f"{where} of '{field}'", ())
     prefix = field.partition("_")[0]

@@ -95,7 +95,7 @@ class ModelFields:
             SceneMismatchError: The Model has one row for all worlds.
         """
         check_field(name, self._scene.mjm, where)
-        rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, str(of), where)
+        rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         if name not in self._nominal and self._closed:
             raise ArgumentError(
                 f"{where}: '{name}' is asked for too late, as captured steps have it once for all worlds. Ask for it "
@@ -113,7 +113,7 @@ class ModelFields:
             array = getattr(owner(self._model, each), each)
             if array.size and array.shape[0] != self._nworld and not self._grow:
                 raise SceneMismatchError(
-                    f"{where}: model.{each} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
+                    f"{where}: model.{each} should have a row for each of {self._nworld} worlds, got {array.shape[0]}. "
                     f'Make the Model by put_model(compiled, {self._nworld}, "{name}").'
                 )
             self._nominal[each] = self._before(each)

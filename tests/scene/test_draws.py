@@ -160,7 +160,7 @@ def test_the_whole_scene_lights_and_materials(build):
         (
             {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 0.5], [0.9, 0.95, 0.001, 0.5, 2]]}}},
             SceneKeyError,
-            "solimp.abs: .* from 0.5 to 2 and should be from 1 to inf",
+            "solimp.abs: .* its values of component 5 would be from 0.5 to 2 and should be from 1 to inf",
         ),
         ({"randomize": {"lights": {"lam": {"pos": {"add": [0, 1]}}}}}, UnknownNameError, "Did you mean 'lamp'"),
         (

@@ -76,6 +76,12 @@ def test_unknown_names_are_told_with_the_nearest(small_arm, field: str, name: st
         field_rows(small_arm, {}, field, name, "test")
 
 
+def test_a_name_that_is_no_string_is_unknown(small_arm):
+    """MuJoCo would read memory that is not there."""
+    with pytest.raises(UnknownNameError, match="unknown body 'None'"):
+        field_rows(small_arm, {}, "body_mass", None, "test")  # pyright: ignore[reportArgumentType]
+
+
 @pytest.mark.parametrize("field", ["body_pos", "geom_size", "body_subtreemass", "body_mas", "jnt_range", "ngeom"])
 def test_other_fields_are_refused(small_arm, field: str):
     """Places, shapes, what follows from other fields, and what is no field."""

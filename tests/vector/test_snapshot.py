@@ -131,7 +131,7 @@ def test_rows_go_to_the_masked_worlds_in_order(make_env):
 
 
 def test_wrong_snapshots_are_refused(make_env):
-    """Of another scene, split or type, of other knobs, with too many rows, with a seed beside them, or before the first reset."""
+    """Of another scene, split or type, of other knobs, too many rows, a seed beside them, or before the first reset."""
     envs = make_env(2)
     with pytest.raises(gymnasium.error.ResetNeeded, match=r"before snapshot"):
         envs.snapshot()
