@@ -288,7 +288,6 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
     if placed < _CROWD:
         return None
     area = sum(surface.outline.area for surface in one.surfaces[0])
-    assert one.config is not None
     assert one.config.support is not None
     return (
         f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects; "
