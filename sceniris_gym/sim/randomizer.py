@@ -152,6 +152,7 @@ class ResetRandomizer(Fixed, StaysHere):
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         self.fields.use_knobs(self.layouts.knobs)
+        needs = list(needs)
         self._update, self.split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:
@@ -160,10 +161,11 @@ class ResetRandomizer(Fixed, StaysHere):
         variants = None
         if compiled.config.variants:
             variants = VariantWriter(compiled.scene, model, data.nworld, self.fields.varied)
-        more: Any = {"origins": origins, "variants": variants, "refresh": self._update}
+        more: Any = {"origins": origins, "variants": variants}
         found, rest = (compiled, model, data), self.fields.rest
-        self.replacer = Replacer(*found, self.layouts, self.split, rest=rest, **more, graph=graph)
-        more |= {"whole": write == "all", "count": self.replacer.number}
+        refresh = self._update if needs else None
+        self.replacer = Replacer(*found, self.layouts, self.split, rest=rest, **more, refresh=refresh, graph=graph)
+        more |= {"whole": write == "all", "count": self.replacer.number, "refresh": self._update}
         self._writer = ResetWriter(*found, self.fields, self._mask, self.split, **more)
         self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
@@ -228,7 +230,8 @@ class ResetRandomizer(Fixed, StaysHere):
         level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
         function of scene, split, seed, episode, number of the redraw since the reset (`replacer.number`) and state.
         Where nothing fits, the world keeps its state, `replacer.status` is `Status.KEPT`, and `replacer.kept` counts
-        it. `data.contact` is that of the last step, unless `needs` has "contacts".
+        it. Positions and orientations in space of the objects are brought up to date; those of all bodies only along
+        with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
 
         Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import mujoco_warp as mjw
 import numpy as np
@@ -45,7 +47,8 @@ class Replacer:
         rest: Controls and activations at rest.
         origins: Origins of the worlds [m], shape (nworld,), vec3; None adds nothing.
         variants: The writer of the variants that worlds have, in a scene in which objects have some.
-        refresh: Launches that follow, and bring up to date what is computed from the state.
+        refresh: Launches that follow, and bring up to date what is computed from the state; None brings up to date the
+            poses of the redrawn bodies alone.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
@@ -66,7 +69,7 @@ class Replacer:
         rest: RestMap,
         origins: wp.array | None,
         variants: VariantWriter | None = None,
-        refresh: Callable[[], None],
+        refresh: Callable[[], None] | None,
         graph: bool,
     ) -> None:
         self._compiled, self._m, self._d, self._layouts, self._split = compiled, m, d, layouts, split
@@ -111,6 +114,7 @@ class Replacer:
         moved = np.unique(mjm.body_treeid[bodies]) if sleeps(self._m) else np.zeros(0, int)
         trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
         counts = [self.number, self.status, self.kept]
+        refresh = self._refresh or partial(mjw.kinematics, *_views_of(self._m, d, bodies))
 
         def launches() -> None:
             if reader is not None:
@@ -120,6 +124,28 @@ class Replacer:
             writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             if trees.shape[0] > 0:
                 wp.launch(_wake, (d.nworld, trees.shape[0]), [self._mask, trees], [d.tree_awake], device=device)
-            self._refresh()
+            refresh()
 
         return LaunchSequence(launches, device, graph=self._graph)
+
+
+def _views_of(m: mjw.Model, d: mjw.Data, bodies: np.ndarray) -> tuple[mjw.Model, mjw.Data]:
+    """Return views of a Model and its Data by which `mjw.kinematics` poses these bodies, their geoms and their sites.
+
+    Geoms and sites between those of the bodies are among them.
+    """
+    part, data, device = copy.copy(m), copy.copy(d), d.qpos.device
+    branches = np.split(m.body_branches.numpy(), m.body_branch_start.numpy()[1:-1])
+    branches = [branch for branch in branches if np.isin(branch, bodies).any()]
+    part.nbranch = len(branches)
+    part.body_branches = wp.array(np.concatenate(branches), dtype=int, device=device)
+    part.body_branch_start = wp.array(np.cumsum([0, *map(len, branches)]), dtype=int, device=device)
+    for kind in ("geom", "site"):
+        ids = np.flatnonzero(np.isin(getattr(m, f"{kind}_bodyid").numpy(), bodies))
+        setattr(part, f"n{kind}", int(np.ptp(ids)) + 1 if len(ids) else 0)
+        if len(ids):
+            chosen = slice(int(ids[0]), int(ids[-1]) + 1)
+            setattr(part, f"{kind}_bodyid", getattr(m, f"{kind}_bodyid")[chosen])
+            for view, name in ((part, "pos"), (part, "quat"), (data, "xpos"), (data, "xmat")):
+                setattr(view, f"{kind}_{name}", getattr(view, f"{kind}_{name}")[:, chosen])
+    return part, data
