@@ -77,7 +77,7 @@ class ReachStage:
         if clear:
             self._test(reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP)
             self._test(reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET)
-        launch_ik(work, reach, clear, search)
+        launch_ik(work, reach, search)
         self._test(reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP if clear else ReachStep.SELF_AT_GRASP)
         if clear:
             self._test(reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP)
