@@ -1,11 +1,14 @@
-"""Collision tests of posed robots against lists of pairs, one block per candidate."""
+"""Collision tests of candidates' robots against lists of pairs, one block per candidate."""
 
 import warp as wp
 
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
+from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.reaching.poses import pose_for
 from sceniris_gym.layout.reaching.search import (
+    DEFERRED,
     IN_HAND,
     ReachSearch,
     ReachStep,
@@ -34,23 +37,52 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
     return reach.arm_scene[column]
 
 
+@wp.func
+def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
+    """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
+
+    More are tested at once where many have failed, and all where rows wait for room, which bounds the number of waves.
+    Other blocks may defer the candidates before it meanwhile, or see them collide.
+    """
+    if reach_search.candidates[0] > reach_search.failed.shape[0]:
+        return False
+    row = reach_search.row[c]
+    earlier = int(0)
+    for other in range(reach_search.first[row], c):
+        failed = reach_search.failed[other]
+        if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
+            earlier += 1
+    return earlier > reach_search.tried[row] // 2
+
+
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test(
     program: Program,
     reach: Reach,
     first: int,
     last: int,
+    posed: bool,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
-    # ReachSearch out: failed
+    # ReachSearch in: column, tried, tier, first, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos,
+    #   qpos, body_pos, body_quat
+    # ReachSearch out: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
     for c in range(block, reach_candidate_num(reach_search), blocks):
+        if not takes_step(reach_search, c, first):
+            continue
+        if not posed:
+            deferred = first == ReachStep.SELF_AT_GRASP and _is_deferred(reach_search, c)
+            block_sync()  # every lane has read `failed`
+            if deferred:
+                reach_search.failed[c] = wp.static(DEFERRED)
+                continue
+            pose_for(program, reach, layouts, reach_search, c, first, lane)
         row = reach_search.row[c]
         own_pos = reach_search.body_pos[c]
         own_quat = reach_search.body_quat[c]
@@ -105,9 +137,25 @@ def _test_containment(
 
 
 def launch_test_arm(
-    work: Workspace, reach: Reach, first: ReachStep, last: ReachStep, reach_search: ReachSearch
+    work: Workspace,
+    reach: Reach,
+    first: ReachStep,
+    last: ReachStep,
+    reach_search: ReachSearch,
+    *,
+    posed: bool = False,
 ) -> None:
-    """Test candidates at the steps from `first` to `last`, all of which have the pose that they are in now."""
-    for test in (_test, _test_containment) if work.program.visual else (_test,):
-        inputs = [work.program, reach, int(first), int(last), work.size.blocks, work.layouts]
-        work.launch_blocks(test, inputs, reach_search)
+    """Test candidates at the steps from `first` to `last`, which have the same pose, and defer some before `first`.
+
+    Args:
+        work: The arrays of the generator.
+        reach: The arm.
+        first: The first step; the robot is posed for it.
+        last: The last step.
+        reach_search: The candidates.
+        posed: They have this pose already, and none is deferred.
+    """
+    steps, rest = [work.program, reach, int(first), int(last)], [work.size.blocks, work.layouts]
+    work.launch_blocks(_test, [*steps, posed, *rest], reach_search)
+    if work.program.visual:
+        work.launch_blocks(_test_containment, [*steps, *rest], reach_search)

@@ -11,7 +11,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat
 from sceniris_gym.device.random import START_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import in_base, open_gripper, pose_arm, set_gripper, take_joints
+from sceniris_gym.layout.reaching.poses import in_base, open_gripper, place_arm, pose_in_order, set_gripper, take_joints
 from sceniris_gym.layout.reaching.search import (
     IN_HAND,
     ReachSearch,
@@ -180,7 +180,8 @@ def _pose(
         reach_search.grasp_qpos[c] = joints
         if pose >= StartPose.STANDING:
             set_gripper(reach, starts.grip_share[grasp], qpos)
-        pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
+        place_arm(reach, layouts, row, joints, reach_search, c)
+        pose_in_order(program, reach.arm_body, 0, reach_search, c, 0, 1)
         if pose >= StartPose.LIFTED:
             _carry(program, reach, starts, layouts, row, reach_search, c)
 
