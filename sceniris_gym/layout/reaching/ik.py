@@ -11,6 +11,7 @@ from sceniris_gym.layout.reaching.search import (
     STARTS,
     ReachSearch,
     ReachStep,
+    begin_reach_wave,
     first_start,
     reach_candidate_num,
     takes_step,
@@ -107,10 +108,12 @@ def _solve(
     layouts: LayoutsView,
     # Search in: row_world, row_restart
     search: Search,
-    # ReachSearch in: column, tier, first, candidates, row, grasp, start, failed
-    # ReachSearch out: failed, grasp_qpos, pregrasp_qpos
+    # ReachSearch in: column, tier, first, rows_left, source, candidates, row, grasp, start, failed
+    # ReachSearch out: rows_left, source, rows, failed, grasp_qpos, pregrasp_qpos
     reach_search: ReachSearch,
 ):
+    if wp.tid() == 0:
+        begin_reach_wave(reach_search)
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         of_grasp = first_start(reach_search, c)
         if of_grasp >= 0:  # its lane may let it fail here meanwhile, at a later step than those of the grasp

@@ -15,7 +15,7 @@ from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
 from sceniris_gym.layout.reaching.start import TRIALS, launch_accept_starts, launch_pose_start, launch_queue_starts
-from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
+from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import Reach
@@ -72,7 +72,6 @@ class ReachStage:
         """Open candidates, run their steps, and keep the first candidate of each row that passes."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
-        launch_look_up(work, reach, search)
         if clear:
             launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP, search)
             launch_test_arm(work, reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET, search)
@@ -85,7 +84,7 @@ class ReachStage:
     def _start_wave(self, reach: Reach) -> None:
         """Pose candidates of starts, test them, and keep the first of each row that passes."""
         work, search = self._work, self.search
-        launch_open_wave(work, reach, search)
+        launch_open_wave(work, reach, search, of_starts=True)
         launch_pose_start(work, reach, search)
         launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search, posed=True)
         launch_accept_starts(work, reach, search)

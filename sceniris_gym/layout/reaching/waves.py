@@ -15,11 +15,8 @@ from sceniris_gym.layout.reaching.search import (
     STARTS,
     ReachSearch,
     ReachStep,
-    begin_reach_wave,
     queue_row,
     queue_target,
-    reach_candidate_num,
-    takes_step,
 )
 from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
@@ -158,13 +155,33 @@ def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -
     work.launch(_open_rows, work.nrow, inputs, work.layouts, work.search, reach_search)
 
 
+@wp.func
+def _is_in_map(
+    reach: Reach, starts: Starts, layouts: LayoutsView, search: Search, row: int, column: int, grasp: int
+) -> bool:
+    """Return True if the arm's map accepts a grasp of a row's target, and the start of its world counts it."""
+    body_pos = layouts.body_pos[row]
+    body_quat = layouts.body_quat[row]
+    base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
+    passes = passes_map(reach, column, grasp, base, body_pos, body_quat)
+    if passes and starts.pose.shape[0] > 0:
+        kind = layouts.start[search.row_world[row]]
+        if reaches(starts, kind, column):
+            passes = starts.grasp[kind, grasp]
+    return passes
+
+
 @wp.kernel(grid_stride=False)
 def _open_candidates(
     reach: Reach,
+    starts: Starts,
+    of_starts: bool,
     busy: int,
     lanes: int,
-    # Layouts in: grasp
+    # Layouts in: start, grasp, body_pos, body_quat
     layouts: LayoutsView,
+    # Search in: row_world
+    search: Search,
     # ReachSearch in: column, number, total, tried, queue, rows_left, source, candidates
     # ReachSearch out: first, trials, candidates, row, grasp, start, failed
     reach_search: ReachSearch,
@@ -185,55 +202,24 @@ def _open_candidates(
         reach_search.first[row] = first
         reach_search.trials[row] = trials
         for t in range(trials):
-            start = number + t
+            start = (number + t) % wp.static(STARTS)
+            grasp = _first_grasp(reach, layouts, row, column) + (number + t) // wp.static(STARTS)
             reach_search.row[first + t] = row
-            reach_search.grasp[first + t] = _first_grasp(reach, layouts, row, column) + start // wp.static(STARTS)
-            reach_search.start[first + t] = start % wp.static(STARTS)
+            reach_search.grasp[first + t] = grasp
+            reach_search.start[first + t] = start
             reach_search.failed[first + t] = ReachStep.PASSED
+            if start == 0 and not of_starts:
+                if not _is_in_map(reach, starts, layouts, search, row, column, grasp):
+                    reach_search.failed[first + t] = ReachStep.MAP
 
 
-@wp.kernel(grid_stride=False)
-def _look_up(
-    reach: Reach,
-    starts: Starts,
-    lanes: int,
-    # Layouts in: start, body_pos, body_quat
-    layouts: LayoutsView,
-    # Search in: row_world
-    search: Search,
-    # ReachSearch in: column, tier, rows_left, source, candidates, row, grasp, start, failed
-    # ReachSearch out: rows_left, source, rows, failed
-    reach_search: ReachSearch,
-):
-    if wp.tid() == 0:
-        begin_reach_wave(reach_search)
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
-        if takes_step(reach_search, c, ReachStep.MAP):
-            row = reach_search.row[c]
-            body_pos = layouts.body_pos[row]
-            body_quat = layouts.body_quat[row]
-            base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-            column = reach_search.column[row]
-            grasp = reach_search.grasp[c]
-            passes = passes_map(reach, column, grasp, base, body_pos, body_quat)
-            if passes and starts.pose.shape[0] > 0:
-                kind = layouts.start[search.row_world[row]]
-                if reaches(starts, kind, column):
-                    passes = starts.grasp[kind, grasp]
-            if not passes:
-                reach_search.failed[c] = ReachStep.MAP
+def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch, *, of_starts: bool = False) -> None:
+    """Open candidates of the queued rows, more per row if few rows are left, and look up their grasps in the arm's map.
 
-
-def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Open candidates of the queued rows, more per row if few rows are left."""
-    size = work.size
-    work.launch(_open_candidates, size.lanes, [reach, size.busy, size.lanes, work.layouts], reach_search)
-
-
-def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Look up the grasps of candidates in the arm's map, and among those that count for starts."""
-    lanes = work.size.lanes
-    work.launch(_look_up, lanes, [reach, work.kinds, lanes, work.layouts, work.search], reach_search)
+    Candidates `of_starts` have no grasps to look up.
+    """
+    inputs = [reach, work.kinds, of_starts, work.size.busy, work.size.lanes, work.layouts, work.search]
+    work.launch(_open_candidates, work.size.lanes, inputs, reach_search)
 
 
 @wp.func
