@@ -14,8 +14,8 @@ from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_t
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
-from sceniris_gym.layout.reaching.start import TRIALS, launch_accept_starts, launch_pose_start, launch_queue_starts
-from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_open_rows, launch_open_wave
+from sceniris_gym.layout.reaching.start import TRIALS, launch_pose_start, launch_queue_starts
+from sceniris_gym.layout.reaching.waves import launch_accept, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import Reach
@@ -79,7 +79,7 @@ class ReachStage:
         launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search)
         if clear:
             launch_test_arm(work, reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP, search)
-        launch_accept_grasps(work, reach, search)
+        launch_accept(work, reach, search)
 
     def _start_wave(self, reach: Reach) -> None:
         """Pose candidates of starts, test them, and keep the first of each row that passes."""
@@ -87,4 +87,4 @@ class ReachStage:
         launch_open_wave(work, reach, search, of_starts=True)
         launch_pose_start(work, reach, search)
         launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search, posed=True)
-        launch_accept_starts(work, reach, search)
+        launch_accept(work, reach, search, of_starts=True)

@@ -33,7 +33,7 @@ def _passed(generator: LayoutGenerator, stage: ReachStage) -> Iterator[tuple[int
 
     The MjData is the same one each time.
     """
-    with patch("sceniris_gym.layout.reaching.stage.launch_accept_grasps", lambda *_: None):
+    with patch("sceniris_gym.layout.reaching.stage.launch_accept", lambda *_: None):
         stage._wave(*stage._arms[0])
     search, compiled, layouts = stage.search, generator.compiled, generator.layouts
     assert compiled.reaching is not None
