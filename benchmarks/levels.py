@@ -29,7 +29,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.levels import Levels
-from sceniris_gym.levels.buffer import create_buffer, launch_choose, launch_update
+from sceniris_gym.levels.buffer import Episodes, create_buffer, launch_choose, launch_update
 from sceniris_gym.levels.weights import launch_refresh
 from sceniris_gym.program.device import allocate
 from sceniris_gym.training.task_scenes import make_env, scene_of
@@ -75,7 +75,7 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
 
         def both() -> None:
             launch_choose(made, mask, 7, levels.replay)
-            launch_update(made, made.level, seed, episode, outcome, knob)
+            launch_update(made, Episodes(made.level, seed, episode, outcome, knob))
 
         both()
         found = {"launched_us": _times(both, device, 20)}

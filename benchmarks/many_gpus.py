@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import runpy
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,11 +22,11 @@ import warp as wp
 from rsl_rl.runners import OnPolicyRunner
 from torch import Tensor
 
-from docs.make_examples import example
 from sceniris_gym import LayoutGenerator, compile_scene
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.vector.ranks import Rank
 
+_EXAMPLE = Path(__file__).parents[1] / "examples/08_all_gpus.py"
 _WARM_UP = 5
 _AT_ONCE = 65_536
 
@@ -88,12 +89,13 @@ def measure(
         layouts: number of layouts, of all processes together, that are compared.
         device: "cpu" or "cuda:0"; by default each process takes its own GPU.
     """
-    config = example("08_all_gpus")
-    envs = RslRlVecEnv(gym.make_vec(config.ENV_ID, num_envs=num_envs, device=device), seed=0)
+    example = runpy.run_path(str(_EXAMPLE))
+    config = example["CONFIG"]
+    envs = RslRlVecEnv(gym.make_vec(example["ENV_ID"], num_envs=num_envs, device=device), seed=0)
     rank, place = envs.unwrapped.rank, envs.unwrapped.device
     torch.manual_seed(rank.number)
     kind = _OnProcessors if place.type == "cpu" else OnPolicyRunner
-    runner = kind(envs, {**config.CONFIG, "seed": 0}, log_dir=None, device=str(place))
+    runner = kind(envs, {**config, "seed": 0}, log_dir=None, device=str(place))
     update = runner.alg.update = _Stopwatch(runner.alg.update, place)
     # of gradients, and of the learning rate that depends on what all of them have seen
     exchanges = dist.all_reduce, dist.broadcast = [_Stopwatch(f, place) for f in (dist.all_reduce, dist.broadcast)]
@@ -104,9 +106,10 @@ def measure(
     start = time.perf_counter()
     runner.learn(iterations)
     updated, exchanged = update.seconds(), sum(exchange.seconds() for exchange in exchanges)
+    rollout = time.perf_counter() - start - updated
     _wait(rank)
     seconds = time.perf_counter() - start
-    steps = rank.size * num_envs * iterations * config.CONFIG["num_steps_per_env"]
+    steps = rank.size * num_envs * iterations * config["num_steps_per_env"]
     weights = torch.cat([p.detach().flatten() for p in runner.alg.actor.parameters()])
     made, shared = shared_layouts(layouts // rank.size, rank, str(place))
     found = {
@@ -115,8 +118,10 @@ def measure(
         "worlds_each": num_envs,
         "iterations": iterations,
         "steps_per_second": round(steps / seconds),
+        "rollout_seconds": _of_all(rollout, rank, place),
         "update_share": round(updated / seconds, 4),
         "exchange_share": round(exchanged / seconds, 4),
+        "success": round(float(envs.unwrapped.statistics.read()["success"]), 4),
         "weights_differ_by": float((weights - _first(weights, rank)).abs().max()),
         "layouts": made,
         "layouts_shared": shared,
@@ -140,7 +145,8 @@ def shared_layouts(count: int, rank: Rank, device: str) -> tuple[int, int]:
     compiled = compile_scene("mid", device)
     nworld = min(count, _AT_ONCE)
     generator = LayoutGenerator(compiled, nworld, seed=rank.own_seed(0))
-    parts = (wp.to_torch(generator.layouts.qpos), wp.to_torch(generator.layouts.mocap_pose).flatten(1))
+    layouts = generator.layouts
+    parts = [wp.to_torch(array)[:nworld].flatten(1) for array in (layouts.qpos, layouts.mocap_pose)]
     draws = torch.Generator().manual_seed(0)
     factors = [torch.randint(-(2**62), 2**62, (part.shape[1],), generator=draws).to(part.device) for part in parts]
     found = []
@@ -189,6 +195,17 @@ def _wait(rank: Rank) -> None:
         torch.cuda.synchronize()
     if rank.size > 1:
         dist.barrier()
+
+
+def _of_all(number: float, rank: Rank, place: torch.device) -> list[float]:
+    """Return the number of each process."""
+    own = torch.tensor(number, device=place)
+    every = [torch.empty_like(own) for _ in range(rank.size)]
+    if rank.size > 1:
+        dist.all_gather(every, own)
+    else:
+        every = [own]
+    return [round(float(one), 3) for one in every]
 
 
 def _first(tensor: Tensor, rank: Rank) -> Tensor:

@@ -35,7 +35,8 @@ from sceniris_gym.commands.options import (
 )
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import NotSupportedError, ScenirisError
-from sceniris_gym.files import UNWRITABLE, as_json, check_picture
+from sceniris_gym.files import UNWRITABLE, as_json, check_picture, write_text
+from sceniris_gym.progress import shown
 from sceniris_gym.training.records import CONFIG
 from sceniris_gym.training.settings import Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, opened_page
@@ -49,7 +50,6 @@ def _command(work: Callable[P, str]) -> Callable[P, str]:
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> str:
-        from sceniris_gym.commands.bars import shown
         from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
@@ -438,7 +438,7 @@ def init(
         raise NotSupportedError("init: --assets, --widen and --clutter belong to a problem file of LIBERO (.bddl).")
     scene = tool.init(model, device)
     if target is not None:
-        tool.write(scene, target)
+        write_text(target, tool.text(scene, target))
     elif not json:
         return tool.text(scene, None).rstrip()
     found = tool.summary(scene, target)

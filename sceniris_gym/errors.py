@@ -152,6 +152,13 @@ class GraspError(ScenirisError):
 
 
 _MOST_NAMED = 3  # objects of a message
+_CLOSER = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
+_ADVICE = {
+    "overhead": "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both.",
+    "unsound": "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model.",
+    **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
+}
+"""The remedies for some causes."""
 
 
 class InfeasibleSceneError(ScenirisError):
@@ -193,7 +200,8 @@ class InfeasibleSceneError(ScenirisError):
         )
         if len(rejected) > len(worst):
             rows += f"; and {len(rejected) - len(worst)} other objects less often"
-        advice = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
+        plain = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
+        advice = room or _ADVICE.get(cause, plain)
         if leaning is not None:
             better = "Restrict the joints that move it to states in which it is level."
             if orientation is not None:
@@ -208,16 +216,6 @@ class InfeasibleSceneError(ScenirisError):
                 f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or put the sites that far "
                 "outside of both, so that they keep their 'clearance'."
             )
-        elif room is not None:
-            advice = room
-        elif cause == "overhead":
-            advice = "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both."
-        elif cause == "unsound":
-            advice = (
-                "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model."
-            )
-        elif cause in ("unreachable", "no_ik", "blocked"):
-            advice = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
         way = "" if obstruction is None else f"Most in its way: {obstruction}. "
         super().__init__(
             f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
@@ -347,6 +345,24 @@ def check_type(value: object, kind: type, name: str) -> None:
     """
     if not isinstance(value, kind):
         raise ArgumentTypeError(f"{name} should be a {kind.__name__}, got {type(value)}.")
+
+
+def as_names(value: Any, name: str) -> tuple[str, ...]:
+    """Return names that are given as a single one or as several.
+
+    Args:
+        value: The argument.
+        name: Its name in messages.
+
+    Raises:
+        ArgumentTypeError: Anything else.
+    """
+    if isinstance(value, str):
+        return (value,)
+    names = tuple(value) if isinstance(value, Iterable) else (value,)
+    if not all(isinstance(each, str) for each in names):
+        raise ArgumentTypeError(f"{name} should be a name or several, got {value!r}.")
+    return names
 
 
 class FallbackWarning(ScenirisWarning):

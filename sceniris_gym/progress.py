@@ -1,7 +1,8 @@
-"""The progress of long work: its author tells, and whoever wants to show it listens."""
+"""The progress of long work: its author tells, whoever wants to show it listens, and a terminal gets a bar."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -9,6 +10,7 @@ from contextvars import ContextVar
 Progress = Callable[[str, int, int], object]
 """Called with the name of the work, the number of its parts that are done, and the number of all."""
 
+_SOON = 1.0  # s, in which most work is over and needs no bar
 _listener: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 
@@ -27,3 +29,27 @@ def tell(what: str, done: int, total: int) -> None:
     listener = _listener.get()
     if listener is not None:
         listener(what, done, total)
+
+
+@contextmanager
+def shown(quiet: bool = False) -> Iterator[None]:
+    """Show the progress of this block's work, such as `compile_scene`; nothing where stderr is no terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    from tqdm import tqdm  # not needed where nothing is shown
+
+    bar = tqdm(disable=True)
+
+    def show(what: str, done: int, total: int) -> None:
+        nonlocal bar
+        if bar.disable or bar.desc != what:
+            bar.close()
+            bar = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True, delay=_SOON, leave=False)
+        bar.update(done - bar.n)
+
+    try:
+        with listening(show):
+            yield
+    finally:
+        bar.close()

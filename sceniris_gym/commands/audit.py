@@ -191,14 +191,10 @@ def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     """Return masks of the layouts and candidates that are finite, and by column the rows that are not."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
-        finite = np.ones(len(table), bool)
-        for name in ("qpos", "mocap_pos", "mocap_quat"):
-            column = getattr(table, name)
-            sound = np.isfinite(column).all(axis=tuple(range(1, column.ndim)))
-            finite &= sound
-            if not sound.all():
-                by[f"{part} {name}"] = f"rows {_runs(np.flatnonzero(~sound))}"
-        found.append(finite)
+        columns = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}
+        finite = {name: column.all(axis=tuple(range(1, column.ndim))) for name, column in columns.items()}
+        by |= {f"{part} {name}": f"rows {_runs(np.flatnonzero(~f))}" for name, f in finite.items() if not f.all()}
+        found.append(np.all(list(finite.values()), axis=0))
     return found[0], found[1], by
 
 

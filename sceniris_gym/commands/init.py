@@ -39,11 +39,12 @@ def init(model: Path, device: str | None = None) -> FirstScene:
         ScenirisError: The model cannot be read, or no scene can be made of it, whatever it places.
     """
     scene = first_scene(model)
-    scene = _tried(scene, build_model)
+    _try(scene, build_model)
     if scene.robot is not None and not scene.robot.why:
         built = build_model(SceneConfig.load(scene.words()))
-        scene = scene.with_robot_note(reach_note(built.mjm, str(scene.robot.words["in_model"]), built.tcps[ROBOT]))
-    return _tried(scene, lambda config: compile_scene(config, device))
+        scene.robot.notes += (reach_note(built.mjm, scene.robot.words["in_model"], built.tcps[ROBOT]),)
+    _try(scene, lambda config: compile_scene(config, device))
+    return scene
 
 
 def text(scene: FirstScene, out: Path | None) -> str:
@@ -51,11 +52,6 @@ def text(scene: FirstScene, out: Path | None) -> str:
     if out is None:
         return scene.text(str(scene.model))
     return scene.text(os.path.relpath(scene.model.resolve(), out.resolve().parent))
-
-
-def write(scene: FirstScene, out: Path) -> None:
-    """Write the scene file, whole or not at all."""
-    write_text(out, text(scene, out))
 
 
 def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:
@@ -103,7 +99,7 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
     return {"scene": str(out), "model": str(folder), "placed": list(words["objects"]), "goal": goal}
 
 
-def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstScene:
+def _try(scene: FirstScene, make: Callable[[SceneConfig], object]) -> None:
     """Let objects that errors name hang over, or leave them out, one after another until there is no error."""
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
@@ -111,20 +107,13 @@ def _tried(scene: FirstScene, make: Callable[[SceneConfig], object]) -> FirstSce
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 make(config)
+            return
         except ScenirisError as error:
-            name = error.name if isinstance(error, InfeasibleSceneError) else _blamed(str(error))
+            blamed = _OBJECT.search(str(error))
+            name = error.name if isinstance(error, InfeasibleSceneError) else blamed and (blamed.group(1) or ROBOT)
             left = {entry.name for entry in scene.objects if not entry.why}
             left |= {ROBOT} if scene.robot is not None and not scene.robot.why else set()
             if name not in left:
                 raise
-            held, scene = scene, scene.overhanging(name)
-            if scene is held:
-                scene = scene.without(name, str(error).removeprefix(f"{config.where}: "))
-        else:
-            return scene
-
-
-def _blamed(message: str) -> str | None:
-    """Return the object, or the robot, whose key an error names."""
-    found = _OBJECT.search(message)
-    return None if found is None else found.group(1) or ROBOT
+            if not scene.let_overhang(name):
+                scene.comment_out(name, str(error).removeprefix(f"{config.where}: "))

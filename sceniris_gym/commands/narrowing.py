@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -81,43 +82,34 @@ def narrow(
         path: The file of the picture; None for no picture.
         made: A generator of the compiled scene that has made these layouts already.
     """
-    reaches = compiled.reaching is not None
-    if path is None and not reaches:
+    if path is None and compiled.reaching is None:
         return {}
-    found = (narrowing if reaches else _placing)(compiled, layouts, seed, made)
+    found = narrowing(compiled, layouts, seed, made)
+    entries: dict[str, Any] = {} if compiled.reaching is None else {"narrowing": found.figures()}
     if path is not None:
         save(picture(found, compiled.config.name), path)
-    return ({"narrowing": found.figures()} if reaches else {}) | ({} if path is None else {"picture": str(path)})
+        entries["picture"] = str(path)
+    return entries
 
 
 def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None = None) -> Narrowing:
     """Compare layouts of a scene that has `reachable` with as many of the same scene without it; see `narrow`."""
-    assert compiled.reaching is not None
-    names = compiled.reaching.names
-    changes = {"start": [], **{f"objects.{name}.reachable": False for name in names}}
-    plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device)
     generator = made or _made(compiled, layouts, seed)
-    counts = generator.rejection_counts()
-    tables = [read_table(each) for each in (_made(plain, layouts, seed), generator)]
-    before, after = ({name: _positions(compiled, table, name) for name in names} for table in tables)
-    passed = _staged(compiled, tables[1], counts)
-    kept = {name: passed[name] * _on_map(compiled, plain, tables[0], name) for name in names}
-    return Narrowing(before, after, kept, counts, *_frame(compiled, [*before.values(), *after.values()]))
-
-
-def _placing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None) -> Narrowing:
-    """Return where objects are placed in a scene that has no `reachable`."""
-    table = read_table(made or _made(compiled, layouts, seed))
-    after = {name: _positions(compiled, table, name) for name in compiled.object_names if name in compiled.placed}
-    return Narrowing({}, after, {}, {}, *_frame(compiled, list(after.values())))
-
-
-def _frame(compiled: CompiledScene, points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the bases of robots that stand where they are, and the corners of the picture around them and points."""
+    table, counts = read_table(generator), generator.rejection_counts()
+    before, kept = {}, {}
+    names = [name for name in compiled.object_names if name in compiled.placed]
+    if compiled.reaching is not None:
+        names = compiled.reaching.names
+        changes = {"start": [], **{f"objects.{name}.reachable": False for name in names}}
+        plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device)
+        free, passed = read_table(_made(plain, layouts, seed)), _staged(compiled, table, counts)
+        before = {name: _positions(compiled, free, name) for name in names}
+        kept = {name: passed[name] * _on_map(compiled, plain, free, name) for name in names}
+    after = {name: _positions(compiled, table, name) for name in names}
     still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
-    bases = compiled.plan.place[still][:, [0, 1, 3]]
-    floor = compiled.config.floor
-    return bases, *_corners([*points, bases[:, :2]], None if floor is None else floor.size)
+    bases, floor = compiled.plan.place[still][:, [0, 1, 3]], compiled.config.floor
+    corners = _corners([*before.values(), *after.values(), bases[:, :2]], None if floor is None else floor.size)
+    return Narrowing(before, after, kept, counts, bases, *corners)
 
 
 def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
@@ -190,31 +182,28 @@ def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.nda
 
 def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
     """Return the share of the layouts of `plain` with an object in which the arm's map accepts a grasp of it."""
-    reaching = compiled.reaching
+    reaching, data = compiled.reaching, mujoco.MjData(plain.mjm)
     assert reaching is not None
     target = reaching.targets[reaching.names.index(name)]
     one = reaching.arm_of(target)
     placed = compiled.plan.objects[target.number]
-    grasps = [pose_matrix(g.pos, g.quat) for g in target.grasp_set.grasps]
     ups = np.array([matrix(v.quat)[2] for v in placed.variants])  # world's z in the root's frame
     rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
     poses, of = [], []
-    data = mujoco.MjData(plain.mjm)
     for row in rows.tolist():
         table.put(data, row)
         mujoco.mj_kinematics(plain.mjm, data)
         root = _frame_of(data, plain.scene.bodies[name])
         first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
         base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
-        for k in range(first, first + number):
-            tcp = _frame_of(data, target.grasp_set.grasps[k].body) @ grasps[k]
+        for grasp in target.grasp_set.grasps[first : first + number]:
+            tcp = _frame_of(data, grasp.body) @ pose_matrix(grasp.pos, grasp.quat)
             if placed.ground is None or not comes_from_below(tcp[2, 2]):
                 poses.append(base @ tcp)
                 of.append(row)
-    through = np.array(of, int)
     if one.map is not None and poses:
-        through = through[one.map.verdict(np.stack(poses), compiled.device) >= target.tier.least_verdict]
-    return len(np.unique(through)) / max(len(rows), 1)
+        of = np.array(of)[one.map.verdict(np.stack(poses), compiled.device) >= target.tier.least_verdict]
+    return len(np.unique(of)) / max(len(rows), 1)
 
 
 def _staged(
@@ -241,10 +230,8 @@ def _frame_of(data: mujoco.MjData, body: int) -> np.ndarray:
 
 def _corners(points: list[np.ndarray], floor: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
-    every = np.concatenate(points)
-    if floor is not None:
-        half = 0.5 * np.array(floor)
-        every = np.concatenate([every, [-half, half]])
+    ends = [] if floor is None else [0.5 * np.outer([-1.0, 1.0], floor)]
+    every = np.concatenate([*points, *ends])
     if len(every) == 0:  # no layout is valid, and nothing else is there
         every = np.zeros((1, 2))
     return every.min(axis=0) - 0.05, every.max(axis=0) + 0.05

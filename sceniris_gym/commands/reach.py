@@ -110,8 +110,7 @@ def judge(
     mjm, arm = read_arm(name, changes)
     asked = read_poses(poses)
     by_map = tier is not None and tier.needs_map
-    needed = path is not None or by_map
-    reach_map = find_map(name, arm, path) if needed or _has_map(name, arm) else None
+    reach_map = find_map(name, arm, path) if path is not None or by_map or _has_map(name, arm) else None
     used = default_tier(arm, reach_map) if tier is None else tier
     why = why_not_map(arm, reach_map, name)
     if tier is not None and by_map and why is not None:

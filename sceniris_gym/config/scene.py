@@ -7,13 +7,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import (
-    ModelWrapValidatorHandler,
-    PrivateAttr,
-    TypeAdapter,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import ModelWrapValidatorHandler, PrivateAttr, TypeAdapter, ValidationInfo, model_validator
 
 from sceniris_gym.config.fields import in_memory, wrong
 from sceniris_gym.config.folders import is_pattern
@@ -22,7 +16,6 @@ from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.scene_words import SceneWords
 from sceniris_gym.config.stacks import with_chains
-from sceniris_gym.config.start import check_starts
 from sceniris_gym.config.validation import check_names
 from sceniris_gym.config.variants import check_shared, with_members, with_variants
 
@@ -190,7 +183,5 @@ class SceneConfig(SceneWords):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> SceneConfig:
-        where = where_now.get() or type(self).__name__
-        check_names(self, where)
-        check_starts(self.start, self.objects, self.groups, where)
+        check_names(self, where_now.get() or type(self).__name__)
         return self

@@ -87,6 +87,11 @@ class SceneWords(Section):
         """The object that each member of an object with variants is a variant of."""
         return owners_of(self.variants)
 
+    @cached_property
+    def absent(self) -> dict[str, str]:
+        """The objects that may be absent, and the group of each."""
+        return {name: label for label, group in self.groups.items() if not group.always_whole for name in group.of}
+
     def key(self, name: str) -> str:
         """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'."""
         robot = self.all_robots.get(name)

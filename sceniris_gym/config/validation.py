@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import graphlib
+from collections.abc import Container, Iterable
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.heaps import PLACING
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.start import StartConfig
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
 
@@ -17,7 +19,8 @@ def check_names(scene: SceneWords, where: str) -> None:
     """Check all names of objects in a scene; errors begin with `where`.
 
     Raises:
-        SceneKeyError: An object has no asset, or a reference does not hold in every world.
+        SceneKeyError: An object has no asset, a reference does not hold in every world, or a start cannot do what it
+            says with an object.
         UnknownNameError: A name is not in the scene.
         NoSupportError: An object is placed on a marker.
         CycleError: Objects are placed relative to each other in a cycle.
@@ -38,6 +41,7 @@ def check_names(scene: SceneWords, where: str) -> None:
     _check_heaps(scene, where)
     _check_stacks(scene, where)
     _check_cycles(scene, where)
+    _check_starts(scene, where)
 
 
 def _check_robot(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
@@ -101,17 +105,15 @@ def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None
         raise SceneKeyError(
             f"{where}: '{owner}' has variants, and nothing can be placed on any of them. Name another support."
         )
-    others = [n for n in _alone(scene) if n != name and scene.objects[n].kind != "marker"]
-    if owner not in scene.objects and scene.model is not None and (parent != FLOOR or scene.floor is None):
-        return  # a geom or a body of the model, which is not loaded yet
-    if parent == FLOOR and scene.floor is None:
-        raise UnknownNameError(
-            "support", parent, f"{where}: the scene has no floor (add 'floor: {{size: [x, y]}}')", others
-        )
-    if parent != FLOOR and owner not in scene.objects:
-        raise UnknownNameError("support", parent, where, [*([FLOOR] if scene.floor is not None else []), *others])
-    if parent != FLOOR and scene.objects[owner].kind == "marker":
+    floor = [] if scene.floor is None else [FLOOR]
+    if owner in scene.objects and scene.objects[owner].kind == "marker":
         raise NoSupportError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
+    # without an object of this name it is a geom or a body of the model, which is not loaded yet
+    if owner not in scene.objects and parent not in floor and scene.model is None:
+        if parent == FLOOR:
+            where += ": the scene has no floor (add 'floor: {size: [x, y]}')"
+        others = [n for n in _alone(scene) if n != name and scene.objects[n].kind != "marker"]
+        raise UnknownNameError("support", parent, where, [*floor, *others])
 
 
 def _alone(scene: SceneWords) -> list[str]:
@@ -156,14 +158,13 @@ def _check_groups(scene: SceneWords, where: str) -> None:
             if group in scene.variants:
                 path, cure = f"objects.{group}", "Give all variants a support or a 3D region."
             raise SceneKeyError(f"{where}: {path}: '{name}' stays where the model has it and cannot be absent. {cure}")
-    absent = {name: group for name, group in group_of.items() if not scene.groups[group].always_whole}
     for name, part in scene.parts.items():
-        _check_absent(scene, scene.key(name), part, absent, where)
+        _check_absent(scene, scene.key(name), part, where)
 
 
-def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, absent: dict[str, str], where: str) -> None:
+def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -> None:
     """Check that an object can be placed in worlds without some members of groups."""
-    support = part.support
+    support, absent = part.support, scene.absent
     owner = support.parent.split("/")[0] if support is not None else FLOOR
     if support is not None and owner in absent:
         raise SceneKeyError(
@@ -231,3 +232,53 @@ def _check_cycles(scene: SceneWords, where: str) -> None:
         cycle = error.args[1][:0:-1]  # from each name to one that it needs, without the first name once more
         start = cycle.index(next(name for name in needs if name in cycle))
         raise CycleError(where, cycle[start:] + cycle[:start], "objects are placed relative to each other") from None
+
+
+def _check_starts(scene: SceneWords, where: str) -> None:
+    """Check the names in kinds of starts, and that a start can do what it says with each object."""
+    for i, start in enumerate(scene.start):
+        at = f"{where}: start.{i}"
+        if start.of is not None and start.of not in scene.variants:
+            _check_present(start.of, [*scene.objects, *scene.variants], scene.absent, f"{at}.of")
+        for name in start.targets(scene.groups):
+            _check_target(scene, start, name, at)
+        for name, marker in start.place.items():
+            _check_place(scene, name, marker, f"{at}.place")
+        for key in start.joints:
+            name, _, joint = key.rpartition("/")
+            if not name or not joint:
+                raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
+            _check_present(name, scene.objects, scene.owners, f"{at}.joints")
+
+
+def _check_present(name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
+    """Check that there is an object, in all worlds."""
+    if name not in objects:
+        raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
+    if name in absent:
+        raise SceneKeyError(f"{where}: '{name}' may be absent, as one of a group or of variants. Name another object.")
+
+
+def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
+    """Check an object that an arm is at."""
+    if not scene.objects[name].reachable:
+        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', as an arm is to be there at the start.")
+    if start.is_held and scene.objects[name].kind != "free":
+        raise SceneKeyError(f"{where}: '{name}' is no free object, so it cannot be held in the air.")
+    for other, words in scene.objects.items():
+        if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
+            raise SceneKeyError(f"{where}: '{other}' stands on '{name}', which should stay where it is.")
+
+
+def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
+    """Check an object that is placed at a marker."""
+    objects = scene.objects
+    _check_present(name, objects, scene.absent, where)
+    markers = [other for other, part in objects.items() if part.kind == "marker"]
+    if marker not in markers:
+        raise UnknownNameError("marker", marker, where, markers)
+    _check_present(marker, objects, scene.absent, where)
+    if not objects[name].is_placed or objects[name].support is None or objects[name].support != objects[marker].support:
+        raise SceneKeyError(
+            f"{where}: '{name}' should be placed on what its marker '{marker}' is on: give both the same support."
+        )

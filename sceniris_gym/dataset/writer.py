@@ -90,8 +90,8 @@ class DatasetWriter:
         if isinstance(held, dict) and former is not None and held.get("hash") == former:
             raise DatasetError(f"{path}: the data set here {self.compiled.scene.mismatch(former, '')}")
         for name, value in self.plan.words.items():
-            if not isinstance(held, dict) or held.get(name) != value:
-                before = held.get(name) if isinstance(held, dict) else held
+            before = held.get(name) if isinstance(held, dict) else held
+            if before != value:
                 raise DatasetError(
                     f"{path}: the data set here has {name} = {before!s:.200}, not {value!s:.200}. Repeat its own "
                     "command to finish it, or give another folder."

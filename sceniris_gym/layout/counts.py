@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 from typing import Any
 
 from sceniris_gym.config.messages import short
@@ -10,6 +11,15 @@ from sceniris_gym.errors import CountError
 
 MOST_WORLDS = 1 << 24
 """Upper limit of worlds in a batch: far more than fit on any GPU with a scene of a few objects."""
+
+
+def as_shape(shape: int | Sequence[int], name: str) -> tuple[int, ...]:
+    """Return a shape, given as a sequence or as the length of its only axis.
+
+    Raises:
+        CountError: A length that is no integer of at least 0.
+    """
+    return tuple(as_count(n, name, 0) for n in (shape if isinstance(shape, Sequence) else (shape,)))
 
 
 def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> int:

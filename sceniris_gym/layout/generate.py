@@ -22,7 +22,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
-from sceniris_gym.layout.redraw import Redraw, redraw_counts
+from sceniris_gym.layout.redraw import Redraw, RedrawCounts
 from sceniris_gym.layout.scene_knobs import STARTS
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
@@ -258,7 +258,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         if names not in self._redraws:
             self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split, adds=True)
         fill_mask(None, self._mask)
-        self._redraws[names].launch(layouts.view, self._mask, redraw_counts(self.nworld, layouts.view.seed.device))
+        self._redraws[names].launch(layouts.view, self._mask, RedrawCounts.zeros(self.nworld, layouts.view.seed.device))
         return self._redraws[names].layouts
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:

@@ -14,7 +14,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
+from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_type
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
@@ -79,6 +79,7 @@ class KnobTable:
         of_draws: The knob of each draw of physics or looks, by the draw's name.
 
     Raises:
+        ArgumentTypeError: `names` are no names.
         UnknownNameError: There is no such knob.
         ArgumentError: A part of the scene file that cannot be one, and the reason.
     """
@@ -87,7 +88,7 @@ class KnobTable:
         every = scene_knobs(compiled) if names else {}
         known = {name: knob for name, knob in every.items() if isinstance(knob, Knob)}
         chosen: dict[str, Knob] = {}
-        for name in (names,) if isinstance(names, str) else names:
+        for name in as_names(names, "knobs"):
             found = [name] if name in known else fnmatch.filter(known, name)
             if not found and name in every:
                 raise ArgumentError(f"knobs: '{name}' cannot be a knob: {every[name]}")

@@ -8,7 +8,7 @@ a LayoutsView, of which seeds and episodes, starts, presence and positions are r
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -35,14 +35,23 @@ _LANES = 32
 """Lanes that read a world."""
 
 
-def redraw_counts(nworld: int, device: str | wp.Device) -> list[wp.array]:
-    """Return counts of 0 on the device.
+class RedrawCounts(NamedTuple):
+    """Counts of redraws, on the device, all int32.
 
-    Returns:
-        Redraws of each world since its reset, shape (nworld,); the `Status` of its latest one, VALID or KEPT, or NONE
-        before the first, (nworld,); and the running number of those in which nothing fitted, (1,); all int32.
+    Attributes:
+        number: Redraws of each world since its reset, shape (nworld,).
+        status: The `Status` of its latest one, VALID or KEPT, or NONE before the first, shape (nworld,).
+        kept: Running number of those in which nothing fitted, shape (1,).
     """
-    return [wp.zeros(num, dtype=int, device=device) for num in (nworld, nworld, 1)]
+
+    number: wp.array
+    status: wp.array
+    kept: wp.array
+
+    @classmethod
+    def zeros(cls, nworld: int, device: str | wp.Device) -> RedrawCounts:
+        """Return counts of 0."""
+        return cls(*(wp.zeros(num, dtype=int, device=device) for num in (nworld, nworld, 1)))
 
 
 @wp.func
@@ -248,19 +257,17 @@ class Redraw(StaysHere):
             self._given += [int(depth.max()), layout_width(layouts.view)]
             self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
 
-    def launch(
-        self, state: LayoutsView, mask: wp.array, counts: Sequence[wp.array], origins: wp.array | None = None
-    ) -> None:
+    def launch(self, state: LayoutsView, mask: wp.array, counts: RedrawCounts, origins: wp.array | None = None) -> None:
         """Redraw the objects in the masked worlds.
 
         Args:
             state: The worlds; see the module.
             mask: Which worlds, shape (nworld,), bool.
-            counts: As from `redraw_counts`; this redraw is added.
+            counts: This redraw is added to them.
             origins: Origins of the worlds [m], shape (nworld,), vec3, which the state has and layouts do not.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
-        read = [self._program, mask, self._split, *self._given, counts[0], origins, state]
+        read = [self._program, mask, self._split, *self._given, counts.number, origins, state]
         words: Any = {"device": device, "block_dim": _LANES}
         self._make(mask, lambda: wp.launch_tiled(_read_state, dim=[nworld], inputs=read, outputs=[view], **words))
         wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed, *counts], **words)

@@ -1,6 +1,7 @@
 """`Buffer`: levels and their values on the device, and the kernels that choose and update them."""
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -65,6 +66,32 @@ class Buffer:
     score: int
     rate: float
     probes: float  # probability that a fresh level is at an end
+
+
+class Episodes(NamedTuple):
+    """Episodes that are over, a row for each.
+
+    Attributes:
+        level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32. Rows with -2
+            do not count.
+        seed: Its seed, shape (n,), uint64.
+        episode: Its episode, shape (n,), int32.
+        outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
+        knob: Numbers of its knobs, shape (n, nvalue), float32; None if there are none.
+        mask: Rows that count, shape (n,), bool; None is all.
+        status: Status of the layouts, shape (n,), int32; those from the bank do not count. None is valid.
+        probe: The end of a range that the level is at, for which the success counts, too, -1 for none, shape (n,),
+            int32. With it a score that is "given" is left alone.
+    """
+
+    level: wp.array
+    seed: wp.array
+    episode: wp.array
+    outcome: wp.array
+    knob: wp.array | None = None
+    mask: wp.array | None = None
+    status: wp.array | None = None
+    probe: wp.array | None = None
 
 
 @wp.func
@@ -188,22 +215,40 @@ def _moved(buffer: Buffer, value: float, outcome: float) -> float:
     return wp.where(buffer.score == _GIVEN, outcome, value + buffer.rate * (outcome - value))
 
 
-@wp.func
-def _tell(
-    buffer: Buffer,
-    row: int,
-    level: int,
+@wp.kernel
+def _update(
+    level: wp.array[int],
     seed: wp.array[wp.uint64],
     episode: wp.array[int],
-    outcome: float,
+    outcome: wp.array[float],
     knob: wp.array2d[float],
+    mask: wp.array[bool],
+    status: wp.array[int],
+    probe: wp.array[int],
+    # Buffer in: seed, episode, value, age, vacant, inserted, episodes, successes, score, rate
+    # Buffer out: seed, episode, value, age, knob, inserted, episodes, successes
+    buffer: Buffer,
 ):
-    """Update the level of a row, or insert it; a layout from the bank, with level -2, is none."""
-    if level < -1:
+    row = wp.tid()
+    if mask:
+        if not mask[row]:
+            return
+    if status:
+        if status[row] == Status.FALLBACK:
+            return
+    if probe:
+        end = probe[row]
+        if end >= 0:
+            wp.atomic_add(buffer.episodes, end, 1)
+            wp.atomic_add(buffer.successes, end, int(outcome[row]))
+        if buffer.score == _GIVEN:
+            return
+    place = level[row]
+    if place < -1:
         return
-    if level >= 0 and level < buffer.seed.shape[0]:
-        if buffer.seed[level] == seed[row] and buffer.episode[level] == episode[row]:
-            buffer.value[level] = _moved(buffer, buffer.value[level], outcome)
+    if place >= 0 and place < buffer.seed.shape[0]:
+        if buffer.seed[place] == seed[row] and buffer.episode[place] == episode[row]:
+            buffer.value[place] = _moved(buffer, buffer.value[place], outcome[row])
             return
     # a fresh level, or one that another has replaced: it takes the next of the places that this row may fill
     nrow = buffer.inserted.shape[0]
@@ -214,7 +259,7 @@ def _tell(
     if place < 0:
         return
     buffer.inserted[row % nrow] = buffer.inserted[row % nrow] + 1
-    value = _moved(buffer, 0.5, outcome)
+    value = _moved(buffer, 0.5, outcome[row])
     if buffer.age[place] >= 0 and score_of(buffer, value) < score_of(buffer, buffer.value[place]):
         return
     buffer.value[place] = value
@@ -225,77 +270,10 @@ def _tell(
         buffer.knob[place, k] = knob[row, k]
 
 
-@wp.kernel
-def _update(
-    level: wp.array[int],
-    seed: wp.array[wp.uint64],
-    episode: wp.array[int],
-    outcome: wp.array[float],
-    knob: wp.array2d[float],
-    # Buffer in: seed, episode, value, age, vacant, inserted, score, rate
-    # Buffer out: seed, episode, value, age, knob, inserted
-    buffer: Buffer,
-):
-    row = wp.tid()
-    _tell(buffer, row, level[row], seed, episode, outcome[row], knob)
-
-
-def launch_update(
-    buffer: Buffer,
-    level: wp.array,
-    seed: wp.array,
-    episode: wp.array,
-    outcome: wp.array,
-    knob: wp.array | None = None,
-) -> None:
-    """Update levels by the outcomes of episodes, or insert them.
-
-    Args:
-        buffer: The buffer.
-        level: Place in the buffer that each level had when it was played, -1 for none, shape (n,), int32. Rows with -2
-            do not count.
-        seed: Its seed, shape (n,), uint64.
-        episode: Its episode, shape (n,), int32.
-        outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
-        knob: Numbers of its knobs, shape (n, nvalue), float32; None if there are none.
-    """
-    inputs = [level, seed, episode, outcome, knob]
-    wp.launch(_update, level.shape[0], inputs=inputs, outputs=[buffer], device=buffer.base.device)
-
-
-@wp.kernel
-def _finish(
-    success: wp.array[bool],
-    finished: wp.array[bool],
-    # Layouts in: seed, episode, status, knob
-    layouts: LayoutsView,
-    # Buffer in: seed, episode, value, age, vacant, level, probe, inserted, episodes, successes, score, rate
-    # Buffer out: seed, episode, value, age, knob, inserted, episodes, successes
-    buffer: Buffer,
-):
-    worldid = wp.tid()
-    if not finished[worldid] or layouts.status[worldid] == Status.FALLBACK:
-        return
-    if buffer.score != _GIVEN:
-        outcome = wp.where(success[worldid], 1.0, 0.0)
-        _tell(buffer, worldid, buffer.level[worldid], layouts.seed, layouts.episode, outcome, layouts.knob)
-    end = buffer.probe[worldid]
-    if end >= 0:
-        wp.atomic_add(buffer.episodes, end, 1)
-        wp.atomic_add(buffer.successes, end, wp.where(success[worldid], 1, 0))
-
-
-def launch_finish(buffer: Buffer, layouts: LayoutsView, success: wp.array, finished: wp.array) -> None:
-    """Count how episodes ended: update or insert their levels, and count for the ends that they were at.
-
-    Args:
-        buffer: The buffer.
-        layouts: The layouts of the episodes; those from the bank are no levels.
-        success: Worlds that succeeded, shape (nworld,), bool.
-        finished: Worlds whose episode ended, shape (nworld,), bool.
-    """
-    inputs, device = [success, finished, layouts], buffer.base.device
-    wp.launch(_finish, buffer.base.shape[0], inputs=inputs, outputs=[buffer], device=device)
+def launch_update(buffer: Buffer, episodes: Episodes) -> None:
+    """Update levels by the outcomes of episodes, or insert them."""
+    dim, device = episodes.level.shape[0], buffer.base.device
+    wp.launch(_update, dim, inputs=list(episodes), outputs=[buffer], device=device)
 
 
 def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:

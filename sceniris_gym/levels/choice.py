@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.counts import as_count
 
 SCORES = ("learnability", "failure", "given")
@@ -30,6 +30,7 @@ class Ranges:
         episodes: Episodes at an end that are counted before it may move.
 
     Raises:
+        ArgumentTypeError: The intervals are no mapping.
         ArgumentError: No knob, shares that are not from 0 to 1, or low above high.
         CountError: A number of episodes that is no integer of at least 1.
     """
@@ -42,6 +43,7 @@ class Ranges:
     episodes: int = 256
 
     def __post_init__(self) -> None:
+        check_type(self.start, Mapping, "Ranges: start")
         if not (self.start and 0 < self.step <= 1 and 0 <= self.probe <= 1 and 0 <= self.low <= self.high <= 1):
             raise ArgumentError("Ranges: start should name a knob; step above 0, probe, low <= high should be 0 to 1.")
         as_count(self.episodes, "Ranges: episodes", most=_MOST)
@@ -68,6 +70,7 @@ class Levels:
     Raises:
         UnknownNameError: There is no such score or priority.
         ArgumentError: A share that is not from 0 to 1, or a temperature that is not above 0.
+        ArgumentTypeError: `ranges` are no Ranges.
         CountError: A capacity or number of resets that is no integer of at least 1.
     """
 
@@ -93,3 +96,5 @@ class Levels:
             raise ArgumentError(f"Levels: temperature should be above 0, got {self.temperature}.")
         as_count(self.capacity, "Levels: capacity", most=_MOST)
         as_count(self.every, "Levels: every", most=_MOST)
+        if self.ranges is not None:
+            check_type(self.ranges, Ranges, "Levels: ranges")

@@ -13,14 +13,7 @@ from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.levels.buffer import (
-    arrays_of,
-    create_buffer,
-    launch_choose,
-    launch_finish,
-    launch_forget,
-    launch_update,
-)
+from sceniris_gym.levels.buffer import Episodes, arrays_of, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.ranges import launch_move, set_ranges
 from sceniris_gym.levels.weights import launch_refresh
@@ -89,10 +82,12 @@ class LevelSampler(LayoutSource):
         """Tell how episodes ended; those on layouts from the bank do not count.
 
         Args:
-            success: Worlds that succeeded, shape (nworld,), bool.
+            success: 1 for worlds that succeeded, else 0, shape (nworld,), float32.
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
-        launch_finish(self._buffer, self.layouts.view, success, finished)
+        on = self.layouts.view
+        told = on.seed, on.episode, success, on.knob, finished, on.status
+        launch_update(self._buffer, Episodes(self.level, *told, self.probe))
 
     def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""
@@ -153,7 +148,7 @@ class LevelSampler(LayoutSource):
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             knob = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
-            launch_update(self._buffer, *(array[part] for array in arrays), knob=knob)
+            launch_update(self._buffer, Episodes(*(array[part] for array in arrays), knob=knob))
             if level is None:
                 launch_refresh(self._buffer, self.levels)
 
@@ -191,9 +186,12 @@ class LevelSampler(LayoutSource):
         Raises:
             ArgumentError: It is of another one.
         """
-        for name, array in arrays_of(self._buffer).items():
-            if name not in state or state[name].shape != array.shape:
-                raise ArgumentError(f"LevelSampler.restore: {name} should have shape {array.shape}.")
+        arrays = arrays_of(self._buffer)
+        shapes = {name: array.shape for name, array in arrays.items()} | {"resets": ()}
+        for name, shape in shapes.items():
+            if name not in state or state[name].shape != shape:
+                raise ArgumentError(f"LevelSampler.restore: {name} should have shape {shape}.")
+        for name, array in arrays.items():
             if array.size:
                 array.assign(state[name])
         self._since = int(state["resets"])

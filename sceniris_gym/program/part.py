@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.variants import with_variants
-from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
 from sceniris_gym.scene.support import is_static
 
@@ -32,11 +32,12 @@ def chosen_objects(
         present: The objects that may stand on them; None for all.
 
     Raises:
+        ArgumentTypeError: Not names.
         ArgumentError: None at all, or an object without others that stand on it or are part of its heap.
         UnknownNameError: Not an object that the scene places.
     """
     config = compiled.config
-    names = with_variants([objects] if isinstance(objects, str) else objects, config.variants)
+    names = with_variants(as_names(objects, f"{where}: objects"), config.variants)
     valid = [name for name in compiled.placed if name in config.objects]
     named = list(dict.fromkeys(config.owners.get(name, name) for name in valid))
     for name in names:

@@ -45,7 +45,7 @@ class PlacedObject:
         stream: Its random stream, from its place in the scene file.
         kind: How its pose is written; STATIC if only joint positions are drawn.
         bodies: Its bodies, the root first, parents before children.
-        config: Its entry in the scene file; None for a robot whose base is not drawn.
+        config: Its words in the scene file; of a robot whose base is not drawn those of a static object.
         joint_ranges: How its joints are drawn.
         followers: Joints that follow drawn ones, drivers before their followers.
         footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole; with
@@ -64,7 +64,7 @@ class PlacedObject:
     stream: int
     kind: ObjectKind
     bodies: list[int]
-    config: ObjectConfig | None
+    config: ObjectConfig
     joint_ranges: list[JointRange] = field(default_factory=list)
     followers: tuple[Follower, ...] = ()
     footprint: Piece | None = None
@@ -89,7 +89,7 @@ class PlacedObject:
     @property
     def orientation(self) -> str:
         """The kind of its orientation; "yaw" for a robot whose base is not drawn."""
-        return "yaw" if self.config is None else self.config.drawn_orientation.kind
+        return self.config.drawn_orientation.kind
 
     @property
     def cover(self) -> Cover:
@@ -100,7 +100,6 @@ class PlacedObject:
         """
         if self.support is None or self.support.is_floor:
             return Cover.EITHER
-        assert self.config is not None
         assert self.config.support is not None
         cover = _COVERS[self.config.support.word]
         return Cover.EITHER if cover == Cover.OPEN and self.support.owner is None else cover

@@ -13,7 +13,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.objects import JointConfig
+from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError
 from sceniris_gym.geometry.pieces import Piece, PieceType
@@ -47,7 +47,6 @@ class Plan:
         places: Names as relations number them: the slots, then the objects with variants.
         place: The pivot [m] (of a robot its base) and heading [rad] of each of these at home, shape (nplace, 4).
         bounds: Bounds of each around the pivot [m] in that heading: low x, low y, high x, high y; (nplace, 4).
-        home: MjData at the start pose.
     """
 
     scene: SceneModel
@@ -57,17 +56,21 @@ class Plan:
     places: tuple[str, ...]
     place: np.ndarray
     bounds: np.ndarray
-    home: mujoco.MjData
+
+    @property
+    def home(self) -> mujoco.MjData:
+        """The model at the start pose."""
+        return self.scene.home
 
     @cached_property
     def reaching(self) -> Reaching | None:
         """The arms of the scene and what they are to reach, planned when it is asked for; see `plan_reaching`."""
-        return plan_reaching(self.scene, self.objects, self.pieces, self.home)
+        return plan_reaching(self.scene, self.objects, self.pieces)
 
     @cached_property
     def stances(self) -> list[Stance]:
         """The stance of each object, worked out when it is asked for."""
-        return stances(self.scene, self.objects, self.pieces, self.home)
+        return stances(self.scene, self.objects, self.pieces)
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
@@ -125,25 +128,21 @@ def build_plan(scene: SceneModel) -> Plan:
         ErodedSupportError: Nothing is left of a support after its erosion and region.
         SceneKeyError: An object without a stable pose.
     """
-    home = mujoco.MjData(scene.mjm)
-    home.qpos[:] = scene.home_qpos
-    mujoco.mj_kinematics(scene.mjm, home)
-    mujoco.mj_comPos(scene.mjm, home)
     pieces, heaps = obstacles(scene), heap_poses(scene)
     objects = []
     for name in (order := placement_order(scene)):
-        objects.append(_placed_object(scene, name, pieces, home, heaps.get(name)))
+        objects.append(_placed_object(scene, name, pieces, heaps.get(name)))
         tell("placed objects", len(objects), len(order))
     slots = slot_names(scene.config)
     variants = scene.config.variants
-    standing = [_standing(scene, name, pieces, home) for name in (*slots, *(of[0] for of in variants.values()))]
+    standing = [_standing(scene, name, pieces) for name in (*slots, *(of[0] for of in variants.values()))]
     place, bounds = (np.reshape([stands[i] for stands in standing], (-1, 4)) for i in range(2))
-    return Plan(scene, objects, pieces, slots, (*slots, *variants), place, bounds, home)
+    return Plan(scene, objects, pieces, slots, (*slots, *variants), place, bounds)
 
 
-def _standing(scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.ndarray, np.ndarray]:
     """Return the place of an object at home, as relations see it: (pivot, heading) and bounds."""
-    root = scene.bodies[name]
+    root, home = scene.bodies[name], scene.home
     shape = HomeShape(home, root, _solid(pieces, scene.subtree(name)))
     mat = home.xmat[root].reshape(3, 3)
     variant, heading = shape.variant(of_heading_zero(mat)), heading_of(mat)
@@ -170,18 +169,17 @@ def _stream(config: SceneConfig, name: str) -> int:
     return 0 if robots[:1] == [name] else 1 + [*config.objects, *robots[1:]].index(name)
 
 
-def _placed_object(
-    scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData, heap: HeapPoses | None
-) -> PlacedObject:
+def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
     """Work out one step of the program."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
+    if config is None:  # a robot whose base is not drawn
+        config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
     drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
-    intervals = {d.qposadr: d.intervals for d in drawn}
-    followers = followers_of(scene.couplings, intervals)
+    followers = followers_of(scene.couplings, {d.qposadr: d.intervals for d in drawn})
     step = PlacedObject(name, _stream(scene.config, name), ObjectKind.STATIC, bodies, config, drawn, followers)
-    if config is None or not config.is_placed:
+    if not config.is_placed:
         return step
-    own = _solid(pieces, bodies)
+    own, home = _solid(pieces, bodies), scene.home
     shape = HomeShape(home, bodies[0], own)
     poses = [(of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]])), 1.0)]
     step = replace(step, kind=_KINDS[config.kind])
@@ -193,7 +191,7 @@ def _placed_object(
     support = None if word is None else scene.support(word.parent, f"{where}.{word.word}")
     step = replace(step, support=support, tilts=support is not None and may_lean(scene, support))
     if orientation == "stable":
-        poses = stable_poses(scene, name, own, home, intervals, followers, step.ground)
+        poses = stable_poses(scene, step, own)
     variants = [shape.variant(*pose) for pose in poses]
     if name in scene.config.all_robots:
         variants = [_around_base(variant) for variant in variants]
@@ -208,7 +206,7 @@ def _placed_object(
         step,
         footprint=shape.hull(bodies[0]) if len(own) > 1 and not drawn and config.ratio_on_support == 1.0 else None,
         variants=variants,
-        surfaces=surfaces_of(scene, name, support, pieces, home, edges),
+        surfaces=surfaces_of(scene, step, pieces, edges),
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
     )
 

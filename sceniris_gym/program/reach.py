@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 
-import mujoco
-
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.tier import Tier
@@ -97,9 +95,7 @@ class Reaching:
         return tuple(target.name for target in self.targets)
 
 
-def plan_reaching(
-    scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData
-) -> Reaching | None:
+def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> Reaching | None:
     """Find the arms of a scene, their maps and the grasps of their reach targets; None if there are no targets.
 
     A target is decided by the tier that it asks for, or by `ik` where the arm has no map that is right often enough.
@@ -108,7 +104,6 @@ def plan_reaching(
         scene: The scene.
         objects: The objects of its plan, in placement order.
         pieces: All obstacles.
-        home: MjData at the start pose.
 
     Raises:
         ArmError: A robot is not a serial arm.
@@ -117,23 +112,24 @@ def plan_reaching(
         GraspError: An object that the gripper cannot grasp.
     """
     config = scene.config
-    asked = [(i, o, o.config) for i, o in enumerate(objects) if o.config is not None and o.config.reachable]
-    by = {o.name: config.robot_for(o.name) for _, o, _ in asked}
+    asked = [(i, o) for i, o in enumerate(objects) if o.config.reachable]
+    by = {o.name: config.robot_for(o.name) for _, o in asked}
     arms: list[ReachingArm] = []
     targets: list[ReachTarget] = []
     for robot in (name for name in config.all_robots if name in by.values()):
         arm, (own, _) = robot_arm(scene, robot), scene.home_of(robot)
         gripper = Gripper.from_model(own.mjm, arm, own.home_qpos, pieces if own is scene else obstacles(own))
         reach_map = load_map(arm, config.all_robots[robot], config.where)
-        base = next((i for i, o in enumerate(objects) if o.name == robot and o.config is not None), -1)
+        base = next((i for i, o in enumerate(objects) if o.name == robot and o.config.is_placed), -1)
         drawn = next((i for i, o in enumerate(objects) if o.name == robot), -1)
         default = default_tier(arm, reach_map)
-        for i, o, words in asked:
+        for i, o in asked:
             if by[o.name] != robot:
                 continue
+            words = o.config
             tier = Tier.MAP if words.reachable is True else Tier.of(str(words.reachable))
             tier = tier if default.needs_map or not tier.needs_map else default
-            shape = Graspable(scene, o.name, pieces, home)
+            shape = Graspable(scene, o.name, pieces, scene.home)
             grasps = shape.grasp_set(o.variants, words.drawn_orientation.kind == "any", gripper, words.grasp)
             early = tier == Tier.CLEAR and drawn < i < len(objects) - 1
             targets.append(ReachTarget(o.name, i, len(arms), i < base, early, tier, grasps))

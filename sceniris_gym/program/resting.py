@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from itertools import chain, product
 
 import mujoco
 import numpy as np
 
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.pieces import Piece, extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape, weights
-from sceniris_gym.program.couplings import Follower
+from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.model import SceneModel
 
@@ -26,15 +26,7 @@ _FALL = 2.5e-3
 _LEAST_WEIGHT = 1.0e-3
 
 
-def stable_poses(
-    scene: SceneModel,
-    name: str,
-    own: list[Piece],
-    home: mujoco.MjData,
-    drawn: Mapping[int, Sequence[tuple[float, float]]],
-    followers: Sequence[Follower],
-    ground: int | None,
-) -> list[tuple[np.ndarray, float]]:
+def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[tuple[np.ndarray, float]]:
     """Return the stable poses of an object and their probabilities, by its physics also with `geometry: visual`.
 
     The poses and probabilities are those of its home state. A free object keeps those in which it rests in all states
@@ -42,17 +34,13 @@ def stable_poses(
 
     Args:
         scene: The scene.
-        name: The object.
+        o: The object, without its variants.
         own: Its pieces, taken where it has no collision geometry.
-        home: MjData at the start pose.
-        drawn: The intervals that each of its drawn joints is in, by its address in qpos.
-        followers: The joints that follow them.
-        ground: The body that carries it, None in a box in space.
 
     Raises:
         SceneKeyError: It has no such pose.
     """
-    where, bodies = f"{scene.config.where}: objects.{name}.orientation", scene.subtree(name)
+    where, bodies, home = f"{scene.config.where}: objects.{o.name}.orientation", o.bodies, scene.home
     physics = scene.config.geometry == "physics"
     pieces = sorted(own, key=lambda p: p.geom) if physics else extract_pieces(scene.mjm, "physics", set(bodies))
     if not (pieces or own):
@@ -60,15 +48,14 @@ def stable_poses(
             f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
             "orientation."
         )
-    rules = scene.contact_rules
-    touch = [None] * len(pieces) if ground is None else touch_distances(scene.mjm, rules, pieces, ground)
+    touch = [None] * len(pieces) if o.ground is None else touch_distances(scene, pieces, o.ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
-    if scene.config.parts[name].kind != "free" or not carried:  # without a carrier it falls in any pose
+    if o.kind != ObjectKind.FREE or not carried:  # without a carrier it falls in any pose
         return HomeShape(home, bodies[0], pieces or own).stable(where)
     check_weight(scene.mjm, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
-    states = chain([home], drawn_states(scene, home, drawn, followers))
+    states = chain([home], drawn_states(scene, o))
     shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
     # with visual geometry it stands on that, whatever carries it
     kept = [pose for pose in poses if not physics or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
@@ -82,7 +69,7 @@ def stable_poses(
     if not kept:
         raise SceneKeyError(
             f"{where}: it has no pose that is stable in all states that its joints are drawn in. Draw "
-            f"{_quoted(scene, drawn)} from less, or give it another orientation."
+            f"{_drawn_joints(scene, o)} from less, or give it another orientation."
         )
     total = sum(share for _, share in kept)
     return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
@@ -98,8 +85,9 @@ def check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
         )
 
 
-def touch_distances(mjm: mujoco.MjModel, rules: ContactRules, pieces: list[Piece], ground: int) -> list[float | None]:
+def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
     """Return the distance [m] from which on each piece rests on a body in MuJoCo; None for pieces that never do."""
+    mjm, rules = scene.mjm, scene.contact_rules
     under = {int(rules.classes[g]) for g in np.flatnonzero(mjm.geom_bodyid == ground) if rules.collides(int(g))}
 
     def meets(p: Piece, other: int) -> bool:
@@ -112,17 +100,13 @@ def touch_distances(mjm: mujoco.MjModel, rules: ContactRules, pieces: list[Piece
     ]
 
 
-def drawn_states(
-    scene: SceneModel,
-    home: mujoco.MjData,
-    drawn: Mapping[int, Sequence[tuple[float, float]]],
-    followers: Sequence[Follower],
-) -> Iterator[mujoco.MjData]:
-    """Yield states that joints are drawn in, their ends among them: on a grid, or at random where there are many.
+def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
+    """Yield states that the joints of an object are drawn in, their ends among them.
 
-    All states are in one MjData, as making many of them takes long.
+    They are on a grid, or at random where there are many. All of them are in one MjData, as making many
+    takes long.
     """
-    levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in parts]) for parts in drawn.values()]
+    levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in d.intervals]) for d in o.joint_ranges]
     if not levels:
         return
     most = max(int(_STATES ** (1.0 / len(levels))), 2)
@@ -135,10 +119,10 @@ def drawn_states(
         ends = [[rng.choice(values[[0, -1]]) for values in levels] for _ in range(_STATES // 2)]
         chosen = [np.array(values) for values in (*ends, *inner)]
     state = mujoco.MjData(scene.mjm)
-    state.qpos[:] = home.qpos
+    state.qpos[:] = scene.home_qpos
     for values in chosen:
-        state.qpos[list(drawn)] = values
-        follow([f.coupling for f in followers], state.qpos)
+        state.qpos[[d.qposadr for d in o.joint_ranges]] = values
+        follow([f.coupling for f in o.followers], state.qpos)
         mujoco.mj_kinematics(scene.mjm, state)
         mujoco.mj_comPos(scene.mjm, state)
         yield state
@@ -152,7 +136,7 @@ def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
     return float(resting.margins.max()) + resting.bottom(quat) - whole.bottom(quat)
 
 
-def _quoted(scene: SceneModel, drawn: Iterable[int]) -> str:
-    """Return joints at these addresses in qpos, as errors name them."""
-    joints = [int(np.flatnonzero(scene.mjm.jnt_qposadr == adr)[0]) for adr in drawn]
+def _drawn_joints(scene: SceneModel, o: PlacedObject) -> str:
+    """Return the drawn joints of an object, as errors name them."""
+    joints = [int(np.flatnonzero(scene.mjm.jnt_qposadr == d.qposadr)[0]) for d in o.joint_ranges]
     return ", ".join(f"'{scene.mjm.joint(j).name}'" for j in joints)

@@ -114,14 +114,13 @@ NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 """The stance of what need not stand."""
 
 
-def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece], home: mujoco.MjData) -> list[Stance]:
+def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> list[Stance]:
     """Return how each object of a plan stands.
 
     Args:
         scene: The scene.
         objects: Its objects in placement order.
         pieces: All obstacles.
-        home: MjData at the start pose.
     """
     mjm, below = scene.mjm, carriers_of(objects)
     heaviest = drawn_bounds(scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
@@ -131,19 +130,19 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece],
             load[carrier] += load[number]
     found: list[Stance] = []
     for number, (o, carrier) in enumerate(zip(objects, below, strict=True)):
-        if o.config is None or not o.config.has_to_stand or o.heap is not None:
+        if not o.config.has_to_stand or o.heap is not None:
             found.append(NO_STANCE)
             continue
         levels = [number]
-        if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, home, found[carrier]):
+        if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
             levels += found[carrier].levels
-        found.append(_stance(scene, o, pieces, home, float(load[number]), levels))
+        found.append(_stance(scene, o, pieces, float(load[number]), levels))
     return found
 
 
-def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, stance: Stance) -> bool:
+def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: Stance) -> bool:
     """Return whether an object stands anywhere, and its weight keeps it where it is whatever is put on it."""
-    mjm, joints = scene.mjm, scene.moving_joints(o.name)
+    mjm, home, joints = scene.mjm, scene.home, scene.moving_joints(o.name)
     # a joint may not carry things sideways; one that tilts them does no harm, as nothing is placed on what it turns up
     tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _LEVEL for j in joints)
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
@@ -159,17 +158,14 @@ def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
     return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
-def _stance(
-    scene: SceneModel, o: PlacedObject, pieces: list[Piece], home: mujoco.MjData, load: float, levels: list[int]
-) -> Stance:
+def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float, levels: list[int]) -> Stance:
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     support, mjm = o.support, scene.mjm
     assert support is not None
-    assert o.config is not None
     if scene.config.geometry != "physics":  # visible pieces carry nothing
         pieces = extract_pieces(mjm, "physics", {*o.bodies, support.body})
     found = [p for p in pieces if p.body in o.bodies]
-    touch = touch_distances(mjm, scene.contact_rules, found, support.body)
+    touch = touch_distances(scene, found, support.body)
     own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]
     if not own:
         return replace(NO_STANCE, levels=levels)
@@ -182,9 +178,8 @@ def _stance(
         and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
     ] or there
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
-    shape, root = HomeShape(home, o.bodies[0], own), o.bodies[0]
-    states = drawn_states(scene, home, {d.qposadr: d.intervals for d in o.joint_ranges}, o.followers)
-    centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in states)]
+    shape, root = HomeShape(scene.home, o.bodies[0], own), o.bodies[0]
+    centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in drawn_states(scene, o))]
     contacts = [([a.body, b.body], *_contact(scene, a.geom, b.geom)) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
@@ -222,7 +217,6 @@ def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
     """Return whether the foot lies on its support in any heading, as its region or walls keep it from the edge."""
-    assert o.config is not None
     for surfaces, own in zip(o.surfaces, feet, strict=True):
         reach = np.linalg.norm(np.concatenate(own.parts), axis=1).max()
         parts = shapely.union_all([MultiPoint(part).convex_hull for part in own.parts])

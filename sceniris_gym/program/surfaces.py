@@ -10,6 +10,7 @@ from sceniris_gym.errors import NoSupportError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface
+from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import Support, static_supports
 
@@ -18,28 +19,21 @@ UPRIGHT = float(np.cos(np.radians(0.1)))
 
 
 def surfaces_of(
-    scene: SceneModel,
-    name: str,
-    support: Support | None,
-    pieces: list[Piece],
-    home: mujoco.MjData,
-    edges: list[float],
+    scene: SceneModel, o: PlacedObject, pieces: list[Piece], edges: list[float]
 ) -> list[list[SupportSurface]]:
     """Return the surfaces that an object may stand on, a list for each of its variants.
 
     Args:
         scene: The scene.
-        name: The object, or a robot whose base is drawn.
-        support: Its support, None in space.
+        o: The object, or a robot whose base is drawn, without its surfaces.
         pieces: All obstacles.
-        home: MjData at the start pose.
         edges: The least shorter edge of the bounds [m] for each variant, which `ratio_on_support` erodes by.
 
     Raises:
         NoSupportError: A support without any level surface.
         ErodedSupportError: Nothing is left of the support after its erosion and region.
     """
-    config = scene.config.parts[name]
+    config, support = o.config, o.support
     if config.support is None or support is None:
         assert config.region is not None
         if config.region.points is not None:
@@ -47,7 +41,7 @@ def surfaces_of(
         assert config.region.box is not None
         return [[supports.rectangle(*config.region.box)] if config.relations else []] * len(edges)
     word, parent = config.support.word, config.support.parent
-    where = f"{scene.config.where}: {scene.config.key(name)}.{word}"
+    where = f"{scene.config.where}: {scene.config.key(o.name)}.{word}"
     if support.is_floor:
         assert scene.config.floor is not None
         half = 0.5 * np.array(scene.config.floor.size)
@@ -57,7 +51,7 @@ def surfaces_of(
     if not found:
         raise NoSupportError(
             f"{where}: '{parent}' has no level surface of 2 cm or more in width"
-            f"{' that is open above' if word == 'on' else ''}. Valid: {_others(scene, name, pieces, home, word)}."
+            f"{' that is open above' if word == 'on' else ''}. Valid: {_others(scene, o.name, pieces, word)}."
         )
     half = 0.5 * config.ratio_on_support
     return supports.crop(found, config.region, [half * edge for edge in edges], where)
@@ -88,7 +82,7 @@ def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) 
     return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)
 
 
-def _others(scene: SceneModel, own: str, pieces: list[Piece], home: mujoco.MjData, word: str) -> str:
+def _others(scene: SceneModel, own: str, pieces: list[Piece], word: str) -> str:
     """Return the names of all supports with a level surface, but for an object's own, each once, for messages."""
     known = {name: Support(scene.bodies[name], name) for name in scene.config.objects}
     for name in scene.config.objects:
@@ -99,7 +93,7 @@ def _others(scene: SceneModel, own: str, pieces: list[Piece], home: mujoco.MjDat
         known.pop(FLOOR, None)  # a geom of the same name
     found: dict[frozenset[int], str] = {}  # by their geoms, first the names of objects, then those of the model
     for name, s in known.items():
-        level = s.owner != own and home.xmat[s.body][8] >= UPRIGHT
+        level = s.owner != own and scene.home.xmat[s.body][8] >= UPRIGHT
         if level and _level_surfaces(s, pieces, open_above=word == "on"):
             geoms = frozenset(p.geom for p in pieces if p.body == s.body and s.geom in (None, p.geom))
             found.setdefault(geoms, name)

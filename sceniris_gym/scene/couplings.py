@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import graphlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -20,6 +20,8 @@ from sceniris_gym.errors import CycleError, SceneKeyError
 _SAME = 1e-9
 # The range [m or rad] of a joint without limits in which followers may meet theirs.
 _FAR = 1e3
+
+_Coef = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Coupling:
     driver_adr: int
     origin: float
     offset: float
-    coef: tuple[float, float, float, float]
+    coef: _Coef
     limits: tuple[float, float]
 
     @property
@@ -111,7 +113,10 @@ def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iter
         if all(c.is_straight and c.driver not in drawn for c in chain):
             for c in chain:
                 del found[c.follower]
-            found |= {c.driver: _turned(mjm, c) for c in chain if c.driver is not None}
+            for c in chain:
+                if c.driver is not None:  # the same line, with the driver following the follower
+                    coef = (1.0 / c.coef[0], 0.0, 0.0, 0.0)
+                    found[c.driver] = _made(mjm, c.label, c.driver, c.follower, c.offset, c.origin, coef)
     return tuple(_in_order(mjm, found, "couplings"))
 
 
@@ -209,20 +214,19 @@ def _farthest(within, start: float, end: float) -> float:
 def _coupling(mjm: mujoco.MjModel, eq: int) -> Coupling:
     follower, driver = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
     held = driver < 0
+    start, origin = mjm.qpos0[mjm.jnt_qposadr[[follower, follower if held else driver]]].tolist()
     offset, a1, a2, a3, a4 = mjm.eq_data[eq, :5].tolist()
+    coef = (0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4)
+    return _made(mjm, equality_label(mjm, eq), follower, None if held else driver, origin, start + offset, coef)
+
+
+def _made(
+    mjm: mujoco.MjModel, label: str, follower: int, driver: int | None, origin: float, offset: float, coef: _Coef
+) -> Coupling:
+    """Return a coupling of two joints, or of one that is held, with what the model says about them."""
     adr = int(mjm.jnt_qposadr[follower])
-    driver_adr = adr if held else int(mjm.jnt_qposadr[driver])
-    return Coupling(
-        label=equality_label(mjm, eq),
-        follower=follower,
-        driver=None if held else driver,
-        adr=adr,
-        driver_adr=driver_adr,
-        origin=float(mjm.qpos0[driver_adr]),
-        offset=float(mjm.qpos0[adr] + offset),
-        coef=(0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4),
-        limits=_limits(mjm, follower),
-    )
+    driver_adr = adr if driver is None else int(mjm.jnt_qposadr[driver])
+    return Coupling(label, follower, driver, adr, driver_adr, origin, offset, coef, _limits(mjm, follower))
 
 
 def _chain(found: dict[int, Coupling], joint: int) -> list[Coupling]:
@@ -233,22 +237,6 @@ def _chain(found: dict[int, Coupling], joint: int) -> list[Coupling]:
         chain.append(found[follower])
         follower = chain[-1].driver
     return chain
-
-
-def _turned(mjm: mujoco.MjModel, c: Coupling) -> Coupling:
-    """Return the same straight line with the driver following the follower."""
-    assert c.driver is not None
-    return replace(
-        c,
-        follower=c.driver,
-        driver=c.follower,
-        adr=c.driver_adr,
-        driver_adr=c.adr,
-        origin=c.offset,
-        offset=c.origin,
-        coef=(1.0 / c.coef[0], 0.0, 0.0, 0.0),
-        limits=_limits(mjm, c.driver),
-    )
 
 
 def _limits(mjm: mujoco.MjModel, joint: int) -> tuple[float, float]:

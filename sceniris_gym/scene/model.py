@@ -133,6 +133,15 @@ class SceneModel:
         return {body: name for name in self.bodies for body in self.subtree(name)}
 
     @cached_property
+    def home(self) -> mujoco.MjData:
+        """The model at the start pose, with its kinematics and centres of mass."""
+        data = mujoco.MjData(self.mjm)
+        data.qpos[:] = self.home_qpos
+        mujoco.mj_kinematics(self.mjm, data)
+        mujoco.mj_comPos(self.mjm, data)
+        return data
+
+    @cached_property
     def contact_rules(self) -> ContactRules:
         """MuJoCo's contact rules of the model."""
         return ContactRules(self.mjm, "physics")

@@ -9,14 +9,8 @@ from sceniris_gym.config.bounds import BOUNDS, Bound
 from sceniris_gym.errors import SceneKeyError
 
 _BOUNDED = {
-    "body_pos": "model length",
-    "geom_pos": "model length",
-    "geom_size": "model length",
-    "jnt_pos": "model length",
-    "site_pos": "model length",
-    "mesh_vert": "model length",
-    "geom_friction": "friction",
-    "pair_friction": "friction",
+    **dict.fromkeys(("body_pos", "geom_pos", "geom_size", "jnt_pos", "site_pos", "mesh_vert"), "model length"),
+    **dict.fromkeys(("geom_friction", "pair_friction"), "friction"),
     "body_mass": "mass",
 }
 """Fields of MjModel whose numbers are lengths [m], masses [kg] or coefficients, and their kinds in `BOUNDS`."""

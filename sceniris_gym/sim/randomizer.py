@@ -17,6 +17,7 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import MaskTypeError, UnknownNameError, check_type
+from sceniris_gym.layout.counts import as_shape
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.source import LayoutSource
@@ -287,12 +288,12 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
-    def random(self, name: str, shape: tuple[int, ...] = ()) -> wp.array:
+    def random(self, name: str, shape: int | Sequence[int] = ()) -> wp.array:
         """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), float32.
 
         They depend only on the seed and the episode of a world's layout, the split, and the name.
         """
-        layouts, nworld = self.layouts, self.data.nworld
+        layouts, nworld, shape = self.layouts, self.data.nworld, as_shape(shape, "random: shape")
         with wp.ScopedDevice(self.device):
             values = wp.empty((nworld, math.prod(shape)), dtype=float)
             draw_named(layouts.seed, layouts.episode, self.split, name, values)

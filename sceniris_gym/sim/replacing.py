@@ -11,11 +11,11 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, as_names
 from sceniris_gym.layout.generate import make_redraw
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.masks import fill_mask
-from sceniris_gym.layout.redraw import redraw_counts
+from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
@@ -77,7 +77,7 @@ class Replacer:
         self._variants = variants
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         self._mask = wp.zeros(d.nworld, dtype=wp.bool, device=d.qpos.device)
-        self.number, self.status, self.kept = redraw_counts(d.nworld, d.qpos.device)
+        self.number, self.status, self.kept = self._counts = RedrawCounts.zeros(d.nworld, d.qpos.device)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
         """Redraw objects in the masked worlds; the first call for some objects prepares their search.
@@ -87,11 +87,12 @@ class Replacer:
             mask: Which worlds, on the device, shape (nworld,), bool; all if None.
 
         Raises:
-            ArgumentError, UnknownNameError: See `chosen_objects`; or a first call inside of a capture.
+            ArgumentTypeError, UnknownNameError: See `chosen_objects`.
+            ArgumentError: See there; or a first call inside of a capture.
         """
-        key = (objects,) if isinstance(objects, str) else tuple(objects)
+        where = f"{self._compiled.config.where}: replace"
+        key = as_names(objects, f"{where}: objects")
         if key not in self.prepared:
-            where = f"{self._compiled.config.where}: replace"
             names = chosen_objects(self._compiled, key, where)
             if self._d.qpos.device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
@@ -113,13 +114,12 @@ class Replacer:
         writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=bodies.tolist(), origins=self._origins)
         moved = np.unique(mjm.body_treeid[bodies]) if sleeps(self._m) else np.zeros(0, int)
         trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
-        counts = [self.number, self.status, self.kept]
         refresh = self._refresh or partial(mjw.kinematics, *_views_of(self._m, d, bodies))
 
         def launches() -> None:
             if reader is not None:
                 reader.launch(self._mask)
-            redraw.launch(state, self._mask, counts, self._origins)
+            redraw.launch(state, self._mask, self._counts, self._origins)
             poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             if trees.shape[0] > 0:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, as_names, check_type
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.source import LayoutSource
@@ -47,7 +47,7 @@ def choose_source(
     if levels is not None:
         check_type(levels, Levels, "ResetRandomizer: levels")
         named = () if levels.ranges is None else tuple(levels.ranges.start)
-        knobs = (*((knobs,) if isinstance(knobs, str) else knobs), *named)
+        knobs = (*as_names(knobs, "knobs"), *named)
     if given is None:
         given = generator = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch

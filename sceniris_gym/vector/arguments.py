@@ -14,13 +14,7 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    ArgumentError,
-    ArgumentTypeError,
-    MaskError,
-    SeedError,
-    UnknownNameError,
-)
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SeedError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import knobs_in
@@ -44,14 +38,14 @@ class ChosenLayouts(NamedTuple):
     Attributes:
         seeds: Of each world, shape (num_envs,), uint64.
         given: Which worlds, shape (num_envs,), bool.
-        episodes: Of each world, shape (num_envs,), int32.
+        episodes: Of each world, shape (num_envs,), int32; None is episode 0.
         knobs: Numbers of the knobs, shape (num_envs, nvalue), float32; None leaves them as they are.
     """
 
     seeds: np.ndarray
     given: np.ndarray
-    episodes: np.ndarray
-    knobs: np.ndarray | None
+    episodes: np.ndarray | None = None
+    knobs: np.ndarray | None = None
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
@@ -134,8 +128,8 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     return as_count(width, f"{name}[0]", most=_MOST_PIXELS), as_count(height, f"{name}[1]", most=_MOST_PIXELS)
 
 
-def as_reset_seeds(seed: Any, num_envs: int, rank: Rank, *, first: bool) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a seed for each world and a mask of the worlds that get theirs; None if no world is reseeded.
+def as_reset_seeds(seed: Any, num_envs: int, rank: Rank, *, first: bool) -> ChosenLayouts | None:
+    """Return the first layouts of seeds, for the worlds that get one; None if no world is reseeded.
 
     Args:
         seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None.
@@ -153,9 +147,10 @@ def as_reset_seeds(seed: Any, num_envs: int, rank: Rank, *, first: bool) -> tupl
         wanted = np.fromiter(seed, dtype=object, count=len(seed))
         missing = (wanted == np.array(None)).astype(bool)
         wanted[missing] = fresh_seeds(int(missing.sum()))
-        return as_seeds(wanted, num_envs), given if first else ~missing
+        return ChosenLayouts(as_seeds(wanted, num_envs), given if first else ~missing)
     seeds = as_seeds(seed, num_envs)
-    return (as_seeds(rank.own_seed(int(seed)), num_envs) if isinstance(seed, int | np.integer) else seeds), given
+    own = as_seeds(rank.own_seed(int(seed)), num_envs) if isinstance(seed, int | np.integer) else seeds
+    return ChosenLayouts(own, given)
 
 
 def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarray | None:

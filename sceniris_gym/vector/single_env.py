@@ -48,6 +48,13 @@ class SceneEnv(Fixed, gymnasium.Env):
         """Change a part of the scene file from the next layout on; see `SceneVectorEnv.set_knob`."""
         self.envs.set_knob(name, value)
 
+    def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
+        """Set a knob, or else an attribute, as `set_attr` of Gymnasium's own vector environments does in each world."""
+        if "." not in name:
+            return super().set_wrapper_attr(name, value, force=force)
+        self.set_knob(name, value)
+        return True
+
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take one control step with an action in [-1, 1]."""
         observation, reward, terminated, truncated, info = self.envs.step(np.asarray(action)[None])

@@ -10,6 +10,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.layout.counts import as_shape
 from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.vector.joint_writer import JointWriter
@@ -190,7 +191,7 @@ class State(Readings):
     @overload
     def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor: ...
     @overload
-    def random(self, n: str, low: tuple[int, ...] = ()) -> Tensor: ...
+    def random(self, n: str, low: int | Sequence[int] = ()) -> Tensor: ...
     def random(self, n: int | str, low: Any = None, high: float = 1.0, *, stream: int = 0) -> Tensor:
         """Draw uniform numbers: `random(n, low, high)` for this step, or `random(name, shape)` for this episode.
 
@@ -202,7 +203,7 @@ class State(Readings):
         """
         layouts = self._layouts
         if isinstance(n, str):
-            shape = low or ()
+            shape = as_shape(() if low is None else low, "random: shape")
             values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
             draw_named(layouts.seed, layouts.episode, self._split, n, wp.from_torch(values))
             return values.reshape(self.num_envs, *shape)

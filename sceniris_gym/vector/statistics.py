@@ -7,6 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from sceniris_gym.vector.outcome import Outcome
+
 COUNTS = ("episodes", "length", "success", "broken")
 """Names of the sums besides the reward terms."""
 
@@ -42,30 +44,19 @@ class EpisodeStatistics:
         self._running.masked_fill_(mask, 0.0)
         self._ended.logical_and_(~mask)
 
-    def add(
-        self,
-        terms: tuple[str, ...],
-        gained: Tensor,
-        success: Tensor,
-        broken: Tensor,
-        done: Tensor,
-        elapsed: Tensor,
-    ) -> None:
+    def add(self, outcome: Outcome, elapsed: Tensor) -> None:
         """Add a step of all worlds.
 
         Args:
-            terms: Names of the reward terms, the same in every step.
-            gained: Values of these terms, shape (len(terms), num_envs).
-            success: Worlds in which the goal is reached, shape (num_envs,), bool.
-            broken: Worlds whose state is no longer finite, shape (num_envs,), bool.
-            done: Worlds whose episode is terminated or truncated, shape (num_envs,), bool.
+            outcome: Its results, with the same reward terms in every step.
             elapsed: Steps of the episode, shape (num_envs,).
         """
         if self.names == COUNTS:
-            self._make_room(terms)
-        self._running.add_(gained)
+            self._make_room(outcome.terms)
+        self._running.add_(outcome.gained)
+        done = outcome.done
         self.finished = counted = done & ~self._ended
-        counts = torch.stack([counted, counted * elapsed, counted & success, counted & broken])
+        counts = torch.stack([counted, counted * elapsed, counted & outcome.success, counted & outcome.broken])
         self._latest = torch.cat([counts, torch.where(counted, self._running, 0.0)])
         self._sums.add_(self._latest)
         self._ended.logical_or_(done)

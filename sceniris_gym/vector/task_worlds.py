@@ -31,9 +31,8 @@ class TaskWorlds:
         num_envs: Number of worlds.
         room: Arguments of Batch: `nconmax`, `njmax` and `nvmax`.
         layout_source: Function that makes a LayoutSource; None makes a generator.
-        split: Split of the layouts.
         graph: Capture steps and resets into graphs and replay them.
-        words: Arguments of ResetRandomizer: `levels`, `knobs` and `prefetch`.
+        words: Arguments of ResetRandomizer: `split`, `levels`, `knobs` and `prefetch`.
 
     Attributes:
         batch: The physics.
@@ -50,23 +49,14 @@ class TaskWorlds:
         room: Mapping[str, int | None],
         *,
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None,
-        split: str,
         graph: bool,
         **words: Any,
     ) -> None:
         physics: dict[str, Any] = {name: getattr(task, name) for name in ("needs", "substeps", "options")}
         self.batch = Batch(compiled.scene, num_envs, compiled.device, **room, **physics, graph=graph)
-        self.randomizer = ResetRandomizer(
-            compiled,
-            self.batch.model,
-            self.batch.data,
-            layout_source=layout_source(compiled, num_envs) if layout_source else None,
-            split=split,
-            needs=task.needs,
-            fields=self.batch.fields,
-            graph=graph,
-            **words,
-        )
+        words["layout_source"] = layout_source(compiled, num_envs) if layout_source else None
+        more: dict[str, Any] = {"needs": task.needs, "fields": self.batch.fields, "graph": graph, **words}
+        self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, **more)
         self.state = State(self.batch, self.randomizer.layouts, self.randomizer.split, self.randomizer.variant)
         self.statistics = EpisodeStatistics(num_envs, self.state.device)
         self._task, self._compiled, self._is_checked = task, compiled, False
@@ -103,10 +93,9 @@ class TaskWorlds:
 
     def count(self, outcome: Outcome) -> None:
         """Add a step to the statistics, and to levels the successes of episodes on layouts of their own."""
-        terms, gained, success, broken, *_ = outcome
-        self.statistics.add(terms, gained, success, broken, outcome.done, self.state.elapsed)
+        self.statistics.add(outcome, self.state.elapsed)
         if (sampler := self.randomizer.levels) is not None:
-            sampler.launch_finish(wp.from_torch(success), wp.from_torch(self.statistics.finished))
+            sampler.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""

@@ -25,22 +25,8 @@ from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector import spaces
-from sceniris_gym.vector.arguments import (
-    KNOBS,
-    LAYOUTS,
-    STATE,
-    ChosenLayouts,
-    as_action,
-    as_autoreset_mode,
-    as_chosen_layouts,
-    as_compiled_scene,
-    as_groups,
-    as_reset_mask,
-    as_reset_seeds,
-    as_task,
-    fresh_seed,
-)
+from sceniris_gym.vector import arguments, spaces
+from sceniris_gym.vector.arguments import KNOBS, LAYOUTS, STATE, ChosenLayouts
 from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer
 from sceniris_gym.vector.ranks import Rank
@@ -136,16 +122,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     FIXED = ("compiled", "batch", "randomizer", "state", "statistics", "num_envs", "device", "split", "rank")
     ARGUMENTS = (
-        "scene",
-        "overrides",
-        "layout_source",
-        "levels",
-        "knobs",
-        "prefetch",
-        "graph",
-        "nconmax",
-        "njmax",
-        "render_every",
+        *("scene", "overrides", "layout_source", "levels", "knobs", "prefetch"),
+        *("graph", "nconmax", "njmax", "render_every"),
     )
 
     # tensors made under inference mode could not be written to outside of it
@@ -192,11 +170,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
         every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
-        groups, self.max_episode_steps = as_groups(observation_groups), None
+        groups, self.max_episode_steps = arguments.as_groups(observation_groups), None
         if max_episode_steps is not None:
             self.max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
-        self.task, self.num_envs = as_task(task), num_envs
-        self.autoreset_mode = as_autoreset_mode(autoreset_mode)
+        self.task, self.num_envs = arguments.as_task(task), num_envs
+        self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
         self.output, self.copy = output, copy
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
         self.render_mode, self.final_images = render_mode, final_images
@@ -204,11 +182,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
-        self.compiled = as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
+        self.compiled = arguments.as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
         room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
-        words: dict[str, Any] = {"levels": levels, "knobs": knobs, "split": split, "prefetch": prefetch}
-        worlds = TaskWorlds(self.task, self.compiled, num_envs, room, layout_source=layout_source, graph=graph, **words)
+        words: dict[str, Any] = {"layout_source": layout_source, "levels": levels, "knobs": knobs, "split": split}
+        worlds = TaskWorlds(self.task, self.compiled, num_envs, room, **words, prefetch=prefetch, graph=graph)
         self._worlds, self.batch, self.randomizer = worlds, worlds.batch, worlds.randomizer
         self.split = self.randomizer.split
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
@@ -228,7 +206,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._autoreset, self._ready = torch.zeros(num_envs, dtype=torch.bool, device=self.device), False
-        self._np_random, self._np_random_seed = seeding.np_random(fresh_seed())
+        self._np_random, self._np_random_seed = seeding.np_random(arguments.fresh_seed())
         self._made = versions(self._live())
 
     @exclusive
@@ -262,20 +240,21 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetNeeded: The first reset has a mask or a state.
         """
         self._check_open()
-        mask, given = as_reset_mask(options, self.num_envs), options or {}
+        mask, given = arguments.as_reset_mask(options, self.num_envs), options or {}
         kept = given.get(STATE)
         if not self._ready and (mask is not None or kept is not None):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
             )
-        chosen = as_chosen_layouts(given.get(LAYOUTS), self.num_envs, self.randomizer.layout_source, self.split)
+        source = self.randomizer.layout_source
+        chosen = arguments.as_chosen_layouts(given.get(LAYOUTS), self.num_envs, source, self.split)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         self.batch.fields.check()
         with on_torch_stream(self.batch.device):
             if given.get(KNOBS):
-                self.randomizer.layout_source.set_knobs(given[KNOBS], mask)
+                source.set_knobs(given[KNOBS], mask)
             if kept is not None:
                 due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
             else:
@@ -370,20 +349,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Choose the layouts that the next reset of the masked worlds serves; see `reset`."""
         if seed is None and not self._ready:
             # it is -1 after a generator was assigned to np_random
-            seed = fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
-        seeds = as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready)
-        if seeds is not None:
-            numbers, given = seeds
-            if mask is not None:
-                given &= mask
-            self.randomizer.reseed(numbers, given)
-            if mask is None and isinstance(seed, int | np.integer):
+            seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
+        for part in (arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready), chosen):
+            if part is None:
+                continue
+            given = part.given if mask is None else part.given & mask
+            self.randomizer.reseed(*part._replace(given=given))
+            if part is not chosen and mask is None and isinstance(seed, int | np.integer):
                 self._np_random, self._np_random_seed = seeding.np_random(int(seed))
             elif given.any():
-                self.np_random = np.random.default_rng(numbers[given])  # which makes np_random_seed -1
-        if chosen is not None:
-            self.randomizer.reseed(*(chosen if mask is None else chosen._replace(given=chosen.given & mask)))
-            self.np_random = np.random.default_rng(chosen.seeds)
+                self.np_random = np.random.default_rng(part.seeds[given])  # which makes np_random_seed -1
 
     @exclusive
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
@@ -403,7 +378,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._check_ready("step")
         self.batch.fields.check()
         with on_torch_stream(self.batch.device):
-            action = as_action(actions, self.action_space, self.device)
+            action = arguments.as_action(actions, self.action_space, self.device)
             sensors = self._observer.sensors
             delayed = action if sensors is None else sensors.delayed_action(self.state, action)
             self.task.apply(self.state, delayed)

@@ -17,13 +17,14 @@ _ABOVE = 0.06  # m; height of a label above its line
 
 def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
     """Draw a line from each placed object to its nearest neighbour except its support, red if it is too near."""
-    sketch, drawn = Sketch(), set()
+    sketch, drawn, config = Sketch(), set(), world.compiled.config
+    clearances = {name: part.clearance for name, part in {**config.objects, **config.all_robots}.items()}
     for name in [only] if only is not None else world.placed_names:
         nearest = nearest_to(world, name)
         if nearest is None or (nearest.other, name) in drawn:
             continue
         drawn.add((name, nearest.other))
-        asked = max(_clearance(world, name), _clearance(world, nearest.other))
+        asked = max(clearances.get(part, 0.0) for part in (name, nearest.other))
         sketch.lines.append((nearest.ends, GREEN if nearest.distance >= asked - _ROUNDING else RED))
         words = f"{name} to {nearest.other}: {1e3 * nearest.distance:.0f} mm, at least {1e3 * asked:g}"
         sketch.words.append((words, nearest.ends.mean(axis=0) + [0.0, 0.0, _ABOVE]))
@@ -56,40 +57,20 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
     heaps = world.compiled.config.heaps.values()
     heaped = [body for heap in heaps if name in heap.of for other in heap.of for body in scene.subtree(other)]
     aside = {*own, *([] if ground is None else [ground]), *heaped, *world.hidden_bodies()}
-    collides = (mjm.geom_contype | mjm.geom_conaffinity) != 0
-    carriers = _carriers(world)
-    mine = [g for g in np.flatnonzero(collides) if int(mjm.geom_bodyid[g]) in own]
-    others = [g for g in np.flatnonzero(collides) if int(mjm.geom_bodyid[g]) not in aside]
+    collides = np.flatnonzero((mjm.geom_contype | mjm.geom_conaffinity) != 0).tolist()
+    body_of, grounds = mjm.geom_bodyid.tolist(), {other: world.placed(other).ground for other in world.placed_names}
+    carriers = {body: g for other, g in grounds.items() if g is not None for body in scene.subtree(other)}
     best, found = _LOOKED, None
-    for a in mine:
-        for b in others:
-            if carriers.get(int(mjm.geom_bodyid[b])) == int(mjm.geom_bodyid[a]):
-                continue
+    for a in (g for g in collides if body_of[g] in own):
+        for b in (g for g in collides if body_of[g] not in aside):
             apart = np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) - mjm.geom_rbound[a] - mjm.geom_rbound[b]
-            if mjm.geom_rbound[b] > 0.0 and apart > best:
+            if carriers.get(body_of[b]) == body_of[a] or (mjm.geom_rbound[b] > 0.0 and apart > best):
                 continue
             ends = np.zeros(6)
             distance = mujoco.mj_geomDistance(mjm, data, a, b, best, ends)
             if distance < best:
-                best, found = distance, Nearest(_owner(world, int(b)), ends.reshape(2, 3), distance)
+                best, found = distance, Nearest(_owner(world, b), ends.reshape(2, 3), distance)
     return found
-
-
-def _carriers(world: ShownWorld) -> dict[int, int]:
-    """Return body of a placed object -> body that carries the object."""
-    found: dict[int, int] = {}
-    for name in world.placed_names:
-        ground = world.placed(name).ground
-        if ground is not None:
-            found |= dict.fromkeys(world.compiled.scene.subtree(name), ground)
-    return found
-
-
-def _clearance(world: ShownWorld, name: str) -> float:
-    """Return the clearance [m] of an object, a robot or a body: 0 unless the scene sets it."""
-    config = world.compiled.config
-    part = config.all_robots.get(name) or config.objects.get(name)
-    return 0.0 if part is None else part.clearance
 
 
 def _owner(world: ShownWorld, geom: int) -> str:

@@ -7,10 +7,11 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
+import viser
 
 from sceniris_gym.errors import ScenirisError
 from sceniris_gym.layout.layout_id import LayoutId
@@ -20,9 +21,6 @@ from sceniris_gym.viewer.plots import Plots
 from sceniris_gym.viewer.policies import GROUP, Policy
 from sceniris_gym.viewer.requests import Requests
 from sceniris_gym.viewer.window import Window
-
-if TYPE_CHECKING:
-    import viser
 
 _IDLE = 0.25  # s
 _LOOK = 1.0  # s at the end of all episodes, before the next ones begin
@@ -61,8 +59,11 @@ class EnvView:
 
     def start(self, first: int) -> None:
         """Begin an episode in each world, on the layouts from number `first` on; after the last comes the first."""
-        self.first = max(first, 0)
-        chosen = [self._layout(self.first + i) for i in range(self.envs.num_envs)]
+        self.first, envs = max(first, 0), self.envs
+        numbers = range(self.first, self.first + envs.num_envs)
+        chosen = [LayoutId(envs.compiled.hash, envs.split, i, 0) for i in numbers]
+        if self.ids:
+            chosen = [self.ids[i % len(self.ids)] for i in numbers]
         if self._pasted is not None:
             chosen[0], self._pasted = self._pasted, None
         self._observation, _ = self.envs.reset(options={LAYOUTS: chosen})
@@ -119,11 +120,6 @@ class EnvView:
     def _own_id(self, text: str) -> LayoutId:
         cure = "Open its environment, with the same changes of the scene, and start the viewer with its --split."
         return LayoutId.of_scene(text, self.envs.compiled.scene, cure, self.envs.split)
-
-    def _layout(self, i: int) -> LayoutId:
-        if self.ids:
-            return self.ids[i % len(self.ids)]
-        return LayoutId(self.envs.compiled.hash, self.envs.split, i, 0)
 
     def _show(self, seconds: float) -> None:
         self._window.show(self.envs.batch, self.envs.randomizer.layouts, seconds)

@@ -6,16 +6,15 @@ import html
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import viser
 
 from sceniris_gym.program.compiled import USER_SPLITS
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.grasps import START
 from sceniris_gym.viewer.layers import BOTH, COLLIDED, HINTS, PARKED, REACH, SEEN, SKETCHES
 from sceniris_gym.viewer.requests import Requests
-
-if TYPE_CHECKING:
-    import viser
 
 ALL = "all objects"
 NUMBERS = ("1", "4", "16", "64")

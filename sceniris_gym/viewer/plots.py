@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import viser
+import viser
 
 _KEPT = 300  # steps
 _COLOURS = ("#266ebe", "#28965a", "#8250aa", "#b4781e", "#1496a0", "#aa3c78", "#5a7828", "#555b63")
@@ -95,7 +93,10 @@ class Plots:
             kept[1].remove()
         series: Any = (
             {"label": "step"},
-            *({"label": name, "width": 1.5, **_look(i)} for i, name in enumerate(names)),
+            *(
+                {"label": name, "width": 1.5, "stroke": _COLOURS[i % _MOST], "dash": _DASHES if i >= _MOST else ()}
+                for i, name in enumerate(names)
+            ),
         )
         of_success = chart == "success"
         scales: Any = {"x": {"time": False}, "y": {"range": (-0.1, 1.1)} if of_success else {}}
@@ -122,8 +123,3 @@ def parts_of(shapes: _Shapes) -> list[Part]:
                 parts.append(Part(f"{name}[{', '.join(index)}]" if index else name, first, labels))
                 first += len(labels)
     return parts
-
-
-def _look(i: int) -> dict[str, Any]:
-    """Return colour and dashes of a curve by its number."""
-    return {"stroke": _COLOURS[i % len(_COLOURS)], "dash": _DASHES if i >= len(_COLOURS) else ()}

@@ -13,9 +13,10 @@ from shapely.geometry import LineString, MultiPoint, MultiPolygon, Point, Polygo
 from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
-from sceniris_gym.geometry.supports import SupportSurface, triangulate
-from sceniris_gym.program.pack.relations import relations_of
-from sceniris_gym.viewer.overhead import is_covered_rightly
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.geometry.supports import triangulate
+from sceniris_gym.program.device import Cover
+from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
@@ -29,6 +30,8 @@ _MOST_NAMED = 5
 _CROWDED = 0.2  # m; labels that are nearer are moved apart
 _SITE = 0.005  # m; radius of the discs for points and for sites that meet
 _LIFT = 0.002  # m; height of a region above its surface, and above the region before it
+_OVER = 1e-4  # m above a surface that a cover begins, as when layouts are made
+_THIN = 1e-9  # m2; what is smaller is seen edge-on
 
 
 def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
@@ -88,10 +91,14 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
     itself. Distances between bounds hold for any heading of the object, so their rings are a little too large.
     """
     placed = world.placed(name)
-    relations = [relation_area(world, name, relation) for relation in relations_of(placed)]
+    relations = [relation_area(world, name, relation) for relation in placed.config.relations]
     found = []
     for surface in placed.surfaces[0] if placed.surfaces else []:
-        outline, region, height = _in_world(world, surface)
+        mat, pos = world.data.xmat[surface.body].reshape(3, 3), world.data.xpos[surface.body]
+        across = (mat[0, 0], mat[0, 1], mat[1, 0], mat[1, 1], pos[0], pos[1])
+        height = float(pos[2] + mat[2, 2] * surface.height)
+        outline = affine_transform(_areas(surface.region) if surface.is_endless else surface.outline, across)
+        region = affine_transform(surface.region, across)
         for area in relations:
             region = region.intersection(area) if area is not None else region
         region = is_covered_rightly(world, placed, region, height)
@@ -99,19 +106,47 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
     return found
 
 
+def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
+    """Return what of a region of the world, seen from above, at a height [m] has the cover that an object asks for."""
+    if placed.cover == Cover.EITHER or region.is_empty:
+        return region
+    cover = cover_over(world, placed, height)
+    return region.intersection(cover) if placed.cover == Cover.COVERED else region.difference(cover)
+
+
+def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
+    """Return the outline, seen from above, of what a support's own object has above a height [m] of the world."""
+    compiled = world.compiled
+    assert placed.support is not None
+    parent = compiled.scene.around(placed.support)
+    found = []
+    for piece in compiled.plan.pieces:
+        if piece.body in parent and piece.type != PieceType.PLANE and piece.mesh is not None:
+            turn, at = world.data.xmat[piece.body].reshape(3, 3), world.data.xpos[piece.body]
+            triangles = np.asarray(piece.mesh.triangles) @ turn.T + at
+            whole = compiled.config.geometry == "physics"  # then pieces are convex
+            found += [_above(some, height + _OVER) for some in ([triangles] if whole else triangles[:, None])]
+    return shapely.union_all(found)
+
+
+def _above(triangles: np.ndarray, height: float) -> BaseGeometry:
+    """The hull, seen from above, of what of triangles (n, 3, 3) is above a height."""
+    ends = np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2).reshape(-1, 2, 3)
+    above = ends[:, :, 2] > height
+    one, other = ends[above[:, 0] != above[:, 1]].transpose(1, 0, 2)
+    share = (height - one[:, 2:]) / (other[:, 2:] - one[:, 2:])
+    points = np.concatenate([ends[above[:, 0], 0], one + share * (other - one)])[:, :2]
+    if len(points) < 3:
+        return shapely.Polygon()
+    outline = shapely.MultiPoint(points).convex_hull
+    return outline if outline.area > _THIN else shapely.Polygon()
+
+
 def _areas(region: BaseGeometry) -> MultiPolygon:
     """Return the drawable parts of a region: its areas, and its points as small discs."""
     discs = [part.buffer(_SITE) if isinstance(part, Point) else part for part in shapely.get_parts(region)]
     parts = shapely.get_parts(shapely.union_all([disc for disc in discs if isinstance(disc, Polygon)]))
     return MultiPolygon([part for part in parts if part.area > 0.0])
-
-
-def _in_world(world: ShownWorld, surface: SupportSurface) -> tuple[MultiPolygon, BaseGeometry, float]:
-    mat, pos = world.data.xmat[surface.body].reshape(3, 3), world.data.xpos[surface.body]
-    across = (mat[0, 0], mat[0, 1], mat[1, 0], mat[1, 1], pos[0], pos[1])
-    outline = _areas(surface.region) if surface.is_endless else surface.outline
-    height = float(pos[2] + mat[2, 2] * surface.height)
-    return affine_transform(outline, across), affine_transform(surface.region, across), height
 
 
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:

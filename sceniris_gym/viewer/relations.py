@@ -25,27 +25,23 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
     sketch = Sketch()
     number = 0
     for name in [only] if only is not None else world.placed_names:
-        config = world.compiled.config.parts[name]
-        for i, relation in enumerate(config.relations):
+        for i, relation in enumerate(world.compiled.config.parts[name].relations):
             area = relation_area(world, name, relation)
             if area is None:
                 continue
             colour = PALETTE[number % len(PALETTE)]
             number += 1
             at = world.standing(name)[0][:3]
-            anchors = [world.standing(a)[0][:3] for a in relation.anchors if world.is_shown(a)]
+            anchors = [anchor for anchor in relation.anchors if world.is_shown(anchor)]
             height = float(at[2]) + number * _LIFT
-            seen = area
             if isinstance(relation, Sector) and relation.high == math.inf:
-                far = float(np.linalg.norm(at[:2] - anchors[0][:2])) + _BEYOND
-                seen = area.intersection(Point(*anchors[0][:2]).buffer(far))
-            triangles = triangulate(MultiPolygon([p for p in shapely.get_parts(seen) if isinstance(p, Polygon)]))
+                apex = Point(*world.standing(anchors[0])[0][:2])
+                area = area.intersection(apex.buffer(apex.distance(Point(*at[:2])) + _BEYOND))
+            triangles = triangulate(MultiPolygon([p for p in shapely.get_parts(area) if isinstance(p, Polygon)]))
             points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height)]
             sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), colour, 0.3))
             tip = _above(world, name)
-            for anchor in relation.anchors:
-                if world.is_shown(anchor):
-                    sketch.arrows.append((np.stack([_tail(world, anchor, tip), tip]), colour))
+            sketch.arrows += [(np.stack([_tail(world, anchor, tip), tip]), colour) for anchor in anchors]
             sketch.words.append((f"{name}: {relation.summary}", tip + [0.0, 0.0, _LINE * (i + 1)]))
     return sketch
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import importlib.util
 import io
 import socket
@@ -25,8 +24,6 @@ PORT = 8080
 """The port that is tried first."""
 MOST_SHOWN = 64
 """Most worlds that are shown side by side."""
-EXTRA = "viewer"
-"""The extra of this package that installs viser and mjviser."""
 
 _BACKGROUND = (238, 241, 245)
 # Lamps alone, so placed that one reaches each side: an environment map takes seconds where there is no GPU, and things
@@ -53,7 +50,7 @@ def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
     """
     for package in ("viser", "mjviser"):
         if importlib.util.find_spec(package) is None:
-            raise MissingExtraError(package, EXTRA)
+            raise MissingExtraError(package, "viewer")
     _check_host(host)
     with uncollected():
         import viser

@@ -7,7 +7,8 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+
+import viser
 
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
 from sceniris_gym.progress import listening
@@ -25,9 +26,6 @@ from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import Sketch, erase
 from sceniris_gym.viewer.worlds import Worlds, view_direction
-
-if TYPE_CHECKING:
-    import viser
 
 _FRAME = 1.0 / 60.0  # s between pictures of physics
 _IDLE = 0.25  # s between looks at the scene's files
@@ -83,8 +81,10 @@ class SceneView:
             self._looked = now
             if self.file.changed():
                 self._try(self.load)
-            elif not self._counted:
-                self._count()
+            elif not self._counted:  # nobody asks for anything
+                self._counted = True
+                self.deck.count_ahead()
+                self._tell_counts()
 
     def load(self) -> None:
         """Read the scene, and show it at the same seed. If that fails, say why, and leave the page as it is."""
@@ -272,9 +272,9 @@ class SceneView:
     def _show_layers(self, world: ShownWorld) -> None:
         for name, sketch in SKETCHES.items():
             if name in self._layers and self._player is None:
-                self._sketch(_path(name), sketch(world, self._only))
+                self._sketch(f"layer_{name}", sketch(world, self._only))
             else:
-                erase(self.server, _path(name))
+                erase(self.server, f"layer_{name}")
         if self._geometry == SEEN or self._player is not None:
             erase(self.server, _PIECES)
         else:
@@ -352,15 +352,5 @@ class SceneView:
             made = f"{name}: {self.num} layouts, seeds {self.where.seed} to {last}"
         return self.panel.say(made, notices=self.loaded.notices)
 
-    def _count(self) -> None:
-        """Make more layouts for the table of counts, while nobody asks for anything."""
-        self._counted = True
-        self.deck.count_ahead()
-        self._tell_counts()
-
     def _tell_counts(self) -> None:
         self.panel.table.content = why.table_in_html(self.deck.table(), self.deck.layouts, self.deck.valid)
-
-
-def _path(layer: str) -> str:
-    return f"layer_{layer.replace(' ', '_')}"

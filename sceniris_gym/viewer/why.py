@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
 
+from sceniris_gym.geometry.framing import box_corners
 from sceniris_gym.layout.blame import Hit
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.viewer.deck import Candidate
@@ -52,9 +52,8 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
     mjm, own = world.compiled.mjm, {0, *world.compiled.scene.subtree(candidate.name)}
     groups = np.isin(np.arange(mujoco.mjNGROUP), SEEN_GROUPS).astype(np.uint8)
     low, high = world.box(candidate.name)
-    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
     found, geom = set(), np.zeros(1, np.int32)
-    for at in [(low + high) / 2.0, *corners]:
+    for at in [(low + high) / 2.0, *box_corners((low + high) / 2.0, (high - low) / 2.0)]:
         for _ in range(_MOST_BEFORE):
             far = mujoco.mj_ray(mjm, world.data, at, direction, groups, 1, -1, geom)
             if far < 0.0:
@@ -76,8 +75,7 @@ def sketch_candidate(
     for hit in worst_by_body(mjm, hits):
         ends = np.zeros(6)
         mujoco.mj_geomDistance(mjm, world.data, *hit.geoms, 1.0, ends)
-        at = ends.reshape(2, 3)
-        sketch.lines.append((at, ORANGE))
+        sketch.lines.append((ends.reshape(2, 3), ORANGE))
         sketch.outline(_edges_of_box(world, hit.geoms[1]), ORANGE)
     low, high = world.box(candidate.name)
     middle = (low + high) / 2.0
@@ -111,10 +109,9 @@ def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: 
     head = f"<p>Rejected candidates in {layouts} layouts, {share} valid:</p>"
     if not counts:
         return f"{head}<p>none at all</p>"
-    causes = list(next(iter(counts.values())))
-    cells = {name: "".join(f"<td align=right>{row[c] or '-'}</td>" for c in causes) for name, row in counts.items()}
+    cells = {name: "".join(f"<td align=right>{n or '-'}</td>" for n in row.values()) for name, row in counts.items()}
     rows = "".join(f"<tr><td>{name}</td>{cells[name]}</tr>" for name in counts)
-    titles = "".join(f"<th align=right title='{CAUSES[c]}'>{c}</th>" for c in causes)
+    titles = "".join(f"<th align=right title='{CAUSES[c]}'>{c}</th>" for c in next(iter(counts.values())))
     return f"{head}<table width='100%'><tr><th align=left>object</th>{titles}</tr>{rows}</table>"
 
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from sceniris_gym.errors import CountError
-from sceniris_gym.layout.counts import MOST_WORLDS, as_count
+from sceniris_gym.layout.counts import MOST_WORLDS, as_count, as_shape
 
 
 @pytest.mark.parametrize("value", [3, np.int8(3), np.uint64(3), torch.tensor(3)])
@@ -34,3 +34,12 @@ def test_the_range_is_the_caller_s():
     assert as_count(5, "n", 1, 5) == 5
     with pytest.raises(CountError, match="n should be at most 5, got 6"):
         as_count(6, "n", 1, 5)
+
+
+def test_an_integer_is_a_shape_of_one_axis():
+    """As in NumPy; lengths are counts from 0 on."""
+    assert as_shape(3, "s") == as_shape([np.int64(3)], "s") == (3,)
+    assert as_shape((), "s") == ()
+    for wrong in (2.5, (3, -1), "3"):
+        with pytest.raises(CountError, match="s should be"):
+            as_shape(wrong, "s")  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
-from sceniris_gym.layout.redraw import redraw_counts
+from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, compiled_from
 
@@ -93,13 +93,13 @@ def redraw(
     """Return the layouts of a redraw in all worlds."""
     nworld = len(worlds.seed)
     found, mask = make_redraw(compiled, names, nworld, "train"), wp.ones(nworld, dtype=bool, device="cpu")
-    counts = redraw_counts(nworld, "cpu")
+    counts = RedrawCounts.zeros(nworld, "cpu")
     if number is not None:
-        wp.copy(counts[0], number)
+        wp.copy(counts.number, number)
     found.launch(worlds.uploaded(), mask, counts, origins)
-    assert (counts[0].numpy() == 1 + (0 if number is None else number.numpy())).all()
-    np.testing.assert_array_equal(counts[1].numpy(), found.layouts.status.numpy())
-    assert counts[2].numpy()[0] == (counts[1].numpy() == Status.KEPT).sum()
+    assert (counts.number.numpy() == 1 + (0 if number is None else number.numpy())).all()
+    np.testing.assert_array_equal(counts.status.numpy(), found.layouts.status.numpy())
+    assert counts.kept.numpy()[0] == (counts.status.numpy() == Status.KEPT).sum()
     return found.layouts
 
 
@@ -245,7 +245,7 @@ def test_what_is_kept_leaves_grasps_alone():
     assert found.grasp.shape[1] < generator.layouts.grasp.shape[1]
     found.grasp.fill_(7)
     redrawn._make = lambda mask, launch: found.view.status.zero_()  # nothing fits
-    redrawn.launch(generator.layouts.view, wp.ones(3, dtype=bool, device="cpu"), redraw_counts(3, "cpu"))
+    redrawn.launch(generator.layouts.view, wp.ones(3, dtype=bool, device="cpu"), RedrawCounts.zeros(3, "cpu"))
     assert (found.status.numpy() == Status.KEPT).all()
     np.testing.assert_array_equal(found.qpos.numpy(), generator.layouts.qpos.numpy())
     assert (found.grasp.numpy() == 7).all()

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.levels.buffer import Buffer, create_buffer, launch_choose, launch_forget, launch_update
+from sceniris_gym.levels.buffer import Buffer, Episodes, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.weights import launch_refresh
 from sceniris_gym.program.device import allocate
@@ -32,7 +32,7 @@ def tell(buffer: Buffer, level: object, seed: object, outcome: object) -> None:
     """Tell the outcomes of episodes on levels."""
     episodes = np.zeros(len(np.asarray(seed)))
     columns = column(level, int), column(seed, wp.uint64), column(episodes, int), column(outcome, float)
-    launch_update(buffer, *columns)
+    launch_update(buffer, Episodes(*columns))
 
 
 def filled(levels: Levels, scores: np.ndarray) -> Buffer:

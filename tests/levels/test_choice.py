@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sceniris_gym.errors import ArgumentError, CountError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, CountError, UnknownNameError
 from sceniris_gym.levels import Levels, Ranges
 
 
@@ -19,6 +19,7 @@ from sceniris_gym.levels import Levels, Ranges
         ({"temperature": 0.0}, ArgumentError, "temperature should be above 0"),
         ({"capacity": 0}, CountError, "at least 1"),
         ({"every": 0.5}, CountError, "integer"),
+        ({"ranges": {"groups.clutter.count": [1, 2]}}, ArgumentTypeError, "ranges should be a Ranges"),
     ],
 )
 def test_wrong_words_are_refused(words, error, match):
@@ -31,3 +32,5 @@ def test_ranges_without_a_knob_are_refused():
     """There would be no end for a fresh level to be at."""
     with pytest.raises(ArgumentError, match="start should name a knob"):
         Ranges({})
+    with pytest.raises(ArgumentTypeError, match="start should be a Mapping"):
+        Ranges(["groups.clutter.count"])  # type: ignore[arg-type]

@@ -58,8 +58,25 @@ def test_a_sampler_goes_on_where_it_was(make_env):  # noqa: F811
     assert_equal(first.reset()[1], second.reset()[1])
     runs = [[info["layout_seed"].tolist() for info in _play(envs, 30)] for envs in (first, second)]
     assert runs[0] == runs[1]
-    with pytest.raises(ArgumentError, match=r"seed should have shape \(64,\)"):
-        first.randomizer.levels.restore({"seed": np.zeros(3)})
+    kept, before = first.randomizer.levels.state(), second.randomizer.levels.state()
+    for name, shape in (("seed", r"\(64,\)"), ("resets", r"\(\)")):
+        with pytest.raises(ArgumentError, match=f"{name} should have shape {shape}"):
+            second.randomizer.levels.restore({key: kept[key] for key in kept if key != name})
+    np.testing.assert_equal(second.randomizer.levels.state(), before)  # all of it or nothing
+
+
+def test_a_snapshot_goes_on_with_the_levels_of_its_step(make_env):  # noqa: F811
+    """Of the episodes that follow, too, once the sampler was restored."""
+    envs = make_env(3, max_episode_steps=3, levels=LEVELS)
+    envs.reset(seed=1)
+    _play(envs, 8)
+    kept, levels, runs = envs.snapshot(), envs.randomizer.levels.state(), []
+    for _ in range(2):
+        envs.randomizer.levels.restore(levels)
+        envs.reset(options={"state": kept})
+        infos = _play(envs, 8)
+        runs.append([info[f"layout_{name}"].tolist() for info in infos for name in ("seed", "level")])
+    assert runs[0] == runs[1]
 
 
 def test_scores_can_be_given(make_env):  # noqa: F811

@@ -74,6 +74,11 @@ def test_an_id_with_knobs_is_a_layout_through_every_door(make_env):  # noqa: F81
     assert_equal({name: rows[None] for name, rows in found.items()}, {k: v[1:2] for k, v in wanted.items()})
     one.set_knob(SLIDE, [0.1, 0.11])
     assert one.reset()[1]["layout_knobs"][SLIDE].tolist() == pytest.approx([0.1, 0.11])
+    wrapped = gymnasium.wrappers.TimeLimit(one, 5)
+    assert wrapped.set_wrapper_attr(SLIDE, [0.07, 0.08])  # as Gymnasium's own vector environments do in `set_attr`
+    assert wrapped.reset()[1]["layout_knobs"][SLIDE].tolist() == pytest.approx([0.07, 0.08])
+    assert wrapped.set_wrapper_attr("note", "kept")
+    assert wrapped.get_wrapper_attr("note") == "kept"
     with pytest.raises(UnknownNameError, match=SLIDE):
         make_env(3).reset(options={"layouts": ids})
     with pytest.raises(SceneMismatchError):

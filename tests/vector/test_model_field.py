@@ -147,6 +147,7 @@ def test_random_numbers_by_name_last_for_an_episode(make):
     assert torch.equal(s.random("slip", (2, 2)), values)
     assert not torch.isin(s.random("grip", (4,)), values).any()
     np.testing.assert_array_equal(envs.randomizer.random("slip", (2, 2)).numpy(), values.numpy())
+    assert torch.equal(s.random("slip", 4), values.flatten(1))
     assert s.random("slip").shape == (3,)
 
 

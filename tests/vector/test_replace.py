@@ -6,6 +6,7 @@ import gymnasium
 import pytest
 import torch
 
+from sceniris_gym.errors import ArgumentTypeError
 from tests.vector.stepping import actions, assert_equal, state
 
 SOME = torch.tensor([False, True, False, True])
@@ -16,6 +17,9 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
     envs = make_env(4)
     with pytest.raises(gymnasium.error.ResetNeeded):
         envs.replace("block")
+    for wrong in (3, [["block"]]):
+        with pytest.raises(ArgumentTypeError, match="replace: objects should be a name or several"):
+            envs.randomizer.replace(wrong)
     _, info = envs.reset(seed=2)
     assert "layout_redraw" not in info
     envs.step(actions(4))

@@ -7,6 +7,7 @@ import math
 import pytest
 import torch
 
+from sceniris_gym.vector.outcome import Outcome
 from sceniris_gym.vector.statistics import EpisodeStatistics
 
 STEPS = 40
@@ -122,7 +123,8 @@ def test_success_is_that_of_the_last_step():
     statistics, no = EpisodeStatistics(2, torch.device("cpu")), torch.zeros(2, dtype=torch.bool)
     for success, done in (([False, True], [False, False]), ([True, False], [True, True])):
         gained = torch.tensor([[1.0, 2.0]])
-        statistics.add(("near",), gained, torch.tensor(success), no, torch.tensor(done), torch.tensor([2, 2]))
+        flags = torch.tensor(success), no, torch.tensor(done), no
+        statistics.add(Outcome(("near",), gained, *flags), torch.tensor([2, 2]))
     assert statistics.read() == {
         "episodes": 2,
         "return": 3.0,

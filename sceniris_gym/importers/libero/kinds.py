@@ -183,11 +183,10 @@ def moving(problem: Problem, predicate: Predicate) -> tuple[str, tuple[float, fl
     Raises:
         UnknownNameError: The predicate does not apply to the thing.
     """
-    region, states = problem.regions.get(predicate.names[0]), {}
+    region, word = problem.regions.get(predicate.names[0]), predicate.word
     name = predicate.names[0] if region is None else region.target
-    for thing, kind in problem.fixtures.items():
-        if kind in FIXTURES and predicate.word in FIXTURES[kind].states:
-            states[thing] = FIXTURES[kind].states[predicate.word]
+    kinds = {thing: FIXTURES[kind] for thing, kind in problem.fixtures.items() if kind in FIXTURES}
+    states = {thing: kind.states[word] for thing, kind in kinds.items() if word in kind.states}
     if name not in states:
-        raise UnknownNameError(f"thing for {predicate.word}", name, predicate.where, states)
+        raise UnknownNameError(f"thing for {word}", name, predicate.where, states)
     return name, states[name]

@@ -64,7 +64,8 @@ class FoundArm:
         Args:
             data: The model in its start pose, after `mj_kinematics`.
         """
-        site = self._named_site()
+        own = [s for s in range(self.mjm.nsite) if self.mjm.site_bodyid[s] in self.palm]
+        site = next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
         if site is not None:
             along = self._along(data, data.site_xmat[site].reshape(3, 3))
             return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_turn_to(along)})
@@ -78,10 +79,6 @@ class FoundArm:
             offset = [round(float(v), 4) + 0.0 for v in tip]
         name = self.mjm.body(body).name
         return TcpConfig.model_validate({"body": name, "offset": offset, **_turn_to(along)})
-
-    def _named_site(self) -> int | None:
-        own = [s for s in range(self.mjm.nsite) if self.mjm.site_bodyid[s] in self.palm]
-        return next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
 
     def _along(self, data: mujoco.MjData, mat: np.ndarray) -> np.ndarray:
         """Return the approach axis in a frame of the hand: an axis of that frame, if one is near."""

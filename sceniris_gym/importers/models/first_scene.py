@@ -6,7 +6,7 @@ import json
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ _NOT_STRINGS = frozenset(("true", "false", "null", "yes", "no", "on", "off"))
 _WIDTH = 100
 
 
-@dataclass(frozen=True)
+@dataclass
 class Entry:
     """An object or the robot of the scene.
 
@@ -48,7 +48,7 @@ class Entry:
     """
 
     name: str
-    words: Mapping[str, Any]
+    words: dict[str, Any]
     notes: tuple[str, ...] = ()
     why: str = ""
 
@@ -60,7 +60,7 @@ class Entry:
         return [indent + line for line in lines]
 
 
-@dataclass(frozen=True)
+@dataclass
 class FirstScene:
     """A first scene of a model.
 
@@ -77,39 +77,34 @@ class FirstScene:
     start: str
     home: str | None
     robot: Entry | None
-    objects: tuple[Entry, ...]
-    supports: tuple[FoundSupport, ...]
+    objects: list[Entry]
+    supports: list[FoundSupport]
 
     def words(self) -> dict[str, Any]:
         """Return the scene without the entries that are commented out, as `SceneConfig.load` takes it."""
         found: dict[str, Any] = {"model": str(self.model.resolve())} | ({"home": self.home} if self.home else {})
         if self.robot is not None and not self.robot.why:
-            found[ROBOT] = dict(self.robot.words)
-        return found | {"objects": {e.name: dict(e.words) for e in self.objects if not e.why}}
+            found[ROBOT] = self.robot.words
+        return found | {"objects": {e.name: e.words for e in self.objects if not e.why}}
 
-    def without(self, name: str, why: str) -> FirstScene:
-        """Return the scene with an object, or the robot, commented out, and all objects that need it."""
+    def comment_out(self, name: str, why: str) -> None:
+        """Comment out an object, or the robot, and all objects that need it."""
         if name == ROBOT and self.robot is not None:
-            return replace(self, robot=replace(self.robot, why=why))
+            self.robot.why = why
         out = {name: why}
         for entry in self.objects:  # objects that stand on others come after them
             if (carrier := _carrier(entry)) in out and not entry.why:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
-        return replace(self, objects=tuple(replace(e, why=out.get(e.name, e.why)) for e in self.objects))
+            entry.why = out.get(entry.name, entry.why)
 
-    def overhanging(self, name: str) -> FirstScene:
-        """Return the scene with an object that may hang over the edge of its support, a comment above it."""
-        entry = next((e for e in self.objects if e.name == name and _WHOLLY in e.words), None)
-        if entry is None:
-            return self
-        words = {word: value for word, value in entry.words.items() if word != _WHOLLY}
-        hangs = replace(entry, words=words, notes=(*entry.notes, f"It may hang over: `{_WHOLLY}: 1` finds no place."))
-        return replace(self, objects=tuple(hangs if e is entry else e for e in self.objects))
-
-    def with_robot_note(self, note: str) -> FirstScene:
-        """Return the scene with one more comment above its robot."""
-        assert self.robot is not None
-        return replace(self, robot=replace(self.robot, notes=(*self.robot.notes, note)))
+    def let_overhang(self, name: str) -> bool:
+        """Let an object hang over the edge of its support, a comment above it; return False if it may already."""
+        for entry in self.objects:
+            if entry.name == name and _WHOLLY in entry.words:
+                del entry.words[_WHOLLY]
+                entry.notes += (f"It may hang over: `{_WHOLLY}: 1` finds no place.",)
+                return True
+        return False
 
     def text(self, model: str) -> str:
         """Return the scene file.
@@ -162,7 +157,7 @@ def first_scene(path: Path) -> FirstScene:
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
     named, robot = None if home == HOME else home, _robot(mjm, data, arms)
-    return FirstScene(path, f"The start pose is {start}.", named, robot, tuple(entries), tuple(supports))
+    return FirstScene(path, f"The start pose is {start}.", named, robot, entries, supports)
 
 
 def _homes(mjm: mujoco.MjModel) -> list[str]:

@@ -1,7 +1,8 @@
-"""`KeyReader`: reads the mappings of a configuration for the original package key by key."""
+"""`KeyReader`: reads a configuration for the original package key by key, which errors about its scene then name."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.errors import CycleError, SceneKeyError, ScenirisError, UnknownNameError
 
 CONFIGURATION = "original configuration"
 """The name of the configuration as a whole in errors."""
+_PLACE = re.compile(r"^scene: (?P<path>[^:\s]+)", re.MULTILINE)
 _SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
 
 
@@ -162,3 +164,28 @@ def numbers(value: Any) -> np.ndarray:
     except ValueError:  # lists of different lengths
         array = np.zeros(0)
     return array.astype(float) if array.dtype.kind in "iuf" and np.isfinite(array).all() else np.zeros(0)
+
+
+def in_its_keys(error: ScenirisError, origins: Mapping[str, str]) -> ScenirisError:
+    """Return an error about a scene as one that names the keys of the configuration.
+
+    Args:
+        error: The error raised while reading the scene.
+        origins: Dotted path of a part of the scene -> that of its key in the configuration.
+    """
+    if isinstance(error, CycleError):
+        return CycleError(CONFIGURATION, error.names, error.what)
+    if isinstance(error, UnknownNameError):
+        return UnknownNameError(error.kind, error.name, _with_keys(error.where, origins), error.valid)
+    return type(error)(_with_keys(str(error), origins))
+
+
+def origin(path: str, origins: Mapping[str, str]) -> str:
+    """Return the key that the part of the scene at a dotted path was made from, or the path itself."""
+    parts = path.split(".")
+    heads = (".".join(parts[:n]) for n in range(len(parts), 0, -1))
+    return next((origins[head] for head in heads if head in origins), path)
+
+
+def _with_keys(text: str, origins: Mapping[str, str]) -> str:
+    return _PLACE.sub(lambda found: f"{CONFIGURATION}: {origin(found['path'], origins)}", text)

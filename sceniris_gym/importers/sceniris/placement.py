@@ -60,7 +60,7 @@ def fixed_place(keys: KeyReader, points: np.ndarray) -> dict:
         points = np.where(on_floor[:, None], points + [0.0, 0.0, _LIFTED], points)
         told.append(f"those on the ground are {1e3 * _LIFTED:g} mm over it, as others are not")
     if told:
-        keys.notes.changed[keys.at(_FIXED)] = "; ".join(told)
+        keys.change(_FIXED, "; ".join(told))
     return {"region": {"points": points}}
 
 

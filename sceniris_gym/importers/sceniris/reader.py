@@ -15,8 +15,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import TIERS
 from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
-from sceniris_gym.importers.sceniris.errors import in_its_keys, origin
-from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes
+from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes, in_its_keys, origin
 from sceniris_gym.importers.sceniris.placement import fixed_place, fixed_points, needed_floor, place
 from sceniris_gym.importers.sceniris.relations import Views
 from sceniris_gym.importers.sceniris.robot import robot_words
@@ -85,7 +84,11 @@ def read_sceniris(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
     arm, under = robot_words(robot, env)
-    _check_names(tier, assets := assets or {}, objects)
+    if tier not in TIERS:
+        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
+    for name in (assets := assets or {}):
+        if name not in objects:
+            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
     size, limits = _workspace(env, objects, under)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
     reach = None if arm is None else tier
@@ -125,14 +128,6 @@ def _workspace(
         limits = 0.5 * np.array([-size, size]) if limits is None else limits
         size = np.maximum(size, needed)
     return size, limits
-
-
-def _check_names(tier: str, assets: Mapping[str, str], objects: Mapping[str, KeyReader]) -> None:
-    if tier not in TIERS:
-        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
-    for name in assets:
-        if name not in objects:
-            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
 
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
@@ -198,8 +193,7 @@ def _reachable(keys: KeyReader, tier: str | None) -> dict:
         keys.notes.advise("'reachable' is carried over if read_sceniris gets a 'robot'.")
     elif isinstance(wanted, bool):
         keys.ignore("reachable")
-        return {"reachable": tier} if wanted else {}
-    return {}
+    return {"reachable": tier} if wanted is True and tier is not None else {}
 
 
 def _asset(keys: KeyReader, asset: str | None) -> str:

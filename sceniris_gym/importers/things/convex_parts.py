@@ -5,30 +5,25 @@ Parts of a solid that do not fit yet are split along planes; finally parts are m
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import os
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
+from scipy.spatial import ConvexHull
 
-from sceniris_gym.errors import PartsError, import_extra
-from sceniris_gym.importers.things.fit import Distances, Fit, Measure, tolerance_of
-from sceniris_gym.importers.things.merging import Beyond, merge
+from sceniris_gym.errors import PartsError, SliverError, import_extra
+from sceniris_gym.importers.things import splitting
+from sceniris_gym.importers.things.fit import Distances, Fit, Measure, are_near, tolerance_of
 from sceniris_gym.importers.things.repair import Solid
-from sceniris_gym.importers.things.splitting import (
-    Excess,
-    hull_of,
-    hull_or_none,
-    manifold_of,
-    mesh_of,
-    small_hull,
-    split,
-    union_of,
-)
+from sceniris_gym.importers.things.thing import LEAST_MOMENT, Inertia
 
 if TYPE_CHECKING:
     import manifold3d
-    import trimesh
 
 MOST_PARTS = 160
 _TOO_MANY = 2 * MOST_PARTS  # of one piece: merging does not reduce more to `MOST_PARTS`, and finer cuts take minutes
@@ -54,6 +49,7 @@ _BETTER, _WORSE = 0.95, 2
 # Points of the final check. Fewer miss the small places that other parts leave bare of one: for a motor's mount 10,000
 # found 2.5 mm, and these 4.1 mm. Where that is too much, fewer parts are merged, up to so many times.
 _EXACT, _MERGES = 50_000, 3
+Beyond = Callable[[trimesh.Trimesh, list[trimesh.Trimesh]], float]
 
 
 @dataclass(frozen=True)
@@ -91,10 +87,10 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
     method = ", ".join(f"{methods.count(word)} x {word}" for word in sorted(set(methods)))
     exact = Measure(solid.mesh, allowed, _EXACT)
     if solid.closed:
-        whole, near, tried = found, union_of([cut.solid for cut in cuts]), []
+        whole, near, tried = found, splitting.union_of([cut.solid for cut in cuts]), []
         for share in _SPLITS:
-            excess = Excess(near, solid.mesh, share * allowed)
-            found = split(whole, excess, _MOST_SPLIT)
+            excess = splitting.Excess(near, solid.mesh, share * allowed)
+            found = splitting.split(whole, excess, _MOST_SPLIT)
             tried.append(_merged(found, excess.beyond, exact, allowed))
             if tried[-1][1].error <= allowed or len(tried[-1][0]) > MOST_PARTS:
                 break
@@ -109,6 +105,36 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
             "--tolerance, or model thin and fine structures thicker."
         )
     return Parts(tuple(parts), fit, allowed, method)
+
+
+def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inertia:
+    """Return the inertia of a homogeneous link.
+
+    The union of its convex parts is weighed where its surface would not do: overlapping pieces would be counted twice,
+    and a shell has no inside.
+
+    Args:
+        solid: Its surface [m].
+        parts: Its convex parts.
+        density: In kg/m^3.
+        where: The beginning of errors.
+
+    Raises:
+        SliverError: Its moments are too small for MuJoCo.
+    """
+    mesh = solid.mesh
+    alone = solid.closed and mesh.is_watertight and mesh.body_count == 1
+    if not alone or mesh.volume <= 0.0 or np.linalg.eigvalsh(mesh.moment_inertia)[0] <= 0.0:
+        mesh = splitting.mesh_of(splitting.union_of([splitting.hull_of(part.vertices) for part in parts.meshes]))
+    full = density * np.asarray(mesh.moment_inertia)
+    found = Inertia(density * float(mesh.volume), np.asarray(mesh.center_mass), full)
+    if (least := found.least) <= LEAST_MOMENT:
+        raise SliverError(
+            f"{where}: it is a sliver of {1e6 * found.mass:.2g} mg, and its least moment of inertia is {least:.1g} "
+            f"kg m^2. It should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo. Leave it out, or give it a thickness; "
+            "if it should be larger, give its --scale."
+        )
+    return found
 
 
 def _merged(
@@ -130,6 +156,39 @@ def _merged(
     return min(tried, key=_rank)
 
 
+def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[trimesh.Trimesh]:
+    """Merge pairs of parts, those first whose common hull adds least volume.
+
+    Args:
+        parts: Convex parts that fit.
+        beyond: Returns the distance of the outside of a part among others from the mesh [m].
+        allowed: The largest such distance [m].
+    """
+    alive = dict(enumerate(parts))
+    fresh = itertools.count(len(parts))
+    heap: list[tuple[float, int, int]] = []
+
+    def push(i: int, others: Iterable[int]) -> None:
+        for j in others:
+            if are_near(alive[i], alive[j], allowed):
+                both = ConvexHull(np.concatenate([alive[i].vertices, alive[j].vertices]))
+                heapq.heappush(heap, (float(both.volume - alive[i].volume - alive[j].volume), j, i))
+
+    for i in range(len(parts)):
+        push(i, range(i))
+    while heap:
+        _, j, i = heapq.heappop(heap)
+        if i not in alive or j not in alive:
+            continue
+        both = splitting.small_hull(np.concatenate([alive[i].vertices, alive[j].vertices]), allowed)
+        others = {k: part for k, part in alive.items() if k not in (i, j)}
+        if beyond(both, list(others.values())) <= allowed:
+            new = next(fresh)
+            alive = {**others, new: both}
+            push(new, others)
+    return list(alive.values())
+
+
 def _rank(found: tuple[list[trimesh.Trimesh], Fit]) -> tuple[bool, float]:
     """Return the key by which parts are compared: few enough ones come first, then those that fit best."""
     return len(found[0]) > MOST_PARTS, found[1].error
@@ -146,13 +205,13 @@ class _Cut:
 
 def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
     """Cut a connected piece once, or, if it is no solid, so that its parts are not split later, until the parts fit."""
-    hull = [small_hull(piece.vertices, allowed)]
+    hull = [splitting.small_hull(piece.vertices, allowed)]
     measure = Measure(piece, allowed)
     error = 0.0 if float(piece.extents.max()) < allowed else measure.fit(hull).error
     if error <= allowed:
-        return _Cut(hull, "hull", hull_of(hull[0].vertices))
+        return _Cut(hull, "hull", splitting.hull_of(hull[0].vertices))
     simple = _simpler(piece, _SIMPLER * allowed)
-    solid = manifold_of(simple)
+    solid = splitting.manifold_of(simple)
     threshold = float(np.clip(_MULTIPLE * allowed / float(piece.extents.max()), _COARSE, 1.0))  # CoACD takes no more
     if closed and not solid.is_empty():
         parts = _cut(simple, threshold, closed, allowed)
@@ -169,13 +228,17 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
         if error <= allowed or worse > _WORSE:
             break
         threshold *= 0.5 if worse else max(0.9 * min(allowed / off, 1.0), 0.5)
-    return _Cut(best, "hull" if best is hull else "CoACD", union_of([hull_of(part.vertices) for part in best]))
+    return _Cut(
+        best,
+        "hull" if best is hull else "CoACD",
+        splitting.union_of([splitting.hull_of(part.vertices) for part in best]),
+    )
 
 
 def _simpler(mesh: trimesh.Trimesh, off: float) -> trimesh.Trimesh:
     """Return the mesh with fewer faces, about `off` [m] from it at most; the mesh itself if that is not possible."""
-    solid = manifold_of(mesh)
-    simple = mesh_of(solid.simplify(off))
+    solid = splitting.manifold_of(mesh)
+    simple = splitting.mesh_of(solid.simplify(off))
     if solid.is_empty() or not len(simple.faces):
         return mesh
     # A mesh that cuts through itself is a manifold too, and can lose a piece.
@@ -197,13 +260,15 @@ def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) 
         seed=0,
         **_SEARCH,
     )
-    hulls = (hull_or_none(np.asarray(vertices, float), allowed) for vertices, _ in found)
+    hulls = (splitting.hull_or_none(np.asarray(vertices, float), allowed) for vertices, _ in found)
     return [hull for hull in hulls if hull is not None]
 
 
 def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     """Return the connected pieces of a mesh that have a volume; the whole mesh if some are hollows inside others."""
-    pieces = [piece for piece in mesh.split(only_watertight=False) if hull_or_none(piece.vertices) is not None]
+    pieces = [
+        piece for piece in mesh.split(only_watertight=False) if splitting.hull_or_none(piece.vertices) is not None
+    ]
     if len(pieces) > _MOST_PIECES or any(piece.is_watertight and piece.volume < 0.0 for piece in pieces):
         return [mesh]
     return pieces

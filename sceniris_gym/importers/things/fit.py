@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import fcl
 import numpy as np
-
-if TYPE_CHECKING:
-    import trimesh
+import trimesh
+from scipy.spatial import KDTree
 
 LEAST_TOLERANCE, SHARE = 0.002, 0.02
 """Parts should stay within 2 mm of the mesh, or 2% of its longest edge if that is more."""
@@ -72,8 +71,6 @@ class Measure:
 
     def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
         """Return the distances between the mesh and its parts, which are closed and convex."""
-        import trimesh
-
         beside = _BESIDE * self._size
         out = np.min([height_over(part, self._points) for part in parts], axis=0)
         bare = 0.0
@@ -142,8 +139,6 @@ def height_over(part: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
 
 def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> float:
     """Return the distance of a point (3,) outside of a convex part from it [m]; a lower bound where that is enough."""
-    import trimesh
-
     if (height := float(height_over(part, point[None])[0])) >= enough:
         return height
     nearest = trimesh.triangles.closest_point(part.triangles, np.broadcast_to(point, (len(part.faces), 3)))
@@ -159,9 +154,6 @@ class Distances:
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
-        import fcl
-        from scipy.spatial import KDTree
-
         # FCL returns 0 for faces without area, wherever they are. Their edges belong to other faces, too.
         a, b = (vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2))
         lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
@@ -188,8 +180,6 @@ class Distances:
             An upper bound of the distance of each point [m], shape (n,); the largest distance of those that count, 0 if
             none does; and the index of that point.
         """
-        import fcl
-
         at_most, most, which = self._samples.query(points)[0], 0.0, 0
         for i in np.argsort(-at_most):
             if at_most[i] <= most:

@@ -44,13 +44,8 @@ def things_in(folder: Path) -> list[Path]:
     Meshes that a URDF of the folder refers to are parts of it, and no things of their own.
     """
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
-    named = re.compile(r'filename\s*=\s*"([^"]+)"')
-    parts = {
-        Path(name).name
-        for path in found
-        if path.suffix.lower() == ".urdf"
-        for name in named.findall(path.read_text(errors="replace"))
-    }
+    texts = [path.read_text(errors="replace") for path in found if path.suffix.lower() == ".urdf"]
+    parts = {Path(name).name for text in texts for name in re.findall(r'filename\s*=\s*"([^"]+)"', text)}
     return [path for path in found if path.name not in parts]
 
 

@@ -7,29 +7,29 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, SliverError
-from sceniris_gym.importers.things import meshes, usd
-from sceniris_gym.importers.things.convex_parts import Parts, convex_parts
+from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, import_extra
+from sceniris_gym.importers.things import meshes
+from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
-from sceniris_gym.importers.things.inertia import inertia_of
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.rest import STILL, Rest, resting_poses, stands
-from sceniris_gym.importers.things.thing import LEAST_MOMENT, Inertia, Link, Surface, Thing
+from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
 from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.importers.things.write import write_asset
 
-SUFFIXES = (*meshes.SUFFIXES, *usd.SUFFIXES, ".urdf")
+SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")
 """Suffixes of the files that can be imported."""
 _FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
 """Inertia of a link that is only a frame."""
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -91,19 +91,19 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     check_faces([surface for link in thing.links for surface in link.touched], where)
     scale, scale_how = find_scale(thing, options.scale, ask, where)
     thing = thing.scaled(scale)
-    solids = [
-        repair(link.touched, f"{where}: {link.name}", shell=options.shell) if link.touched else None
+    touched = {link.name: link.touched for link in thing.links if link.touched}
+    solids = {name: repair(some, f"{where}: {name}", shell=options.shell) for name, some in touched.items()}
+    if not solids:
+        raise FlatMeshError(f"{where}: nothing of it has a volume.")
+    cut = {name: convex_parts(solid, where, options.tolerance) for name, solid in solids.items()}
+    patched = [
+        replace(link, surfaces=(*link.surfaces, *solids[link.name].patches))
+        if link.name in solids and not link.solids
+        else link
         for link in thing.links
     ]
-    if not any(solids):
-        raise FlatMeshError(f"{where}: nothing of it has a volume.")
-    cut = [solid and convex_parts(solid, where, options.tolerance) for solid in solids]
-    patched = [
-        link if solid is None or link.solids else replace(link, surfaces=(*link.surfaces, *solid.patches))
-        for link, solid in zip(thing.links, solids, strict=True)
-    ]
     thing = replace(thing, name=out.stem, links=tuple(patched))
-    written = [_written(*each, options.density, where) for each in zip(patched, solids, cut, strict=True)]
+    written = [_written(link, solids.get(link.name), cut.get(link.name), options.density, where) for link in patched]
     asset = replace(thing, links=tuple(written))
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".import-", dir=out.parent) as folder:
@@ -112,8 +112,8 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         rests = resting_poses(draft)
         up, up_how = find_up(thing, options.up, lambda axis: stands(rests, np.eye(3)["xyz".index(axis)]))
         turn = UPRIGHT[up]
-        touched = tuple(replace(link, surfaces=link.touched, solids=()) for link in thing.links)
-        points = replace(thing, links=touched).points() @ turn.T
+        bare = tuple(replace(link, surfaces=link.touched, solids=()) for link in thing.links)
+        points = replace(thing, links=bare).points() @ turn.T
         low, high = points.min(axis=0), points.max(axis=0)
         shift = np.array([*(-0.5 * (low + high)[:2]), -low[2]])
         asset = asset.moved(turn, shift)
@@ -121,6 +121,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         shutil.rmtree(draft.parent / draft.stem)
         files = write_asset(asset, grasps, draft)
         rests = resting_poses(draft)
+        tags = {"graspable": bool(grasps), "rigid": len(asset.links) == 1, "stands": stands(rests, _UP)}
         manifest = {
             "source": source.name,
             "sha256": _hash(source),
@@ -130,13 +131,12 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
             "up_from": up_how,
             "size_m": [round(float(v), 5) for v in high - low],
             "mass_kg": round(sum(link.inertia.mass for link in asset.links if link.inertia), 6),
-            **_findings(thing, solids, cut, rests),
+            **_findings(thing, solids.values(), cut.values(), rests),
             "grasps": len(grasps),
-            "tags": _tags(asset, grasps, rests),
+            "tags": [tag for tag, holds in tags.items() if holds],
             "files": {file.name: _hash(file) for file in files},
         }
-        text = json.dumps(manifest, indent=1)
-        (draft.parent / draft.stem / "manifest.json").write_text(text + "\n")
+        (draft.parent / draft.stem / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
         target = out.parent / out.stem
         if target.exists():
             shutil.rmtree(target)
@@ -155,7 +155,12 @@ def _read(source: Path) -> Thing:
         raise NotSupportedError(f"{source}: it should be one of {', '.join(SUFFIXES)}. Export it as one of them.")
     if suffix == ".urdf":
         return read_urdf(source)
-    return usd.read_usd(source) if suffix in usd.SUFFIXES else meshes.read_mesh(source)
+    if suffix in meshes.SUFFIXES:
+        return meshes.read_mesh(source)
+    import_extra("pxr", "import", "usd-core")
+    from sceniris_gym.importers.things.usd import read_usd
+
+    return read_usd(source)
 
 
 def _written(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Link:
@@ -163,18 +168,8 @@ def _written(link: Link, solid: Solid | None, parts: Parts | None, density: floa
     if solid is None or parts is None:
         return replace(link, inertia=link.inertia or _FRAME)
     hulls = tuple(Surface(np.asarray(part.vertices), np.asarray(part.faces)) for part in parts.meshes)
-    return replace(link, solids=hulls, inertia=link.inertia or _weigh(link, solid, parts, density, where))
-
-
-def _weigh(link: Link, solid: Solid, parts: Parts, density: float, where: str) -> Inertia:
-    found = inertia_of(solid, parts, density)
-    if (least := found.least) <= LEAST_MOMENT:
-        raise SliverError(
-            f"{where}: {link.name}: it is a sliver of {1e6 * found.mass:.2g} mg, and its least moment of inertia is "
-            f"{least:.1g} kg m^2. It should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo. Leave it out, or give it a "
-            "thickness; if it should be larger, give its --scale."
-        )
-    return found
+    inertia = link.inertia or inertia_of(solid, parts, density, f"{where}: {link.name}")
+    return replace(link, solids=hulls, inertia=inertia)
 
 
 def _grasps(link: Link, written: Link) -> list[GraspSite]:
@@ -186,22 +181,19 @@ def _grasps(link: Link, written: Link) -> list[GraspSite]:
     return antipodal_grasps(triangles, np.concatenate([triangles.reshape(-1, 3)[::7], triangles.mean(axis=1), *parts]))
 
 
-def _findings(
-    thing: Thing, solids: Sequence[Solid | None], cut: Sequence[Parts | None], rests: list[Rest]
-) -> dict[str, Any]:
+def _findings(thing: Thing, solids: Iterable[Solid], cut: Collection[Parts], rests: list[Rest]) -> dict[str, Any]:
     """Return the repairs, parts, resting poses and notes of the manifest."""
-    made = [parts for parts in cut if parts is not None]
     notes = [*thing.notes]
     if not any(rest.moved < STILL for rest in rests):
         notes.append("it rests in no pose: it rolls or tips over")
-    elif not stands(rests, np.array([0.0, 0.0, 1.0])):
+    elif not stands(rests, _UP):
         notes.append("as it is written it tips over: give it 'orientation: stable', or --up")
     return {
-        "repaired": [line for solid in solids if solid is not None for line in solid.report],
-        "parts": sum(len(parts.meshes) for parts in made),
-        "method": "; ".join(parts.method for parts in made),
-        "error_mm": round(1000.0 * max(parts.fit.error for parts in made), 3),
-        "tolerance_mm": round(1000.0 * max(parts.tolerance for parts in made), 3),
+        "repaired": [line for solid in solids for line in solid.report],
+        "parts": sum(len(parts.meshes) for parts in cut),
+        "method": "; ".join(parts.method for parts in cut),
+        "error_mm": round(1000.0 * max(parts.fit.error for parts in cut), 3),
+        "tolerance_mm": round(1000.0 * max(parts.tolerance for parts in cut), 3),
         "rests": [
             {
                 "quat": [round(float(v), 6) for v in rest.quat],
@@ -212,16 +204,6 @@ def _findings(
         ],
         "notes": notes,
     }
-
-
-def _tags(asset: Thing, grasps: list[GraspSite], rests: list[Rest]) -> list[str]:
-    """Return the tags by which a scene can choose the thing from its folder."""
-    tags = {
-        "graspable": bool(grasps),
-        "rigid": len(asset.links) == 1,
-        "stands": bool(stands(rests, np.array([0.0, 0.0, 1.0]))),
-    }
-    return [tag for tag, holds in tags.items() if holds]
 
 
 def _hash(path: Path) -> str:

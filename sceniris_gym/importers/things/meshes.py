@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import trimesh
 
 from sceniris_gym.errors import MeshError, SceneFileError, import_extra
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
-
-if TYPE_CHECKING:
-    import trimesh
 
 SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
 """Suffixes of the files that are read."""
@@ -33,12 +31,13 @@ def read_mesh(path: Path) -> Thing:
 
 def read_surfaces(path: Path) -> tuple[Surface, ...]:
     """Read the surfaces of a file of meshes, one for each of its materials; errors as in `read_mesh`."""
-    import trimesh
-
     if path.suffix.lower() == ".dae":
         import_extra("collada", "import", "pycollada")
     try:
-        _check_finite(path)
+        # When trimesh merges vertices, it silently drops those that are not finite, as if the file had holes.
+        raw = [m for m in trimesh.load_scene(path, process=False).geometry.values() if isinstance(m, trimesh.Trimesh)]
+        if not all(np.isfinite(mesh.vertices).all() for mesh in raw):
+            raise MeshError(f"{path}: it has vertices that are not finite. Export it again.")
         scene = trimesh.load_scene(path)
         found = []
         for node in scene.graph.nodes_geometry:
@@ -58,18 +57,6 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
             f"{path}: it cannot be read as {path.suffix[1:].upper()}: {reason:.200}. Export it again."
         ) from None
     return tuple(found)
-
-
-def _check_finite(path: Path) -> None:
-    """Refuse a file that has vertices that are not finite.
-
-    When trimesh merges vertices, it silently drops these and their faces, as if the file had holes.
-    """
-    import trimesh
-
-    for mesh in trimesh.load_scene(path, process=False).geometry.values():
-        if isinstance(mesh, trimesh.Trimesh) and not np.isfinite(mesh.vertices).all():
-            raise MeshError(f"{path}: it has vertices that are not finite. Export it again.")
 
 
 def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
 
 from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
 from sceniris_gym.geometry.pieces import convex_hull
 from sceniris_gym.importers.things.fit import Measure, tolerance_of
 from sceniris_gym.importers.things.thing import Surface
-
-if TYPE_CHECKING:
-    import trimesh
 
 MOST_FACES = 500_000
 """The most triangles of a thing: more than any picture of it needs, and minutes of work."""
@@ -73,8 +70,6 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
         FlatMeshError: It lies in a plane.
         OpenMeshError: Too much of it is missing.
     """
-    import trimesh
-
     mesh = _joined(surfaces)
     size = float(mesh.extents.max()) if len(mesh.faces) else 0.0
     report = []
@@ -96,10 +91,11 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     if loops:
         shares = [float(np.linalg.norm(_vector_area(mesh.vertices, edges)) / mesh.area) for edges in loops]
         missing = sum(shares)
-        if (max(shares) > LARGEST_HOLE or missing > MOST_OPEN) and (hull := _hull_as_near(mesh)) is not None:
-            told = f"{missing:.0%} of its surface is missing: taken as its convex hull, which is as near to the surface"
-            return Solid(hull, True, (*report, f"{told} as parts have to be"))
         if max(shares) > LARGEST_HOLE or missing > MOST_OPEN:
+            hull, allowed = convex_hull(mesh.vertices), tolerance_of(mesh)
+            if Measure(mesh, allowed).fit([hull]).error <= allowed:  # then solid and sheet are the same
+                told = f"{missing:.0%} of its surface is missing: taken as its convex hull"
+                return Solid(hull, True, (*report, f"{told}, which is as near to the surface as parts have to be"))
             raise OpenMeshError(
                 f"{where}: it is open along {sum(map(len, loops))} edges. What is missing is {missing:.0%} of "
                 f"what is there, {max(shares):.0%} in the largest hole. Close it (in Blender: Mesh, Clean Up, Fill "
@@ -115,17 +111,8 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     return Solid(mesh, True, tuple(report), patches)
 
 
-def _hull_as_near(mesh: trimesh.Trimesh) -> trimesh.Trimesh | None:
-    """Return the convex hull of a mesh if it is as near as parts have to be: then solid and sheet are the same."""
-    hull = convex_hull(mesh.vertices)
-    allowed = tolerance_of(mesh)
-    return hull if Measure(mesh, allowed).fit([hull]).error <= allowed else None
-
-
 def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
     """Return all surfaces as one mesh in which near vertices are merged."""
-    import trimesh
-
     vertices, faces = trimesh.util.append_faces([s.vertices for s in surfaces], [s.faces for s in surfaces])
     used = vertices[np.unique(faces)]
     grid = _WELD * max(float(np.ptp(used, axis=0).max()), 1e-12)
@@ -139,17 +126,12 @@ def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
 
 def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
     """Return the edges that only one face has, each in that face's direction, by hole: arrays of shape (n, 2)."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     edges = mesh.edges
     _, which, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
     single = edges[(count[which.ravel()] % 2) == 1]
     if not len(single):
         return []
-    n = len(mesh.vertices)
-    graph = coo_matrix((np.ones(len(single)), (single[:, 0], single[:, 1])), (n, n))
-    label = connected_components(graph, directed=False)[1][single[:, 0]]
+    label = trimesh.graph.connected_component_labels(single, len(mesh.vertices))[single[:, 0]]
     return [loop for i in np.unique(label) for loop in _loops(single[label == i])]
 
 
@@ -186,8 +168,6 @@ def _capped(
     mesh: trimesh.Trimesh, loops: list[np.ndarray], rgba: tuple[float, ...]
 ) -> tuple[trimesh.Trimesh, tuple[Surface, ...]]:
     """Close each hole by triangles around its middle; return the mesh, and a surface of those that have an area."""
-    import trimesh
-
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
     faces = np.concatenate(
         [
@@ -196,9 +176,7 @@ def _capped(
         ]
     )
     vertices = np.concatenate([mesh.vertices, middles])
-    corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    seen = faces[area > 1e-9 * float(mesh.extents.max()) ** 2]
+    seen = faces[2.0 * trimesh.triangles.area(vertices[faces]) > 1e-9 * float(mesh.extents.max()) ** 2]
     used, inverse = np.unique(seen, return_inverse=True)
     patches = (Surface(vertices[used], inverse.reshape(-1, 3), rgba),) if len(seen) else ()
     return trimesh.Trimesh(vertices, np.concatenate([mesh.faces, faces]), process=False), patches

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
 
 from sceniris_gym.errors import import_extra
 from sceniris_gym.geometry.pieces import convex_hull
@@ -17,7 +18,6 @@ from sceniris_gym.importers.things.fit import Distances, height_over, points_on
 
 if TYPE_CHECKING:
     import manifold3d
-    import trimesh
 
 _APART = 0.25  # of the tolerance: the spacing of the points by which parts are judged
 _FEWEST, _MOST = 100, 20_000  # points on a part
@@ -186,7 +186,5 @@ def union_of(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:
 
 def mesh_of(solid: manifold3d.Manifold) -> trimesh.Trimesh:
     """Return the surface of a solid."""
-    import trimesh
-
     found = solid.to_mesh64()
     return trimesh.Trimesh(found.vert_properties[:, :3], found.tri_verts.astype(int), process=False)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from PIL.Image import Image
 
 from sceniris_gym.geometry.rotations import matrix, quaternion
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 GREY = (0.7, 0.7, 0.7, 1.0)
 LEAST_MOMENT = 1e-14

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import trimesh
 
 from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix, of_angles
@@ -44,18 +45,11 @@ def read_urdf(path: Path) -> Thing:
             f"{', ...' if len(missing) > 5 else ''}. Put them where the file says, relative to it or below a folder "
             "of the package's name."
         )
-    colours = {
-        material.get("name", ""): tuple(_floats(colour.get("rgba"), (*GREY,)))
-        for material in robot.iter("material")
-        for colour in material.findall("color")
-    }
+    colours = {material.get("name", ""): rgba for material in robot.iter("material") if (rgba := _colour(material))}
     links = {link.get("name", ""): _link(path, link, colours) for link in robot.findall("link")}
     joints = robot.findall("joint")
-    notes = [
-        f"the joint '{joint.get('name')}' follows another in the file (mimic) and is free here"
-        for joint in joints
-        if joint.find("mimic") is not None
-    ]
+    mimics = [joint.get("name") for joint in joints if joint.find("mimic") is not None]
+    notes = [f"the joint '{name}' follows another in the file (mimic) and is free here" for name in mimics]
     ordered = tuple(_in_order(path, links, joints))
     return Thing(robot.get("name") or path.stem, ordered, 1.0, "z", tuple(notes))
 
@@ -110,8 +104,6 @@ def _joint(path: Path, element: ElementTree.Element) -> Joint | None:
 
 
 def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[float, ...]]) -> Iterator[Surface]:
-    import trimesh
-
     geometry, material = element.find("geometry"), element.find("material")
     if geometry is None or not len(geometry):
         return
@@ -133,12 +125,15 @@ def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[fl
         else:
             raise NotSupportedError(f"{path}: a <{shape.tag}> is no shape of URDF. Use box, sphere, cylinder or mesh.")
         surfaces = [Surface(np.asarray(made.vertices), np.asarray(made.faces))]
-    rgba = None if material is None else colours.get(material.get("name", ""))
-    if material is not None and (colour := material.find("color")) is not None:
-        rgba = tuple(_floats(colour.get("rgba"), (*GREY,)))
+    rgba = None if material is None else _colour(material) or colours.get(material.get("name", ""))
     for surface in surfaces:
         own = surface if rgba is None or surface.texture is not None else replace(surface, rgba=rgba)
         yield own.moved(matrix(quat), pos)
+
+
+def _colour(material: ElementTree.Element) -> tuple[float, ...] | None:
+    colour = material.find("color")
+    return None if colour is None else tuple(_floats(colour.get("rgba"), GREY))
 
 
 def _inertia(element: ElementTree.Element | None) -> Inertia | None:

@@ -1,17 +1,19 @@
-"""Reads USD: the meshes of a stage and their materials, with usd-core."""
+"""Reads USD: the meshes of a stage and their materials, with usd-core, which importing this module needs."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
+from PIL import Image
+from pxr import Ar, Tf, Usd, UsdGeom, UsdShade
 
-from sceniris_gym.errors import InstancesError, SceneFileError, import_extra
+from sceniris_gym.errors import InstancesError, SceneFileError
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
-
-SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def read_usd(path: Path) -> Thing:
@@ -20,13 +22,9 @@ def read_usd(path: Path) -> Thing:
     Each instance of a prototype is read; a PointInstancer is refused.
 
     Raises:
-        MissingExtraError: usd-core is not installed.
         SceneFileError: The file cannot be read, or refers to a file that does not exist.
         InstancesError: It has a PointInstancer.
     """
-    import_extra("pxr", "import", "usd-core")
-    from pxr import Tf, Usd, UsdGeom
-
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -58,9 +56,8 @@ def read_usd(path: Path) -> Thing:
 
 def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
     """Yield the triangles of a mesh, or of a primitive, in its own frame."""
-    from pxr import UsdGeom
-
-    rgba = _display_colour(prim, time)
+    colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(time)
+    rgba = (*(float(c) for c in np.mean(np.array(colours), axis=0)), 1.0) if colours else GREY
     if not prim.IsA(UsdGeom.Mesh):
         if (made := _primitive(prim, time)) is not None:
             yield Surface(np.asarray(made.vertices), np.asarray(made.faces), rgba)
@@ -95,9 +92,6 @@ def _fans(counts: np.ndarray) -> np.ndarray:
 
 
 def _primitive(prim: Any, time: Any) -> Any:
-    import trimesh
-    from pxr import UsdGeom
-
     def value(name: str) -> Any:
         return prim.GetAttribute(name).Get(time)
 
@@ -117,17 +111,8 @@ def _primitive(prim: Any, time: Any) -> Any:
     return made
 
 
-def _display_colour(prim: Any, time: Any) -> tuple[float, ...]:
-    from pxr import UsdGeom
-
-    colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(time)
-    return (*(float(c) for c in np.mean(np.array(colours), axis=0)), 1.0) if colours else GREY
-
-
 def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
     """Return the colour, or the picture, of the preview surface that is bound to a prim."""
-    from pxr import UsdShade
-
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
     shader = material.ComputeSurfaceSource()[0] if material else None
     diffuse = shader.GetInput("diffuseColor") if shader else None
@@ -143,11 +128,6 @@ def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
 
 def _picture(asset: Any) -> Any:
     """Return the picture at a path of an asset, which may be inside an archive; None if there is none."""
-    import io
-
-    from PIL import Image, UnidentifiedImageError
-    from pxr import Ar
-
     if asset is None or not asset.resolvedPath:
         return None
     opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath))
@@ -155,14 +135,12 @@ def _picture(asset: Any) -> Any:
         return None
     try:
         return Image.open(io.BytesIO(bytes(opened.GetBuffer()))).convert("RGB")
-    except (UnidentifiedImageError, OSError):
+    except OSError:  # Pillow's own error about unknown formats is one
         return None
 
 
 def _coordinates(prim: Any, time: Any, corners: np.ndarray, npoint: int) -> np.ndarray | None:
     """Return the texture coordinates of each corner of a face, shape (ncorner, 2)."""
-    from pxr import UsdGeom
-
     api = UsdGeom.PrimvarsAPI(prim)
     uv = next((api.GetPrimvar(name) for name in ("st", "UVMap", "uv", "st_0") if api.HasPrimvar(name)), None)
     values = None if uv is None else uv.ComputeFlattened(time)

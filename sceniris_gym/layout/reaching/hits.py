@@ -38,11 +38,12 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
 
 
 @wp.func
-def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
+def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
 
-    More are tested at once where many have failed, and all where rows wait for room, which bounds the number of waves.
-    Other blocks may defer the candidates before it meanwhile, or see them collide.
+    More are tested where some have failed, and where the wave has few rows for the `at_once` candidates that a launch
+    tests as fast as one; all are where rows wait for room, which bounds the number of waves. Other blocks may defer the
+    candidates before it meanwhile, or see them collide.
     """
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
         return False
@@ -52,7 +53,7 @@ def _is_deferred(reach_search: ReachSearch, c: int) -> bool:
         failed = reach_search.failed[other]
         if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
             earlier += 1
-    return earlier > reach_search.tried[row] // 2
+    return earlier >= wp.max(1 + 4 * reach_search.tried[row], at_once // reach_search.rows[0])
 
 
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
@@ -65,8 +66,8 @@ def _test(
     blocks: int,
     # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tried, tier, first, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos,
-    #   qpos, body_pos, body_quat
+    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, failed, grasp_qpos,
+    #   pregrasp_qpos, qpos, body_pos, body_quat
     # ReachSearch out: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
@@ -77,7 +78,8 @@ def _test(
         if not takes_step(reach_search, c, first):
             continue
         if not posed:
-            deferred = first == ReachStep.SELF_AT_GRASP and _is_deferred(reach_search, c)
+            at_once = blocks // 4  # on an H200, four times as many take longer
+            deferred = first == ReachStep.SELF_AT_GRASP and _is_deferred(reach_search, at_once, c)
             block_sync()  # every lane has read `failed`
             if deferred:
                 reach_search.failed[c] = wp.static(DEFERRED)

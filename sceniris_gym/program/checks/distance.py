@@ -89,7 +89,7 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
 
     A support that is placed itself is checked for its size alone: its own region bounds how far it gets.
     """
-    if o.support is None or o.config is None or o.config.support is None:
+    if o.support is None or o.config.support is None:
         return
     moves = o.support.owner in placed
     pos = np.zeros(3) if moves else plan.home.xpos[o.support.body]

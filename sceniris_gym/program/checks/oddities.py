@@ -168,8 +168,8 @@ def _cure(scene: SceneModel, geom: int) -> str:
 def _coarse(plan: Plan) -> Iterator[str]:
     """Warn of geoms so far out that rounding there may use up the clearance of something that is placed or drawn."""
     mjm, found = plan.scene.mjm, []
-    drawn = [o.config for o in plan.objects if o.config is None or o.config.kind != "marker"]
-    least = min((c.clearance if c is not None and c.is_placed else 0.0 for c in drawn), default=np.inf)
+    drawn = [o.config for o in plan.objects if o.config.kind != "marker"]
+    least = min((c.clearance if c.is_placed else 0.0 for c in drawn), default=np.inf)
     if np.any(mjm.geom_margin > 0.0) or np.any(mjm.pair_margin > 0.0):  # nothing may come into a margin
         least = min(least, 0.0)
     for p, low, high in plan.solids if drawn else []:

@@ -21,10 +21,9 @@ def check_parking(plan: Plan) -> None:
         SceneKeyError: An object is too large to be parked, or something may get to where objects are parked.
     """
     config = plan.scene.config
-    absent = {name for group in config.groups.values() if not group.always_whole for name in group.of}
-    if not absent:
+    if not config.absent:
         return
-    for o in (o for o in plan.objects if o.name in absent):
+    for o in (o for o in plan.objects if o.name in config.absent):
         edge = float((o.variants[0].bounds[2:] - o.variants[0].bounds[:2]).max())
         if edge >= PARKING_SPACING:  # neighbours on the lattice would touch
             cure = "leave this variant out" if o.name in config.owners else "take it out of its group"
@@ -58,7 +57,7 @@ def _home_corners(plan: Plan) -> dict[str, np.ndarray]:
 def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
     """Return the greatest x and y [m] that an object may reach, wherever it is placed, in any joint state."""
     size = _size(plan, o)
-    if o.config is None or not o.config.is_placed:
+    if not o.config.is_placed:
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
     if o.config.support is None:
         assert o.config.region is not None

@@ -6,7 +6,7 @@ from sceniris_gym.config.limits import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.config.relations import Beside
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.pack.regions import cut_pieces
-from sceniris_gym.program.pack.relations import MOST_SLICES, relations_of
+from sceniris_gym.program.pack.relations import MOST_SLICES
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
@@ -19,7 +19,7 @@ def check_relations(plan: Plan) -> None:
             too many points on several surfaces.
     """
     for o in plan.objects:
-        relations, where = relations_of(o), f"{plan.scene.config.where}: objects.{o.name}.relations"
+        relations, where = o.config.relations, f"{plan.scene.config.where}: objects.{o.name}.relations"
         corners = 3 + sum(max(4, len(r.anchors)) for r in relations)
         if corners > MAX_CORNERS:
             raise SceneKeyError(
@@ -42,7 +42,7 @@ def check_relations(plan: Plan) -> None:
 def _check_pieces(o: PlacedObject, where: str) -> None:
     """Check that the region of an object has no more pieces than the device has room for."""
     pieces = cut_pieces(o)
-    points = None if o.config is None or o.config.region is None else o.config.region.points
+    points = None if o.config.region is None else o.config.region.points
     if pieces > MAX_PIECES and points is not None:
         raise SceneKeyError(
             f"{where}.region: has {len(points):,} points on several surfaces, {pieces:,} together, and there is room "

@@ -44,7 +44,7 @@ def check_standing(plan: Plan) -> None:
     for o, stance in zip(plan.objects, plan.stances, strict=True):
         if not stance.levels:
             continue
-        assert o.config is not None and o.config.support is not None
+        assert o.config.support is not None
         where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
         _check_gravity(plan.scene, where)
         if not stance.feet:

@@ -18,7 +18,7 @@ def check_supports(plan: Plan) -> None:
     """
     config = plan.scene.config
     for o in plan.objects:
-        if o.config is None or o.config.support is None or o.support is None:
+        if o.config.support is None or o.support is None:
             continue
         word, parent, region = o.config.support.word, o.config.support.parent, o.config.region
         where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.home.xmat[o.support.body][8]

@@ -9,7 +9,6 @@ import numpy as np
 
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
@@ -17,16 +16,10 @@ from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.joining import JoinedSites
 from sceniris_gym.program.pack.pairs import PairRules
-from sceniris_gym.program.pack.relations import relations_of
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
-_ORIENTATIONS = {
-    "yaw": OrientationType.YAW,
-    "stable": OrientationType.YAW,
-    "any": OrientationType.ANY,
-    "face_to": OrientationType.FACE_TO,
-}
+_ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
 
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
@@ -45,7 +38,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
         "obj_gap": np.array([_gap(rules, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
-        "obj_footprint": np.array([bool(o.config and o.config.ratio_on_support == 1.0) for o in objects], int),
+        "obj_footprint": np.array([o.config.ratio_on_support == 1.0 for o in objects], int),
         **_heaps(objects),
         **_joint_ranges(objects),
         **followed,
@@ -83,13 +76,12 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return how orientations are drawn, and their variants; steps that only draw joints keep their orientation."""
-    upright = DrawnOrientation("yaw", (0.0, 0.0))
-    drawn = [o.config.drawn_orientation if o.config is not None else upright for o in plan.objects]
+    drawn = [o.config.drawn_orientation for o in plan.objects]
     yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     variants, fields = addressed("obj_variant", (o.variants for o in plan.objects))
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
     return {
-        "obj_orientation": np.array([_ORIENTATIONS[d.kind] for d in drawn], int),
+        "obj_orientation": np.array([_ORIENTATIONS.get(d.kind, OrientationType.YAW) for d in drawn], int),
         "obj_target": np.array([plan.places.index(d.target) if d.target else 0 for d in drawn], int),
         "obj_yaw": np.reshape(yaws, (-1, 2)),
         "obj_beside": np.array(
@@ -130,7 +122,7 @@ def footprint_hulls(objects: list[PlacedObject]) -> list[Piece]:
 
 def _gap(rules: PairRules, o: PlacedObject) -> float:
     """Return the height [m] over the support: the scene's, or more where MuJoCo acts from further away."""
-    if o.config is None or o.heap is not None:
+    if o.heap is not None:
         return 0.0
     pairs = product(rules.of(o.bodies), rules.of([o.ground]))
     touch = max((rules.touch(a, b) for a, b in pairs if rules.meet(a, b)), default=0.0)
@@ -156,10 +148,10 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
         return Measure.WHOLE
     if not o.joint_ranges:
         return Measure.NOTHING
-    if o.erosion > 0.0 or any(r.has_own_width for r in relations_of(o)):
+    if o.erosion > 0.0 or any(r.has_own_width for r in o.config.relations):
         return Measure.WHOLE
     names = {o.name, plan.scene.config.owners.get(o.name)}
-    seen = [r for other in plan.objects for r in relations_of(other) if names.intersection((other.name, *r.anchors))]
+    seen = [r for other in plan.objects for r in other.config.relations if names.intersection((other.name, *r.anchors))]
     return Measure.WHOLE if any(r.by_bounds for r in seen) else Measure.LOWEST
 
 
@@ -170,9 +162,9 @@ def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
     return int(mjm.body_mocapid[body])
 
 
-def _box(config: ObjectConfig | None) -> tuple:
+def _box(config: ObjectConfig) -> tuple:
     """Return the corners of the box in space that an object is drawn in; an empty one for all others."""
-    region = None if config is None else config.region
+    region = config.region
     if region is None or region.box is None or not region.is_3d:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     return region.box

@@ -163,10 +163,9 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
-        clearance = o.config.clearance if o.config is not None else config.all_robots[o.name].clearance
-        is_static = o.kind == ObjectKind.STATIC
+        clearance, is_static = o.config.clearance, o.kind == ObjectKind.STATIC
         pairs = []
-        if o.config is None or o.config.kind != "marker":
+        if o.config.kind != "marker":
             never = config.variants.get(config.owners.get(o.name, ""), ())  # together: variants of one object
             others = {body for name in never for body in plan.scene.subtree(name)}
             pairs = [

@@ -9,7 +9,7 @@ import numpy as np
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.ragged import addressed, ranges
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.program.pack.relations import region_pieces, relations_of
+from sceniris_gym.program.pack.relations import region_pieces
 from sceniris_gym.program.placed_object import PlacedObject
 
 
@@ -65,13 +65,13 @@ def _convex_turn(edges: np.ndarray) -> int:
 def cut_pieces(o: PlacedObject) -> int:
     """Return the most pieces that relations cut the region of an object into; points are never cut."""
     triangles = max((sum(len(s.triangles) for s in surfaces) for surfaces in o.surfaces), default=0)
-    has_points = o.config is not None and o.config.region is not None and o.config.region.points is not None
+    has_points = o.config.region is not None and o.config.region.points is not None
     return triangles * (min(_cuts(o), 1) if has_points else _cuts(o))
 
 
 def _cuts(o: PlacedObject) -> int:
     """Return the pieces that the relations of an object cut each triangle into; 0 if its region is always the same."""
     in_space = o.support is None and any(o.surfaces)
-    if relations_of(o) or o.tilts or o.erosion > 0.0 or in_space:
-        return math.prod(region_pieces(r) for r in relations_of(o))
+    if o.config.relations or o.tilts or o.erosion > 0.0 or in_space:
+        return math.prod(region_pieces(r) for r in o.config.relations)
     return 0

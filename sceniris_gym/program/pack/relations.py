@@ -8,7 +8,7 @@ import numpy as np
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
 from sceniris_gym.geometry.ragged import addressed, columns
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, ObjectKind
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD
 from sceniris_gym.program.pack.joining import JoinedSites, joined_sites
 from sceniris_gym.program.plan import PlacedObject, Plan
 
@@ -22,8 +22,8 @@ MOST_SLICES = 256
 
 def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields `rel_*`, and which of them each object has; `joints` as from `joints_of`."""
-    owned = [(o, relation) for o in plan.objects for relation in relations_of(o)]
-    relations, of_objects = addressed("obj_rel", (relations_of(o) for o in plan.objects))
+    owned = [(o, relation) for o in plan.objects for relation in o.config.relations]
+    relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
     slots = {name: slot for slot, name in enumerate(plan.places)}
     anchors, of_relations = addressed("rel_anchor", ([slots[a] for a in r.anchors] for r in relations))
     frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
@@ -42,14 +42,9 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         "rel_sites": np.reshape(
             [joints[o.name].sites if isinstance(r, Joined) else np.zeros(4) for o, r in owned], (-1, 4)
         ),
-        "rel_sideadr": np.array([a for o in plan.objects for a in _side_addresses(relations_of(o))], int),
+        "rel_sideadr": np.array([a for o in plan.objects for a in _side_addresses(o.config.relations)], int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
-
-
-def relations_of(o: PlacedObject) -> tuple[Relation, ...]:
-    """Return the relations that an object is placed by."""
-    return o.config.relations if o.config is not None and o.kind != ObjectKind.STATIC else ()
 
 
 def joints_of(plan: Plan) -> dict[str, JoinedSites]:
@@ -61,7 +56,7 @@ def joints_of(plan: Plan) -> dict[str, JoinedSites]:
     return {
         o.name: joined_sites(plan, o.name, relation, f"{plan.scene.config.where}: objects.{o.name}.relations.{i}")
         for o in plan.objects
-        for i, relation in enumerate(relations_of(o))
+        for i, relation in enumerate(o.config.relations)
         if isinstance(relation, Joined)
     }
 
@@ -80,7 +75,7 @@ def region_pieces(relation: Relation) -> int:
 
 def most_sides(plan: Plan) -> int:
     """Return the greatest number of half-planes around the pieces of one object's relations."""
-    return max((sum(map(_sides, relations_of(o))) for o in plan.objects), default=0)
+    return max((sum(map(_sides, o.config.relations)) for o in plan.objects), default=0)
 
 
 def _side_addresses(relations: tuple[Relation, ...]) -> list[int]:
@@ -95,5 +90,5 @@ def _sides(relation: Relation) -> int:
 def _insists(o: PlacedObject) -> bool:
     """Return whether another draw of an object's orientation or joints may turn an empty region into a usable one."""
     varies = len(o.variants) > 1 or bool(o.joint_ranges) or o.orientation == "any"
-    by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in relations_of(o))
+    by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in o.config.relations)
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1

@@ -41,7 +41,8 @@ def test_free_bodies_stand_on_what_is_beneath_them(tmp_path: Path):
 
 def test_what_stands_on_something_that_is_commented_out_is_too(tmp_path: Path):
     """Each with its reason."""
-    scene = first_scene(model(tmp_path, TABLE)).without("a", "it is too heavy.")
+    scene = first_scene(model(tmp_path, TABLE))
+    scene.comment_out("a", "it is too heavy.")
     assert list(scene.words()["objects"]) == ["can", "ball"]
     lines = scene.text("model.xml").splitlines()
     assert lines[lines.index("  # a: {body: a/main, on: table, ratio_on_support: 1}") - 1] == "  # it is too heavy."

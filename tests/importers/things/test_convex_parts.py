@@ -11,10 +11,10 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.errors import PartsError
-from sceniris_gym.importers.things.convex_parts import _simpler, convex_parts, small_hull
+from sceniris_gym.importers.things.convex_parts import _simpler, convex_parts, inertia_of, merge
 from sceniris_gym.importers.things.fit import Fit, Measure, tolerance_of
 from sceniris_gym.importers.things.repair import Solid, repair
-from sceniris_gym.importers.things.splitting import Excess, split
+from sceniris_gym.importers.things.splitting import Excess, small_hull, split
 from tests.importers.things.shapes import apple, box, cup, surface
 
 
@@ -66,7 +66,7 @@ def test_a_solid_is_split_further_before_it_is_refused(monkeypatch: pytest.Monke
         return parts if len(aimed) == 1 else split(parts, excess, most)
 
     monkeypatch.setattr(f"{module}._cut", lambda *arguments: [])
-    monkeypatch.setattr(f"{module}.split", fails_first)
+    monkeypatch.setattr(f"{module}.splitting.split", fails_first)
     corner = trimesh.boolean.union([box(), box().apply_translation(0.5 * box().extents)])
     parts = convex_parts(repair([surface(corner)], "corner"), "corner")
     assert parts.fit.error <= parts.tolerance
@@ -76,7 +76,7 @@ def test_a_solid_is_split_further_before_it_is_refused(monkeypatch: pytest.Monke
 def test_where_nothing_fits_the_best_is_told(monkeypatch: pytest.MonkeyPatch):
     """With how far it is off."""
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
-    monkeypatch.setattr("sceniris_gym.importers.things.convex_parts.split", lambda parts, *arguments: parts)
+    monkeypatch.setattr("sceniris_gym.importers.things.convex_parts.splitting.split", lambda parts, *arguments: parts)
     with pytest.raises(PartsError, match=r"cup: its best convex parts, 1 by 1 x hull, are 3\d mm off.*--tolerance"):
         convex_parts(repair([surface(cup())], "cup"), "cup")
 
@@ -183,3 +183,36 @@ def test_a_tolerance_of_more_than_a_quarter_of_the_size_is_taken():
     pytest.importorskip("coacd", reason="coacd is not installed (extra 'import')")
     thimble = repair((surface(cup(0.0035, 0.007, 0.0005)),), "thimble")
     assert convex_parts(thimble, "thimble").fit.error <= 0.002
+
+
+def test_slices_of_a_box_become_the_box():
+    """Their common hull adds nothing."""
+    slices = [box((0.04, 0.06, 0.025)).apply_translation([0, 0, -0.0375 + 0.025 * i]) for i in range(4)]
+    merged = merge(slices, Measure(box(), 0.002).beyond, 0.002)
+    assert len(merged) == 1
+    assert abs(merged[0].volume - box().volume) < 1e-9
+
+
+def test_an_edge_between_two_parts_is_kept():
+    """The hull of an L would fill its corner by more than is allowed."""
+    upright, foot = box((0.02, 0.06, 0.1)), box((0.08, 0.06, 0.02)).apply_translation([0.05, 0, -0.04])
+    whole = upright + foot
+    assert len(merge([upright, foot], Measure(whole, 0.002).beyond, 0.002)) == 2
+
+
+def test_a_box_has_the_inertia_of_a_box():
+    """M (b^2 + c^2) / 12 about each axis."""
+    solid = repair([surface(box((0.1, 0.2, 0.3)))], "box")
+    found = inertia_of(solid, convex_parts(solid, "box"), 1000.0, "box")
+    assert found.mass == pytest.approx(6.0)
+    np.testing.assert_allclose(found.matrix.diagonal(), 0.5 * np.array([0.13, 0.10, 0.05]), rtol=1e-6)
+    np.testing.assert_allclose(found.center, 0.0, atol=1e-9)
+
+
+def test_what_overlaps_counts_once():
+    """Two boxes that share half of their volume weigh one and a half."""
+    other = box((0.1, 0.1, 0.1)).apply_translation([0.05, 0, 0])
+    solid = repair([surface(box((0.1, 0.1, 0.1))), surface(other)], "pair")
+    found = inertia_of(solid, convex_parts(solid, "pair"), 1000.0, "pair")
+    assert found.mass == pytest.approx(1.5, rel=1e-6)
+    np.testing.assert_allclose(found.center, [0.025, 0, 0], atol=1e-7)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import InstancesError, SceneFileError
-from sceniris_gym.importers.things.usd import read_usd
 
 pxr = pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
+from sceniris_gym.importers.things.usd import read_usd  # noqa: E402
 
 HEAD = '#usda 1.0\n(\n  metersPerUnit = 0.01\n  upAxis = "Y"\n)\n'
 PRISM = """
