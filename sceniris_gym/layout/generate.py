@@ -232,7 +232,8 @@ class LayoutGenerator(Fixed, LayoutSource):
 
         So a batch grows step by step: groups leave objects out, and each call adds some. A row is a pure function of
         scene, split, its seed and episode, and its layout. Where nothing fits the row is that of `layouts`, with the
-        status KEPT. Targets that are not added may lose their grasps.
+        status KEPT. Targets that are not added may lose their grasps. Ids are those of `layouts`, and do not name what
+        was added.
 
         Args:
             layouts: As many layouts of this scene, on its device, such as a result of `generate` or of this method.
