@@ -84,7 +84,6 @@ def _test(
             if deferred:
                 reach_search.failed[c] = wp.static(DEFERRED)
                 continue
-            pose_for(program, reach, layouts, reach_search, c, first, lane)
         row = reach_search.row[c]
         own_pos = reach_search.body_pos[c]
         own_quat = reach_search.body_quat[c]
@@ -94,6 +93,8 @@ def _test(
         hit = bool(False)
         while step <= last and not hit:
             if takes_step(reach_search, c, step):
+                if not posed:
+                    pose_for(program, reach, layouts, reach_search, c, step, lane)
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
@@ -112,11 +113,13 @@ def _test_containment(
     reach: Reach,
     first: int,
     last: int,
+    posed: bool,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: qpos, body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
-    # ReachSearch out: failed
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
+    #   body_quat
+    # ReachSearch out: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -130,6 +133,8 @@ def _test_containment(
         inside = bool(False)
         while step <= last and not inside:
             if takes_step(reach_search, c, step):
+                if not posed:
+                    pose_for(program, reach, layouts, reach_search, c, step, lane)
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
@@ -147,17 +152,16 @@ def launch_test_arm(
     *,
     posed: bool = False,
 ) -> None:
-    """Test candidates at the steps from `first` to `last`, which have the same pose, and defer some before `first`.
+    """Pose the robots of candidates, and test them, at the steps from `first` to `last`; defer some before that.
 
     Args:
         work: The arrays of the generator.
         reach: The arm.
-        first: The first step; the robot is posed for it.
+        first: The first step.
         last: The last step.
         reach_search: The candidates.
-        posed: They have this pose already, and none is deferred.
+        posed: They are posed already, and none is deferred.
     """
-    steps, rest = [work.program, reach, int(first), int(last)], [work.size.blocks, work.layouts]
-    work.launch_blocks(_test, [*steps, posed, *rest], reach_search)
-    if work.program.visual:
-        work.launch_blocks(_test_containment, [*steps, *rest], reach_search)
+    for test in (_test, _test_containment) if work.program.visual else (_test,):
+        inputs = [work.program, reach, int(first), int(last), posed, work.size.blocks, work.layouts]
+        work.launch_blocks(test, inputs, reach_search)

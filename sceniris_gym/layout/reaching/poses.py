@@ -95,12 +95,20 @@ def pose_in_order(
 def pose_for(
     program: Program, reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, c: int, step: int, lane: int
 ):
-    """Pose the robot of a candidate as a step tests it, the hand alone before there are joints.
+    """Pose the robot of a candidate for a step and those that follow, the hand alone before there are joints.
 
-    All lanes of a block call it together.
+    All lanes of a block call it together. Steps that have the pose of the one before them change nothing.
     """
+    if (
+        step == ReachStep.HAND_AND_TARGET
+        or step == ReachStep.SCENE_AT_GRASP
+        or step == ReachStep.SCENE_AT_PREGRASP
+        or step == ReachStep.TARGET_AT_PREGRASP
+    ):
+        return
     row = reach_search.row[c]
     grasp = reach_search.grasp[c]
+    block_sync()  # no lane reads the pose before
     if lane == 0:
         if step < ReachStep.IK_AT_GRASP:
             take_joints(program, reach.hand_body, layouts.qpos[row], reach_search.qpos[c])

@@ -73,12 +73,9 @@ class ReachStage:
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         if clear:
-            launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP, search)
-            launch_test_arm(work, reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET, search)
+            launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AND_TARGET, search)
         launch_ik(work, reach, search)
-        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search)
-        if clear:
-            launch_test_arm(work, reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP, search)
+        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.TARGET_AT_PREGRASP, search)
         launch_accept(work, reach, search)
 
     def _start_wave(self, reach: Reach) -> None:

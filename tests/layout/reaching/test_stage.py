@@ -149,8 +149,8 @@ def test_objects_out_of_reach_are_refused(tmp_path: Path):
     assert info.value.name == "far"
 
 
-_OF_IK = ["_solve", "_test 6-7", "_accept"]
-_OF_CLEAR = ["_test 1-1", "_test 2-3", "_solve", "_test 6-7", "_test 8-10", "_accept"]
+_OF_IK = ["_solve", "_test 6-10", "_accept"]
+_OF_CLEAR = ["_test 1-3", "_solve", "_test 6-10", "_accept"]
 
 
 @pytest.mark.parametrize(("tier", "steps"), [("ik", _OF_IK), ("clear", _OF_CLEAR), (None, [])])
