@@ -131,7 +131,7 @@ def main() -> None:
     batch = Batch(compiled.scene, words.num_envs, compiled.device)
     ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=False).reset()
     state = {name: wp.clone(getattr(batch.data, name)) for name in PROMISED}
-    rows = [name for name in batch.fields.rows if name not in ("coef", "bias")]
+    rows = [name for name in batch.fields.rows if name != "rest"]
     with wp.ScopedDevice(batch.device):
         each = {}
         for kind, begins in _KINDS.items():

@@ -33,6 +33,7 @@ TITLES = {
     StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
     StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
     StructName("sceniris_gym.sim.derived_tables", "Derived"): "Derived",
+    StructName("sceniris_gym.sim.write", "Poses"): "Poses",
     StructName("sceniris_gym.levels.buffer", "Buffer"): "Buffer",
 }
 KERNELS = [

@@ -22,7 +22,7 @@ from sceniris_gym.errors import (
 from sceniris_gym.layout.requested import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene, refuse_starts
 from sceniris_gym.sim.fit import check_model
-from sceniris_gym.sim.rest import scene_rest
+from sceniris_gym.sim.rest import affine_law, scene_rest
 from sceniris_gym.sim.write import addresses_of
 
 jax: Any = import_extra("jax", "jax")
@@ -229,9 +229,8 @@ def _placing(compiled: CompiledScene) -> Callable[[Any, FreshLayouts], Any]:
     places = addresses_of(mjm, list(scene.owners), rest)
     is_qpos, is_dof, is_mocap, is_held = (np.zeros(n, bool) for n in (mjm.nq, mjm.nv, mjm.nmocap, mjm.nu + mjm.na))
     is_qpos[places.qposadr] = is_dof[places.dofadr] = is_mocap[places.mocapid] = is_held[places.elements] = True
-    coef = np.zeros((len(is_held), mjm.nq), np.float32)
-    coef[np.repeat(np.arange(len(is_held)), np.diff(rest.rowadr.numpy())), rest.qposadr.numpy()] = rest.coef.numpy()[0]
-    bias, lower, upper = rest.bias.numpy()[0], rest.lower.numpy(), rest.upper.numpy()
+    (bias, coef), lower, upper = affine_law(rest, mjm.nq), rest.lower.numpy(), rest.upper.numpy()
+    coef = coef.astype(np.float32)
 
     def place(data: Any, fresh: FreshLayouts) -> Any:
         held = jnp.clip(bias + coef @ fresh.qpos, lower, upper)

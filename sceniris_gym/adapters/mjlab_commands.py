@@ -13,6 +13,7 @@ from sceniris_gym.adapters.mjlab import layouts_term
 from sceniris_gym.errors import ArgumentError, import_extra
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.sim.replacing import Replacer
+from sceniris_gym.sim.reset_writer import Simulation
 from sceniris_gym.sim.rest import scene_rest
 
 _COMMANDS: Any = import_extra("mjlab.managers.command_manager", "mjlab", "mjlab")
@@ -41,13 +42,11 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
             raise ArgumentError(
                 "ReplaceObjects: cfg.events should have a PlaceLayoutsCfg, whose scene has no variants."
             )
-        self._replacer = Replacer(
-            *(term.compiled, env.sim.wp_model, env.sim.wp_data, term.layouts, term.split),
-            rest=scene_rest(term.compiled.scene, term.layouts.qpos.device),
-            origins=wp.from_torch(env.scene.env_origins.contiguous(), dtype=wp.vec3),
-            refresh=lambda: None,
-            graph=True,
-        )
+        rest = scene_rest(term.compiled.scene, term.layouts.qpos.device)
+        origins = wp.from_torch(env.scene.env_origins.contiguous(), dtype=wp.vec3)
+        worlds = term.compiled, env.sim.wp_model, env.sim.wp_data, term.split
+        simulation = Simulation(*worlds, rest, refresh=lambda: None, origins=origins)
+        self._replacer = Replacer(simulation, term.layouts, graph=True)
         self._number = wp.to_torch(self._replacer.number)
 
     @property

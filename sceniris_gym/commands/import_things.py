@@ -68,8 +68,7 @@ def draw(asset: Path, device: str | None) -> Path:
     spec.worldbody.add_camera(name=CAMERA, fovy=40.0)
     spec.worldbody.add_light(pos=[1.0, -2.0, 4.0], dir=[-0.2, 0.4, -0.9], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
     mjm = spec.compile()
-    home = mjm.qpos0[None].copy()
-    table = LayoutTable.from_states(home, np.zeros((1, 0, 3)), np.zeros((1, 0, 4)), np.ones((1, 1), bool))
+    table = LayoutTable.from_states(mjm.qpos0[None], np.zeros((1, 0, 3)), np.zeros((1, 0, 4)), np.ones((1, 1), bool))
     picture = asset.parent / asset.stem / "picture.png"
     save(captioned(mjm, table, [asset.stem], device=device), picture)
     return picture

@@ -24,7 +24,7 @@ class Word:
         field: The field of the model that is drawn.
         width: Numbers of one element, from the number `first` on.
         first: The first of them.
-        least, most: Bounds of the values.
+        least, most: Bounds of the values, or of each component.
         follow: Fields that keep their ratio to the drawn one, with the first number and the width of each.
         shared: Number of components that a single drawn number is for, from the first one on; None is all.
         form: The only form that it takes; None is any.
@@ -33,8 +33,8 @@ class Word:
     field: str
     width: int = 1
     first: int = 0
-    least: float = -inf
-    most: float = inf
+    least: float | tuple[float, ...] = -inf
+    most: float | tuple[float, ...] = inf
     follow: tuple[tuple[str, int, int], ...] = ()
     shared: int | None = None
     form: str | None = None
@@ -46,7 +46,7 @@ WORDS = {
         "ipos": Word("body_ipos", 3),
         "friction": Word("geom_friction", 3, least=0.0, shared=1),
         "solref": Word("geom_solref", 2),
-        "solimp": Word("geom_solimp", 5, least=0.0),
+        "solimp": Word("geom_solimp", 5, least=(0.0, 0.0, 0.0, 0.0, 1.0), most=(1.0, 1.0, inf, 1.0, inf)),
         "rgba": Word("geom_rgba", 4, least=0.0, most=1.0, shared=3),
         "damping": Word("dof_damping", least=0.0),
         "frictionloss": Word("dof_frictionloss", least=0.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,6 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
                 raise UnknownNameError("column", str(name), f"LayoutDataset({str(folder)!r})", known)
         self._ends = np.cumsum([part["rows"] for part in self.manifest["parts"]])
         self._check_parts()
-        self._open_parts()
 
     def _read_row(self) -> np.dtype:
         try:
@@ -159,29 +158,24 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         columns = {name: rows[name] for name in COLUMNS if name in rows}
         return replace(states, **columns, scene=self.manifest["hash"])
 
-    def _open_parts(self) -> None:
-        """Let the memory maps that were used last stay open."""
-        self._part = lru_cache(_OPEN)(partial(_mapped, self.folder, self.manifest["parts"], self._row))
+    def _part(self, part: int) -> np.ndarray:
+        """Return the memory map of a part, shape (nrow,)."""
+        path = self.folder / part_name(part)
+        try:
+            rows = _mapped(path, path.stat().st_mtime_ns)
+        except UNREADABLE as error:
+            raise DatasetError(f"{path}: NumPy cannot read it ({error}). {_AGAIN}") from error
+        if getattr(rows, "dtype", None) != self._row or rows.shape != (self.manifest["parts"][part]["rows"],):
+            raise DatasetError(
+                f"{path}: holds other columns, or another number of rows, than {MANIFEST} tells. {_AGAIN}"
+            )
+        return rows
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out the memory maps: worker processes open the files for themselves."""
-        return {name: value for name, value in self.__dict__.items() if name != "_part"}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._open_parts()
-
-
-def _mapped(folder: Path, parts: list[dict[str, Any]], row: np.dtype, part: int) -> np.ndarray:
-    """Return the memory map of a part, shape (nrow,)."""
-    path = folder / part_name(part)
-    try:
-        rows = np.load(path, mmap_mode="r", allow_pickle=False)
-    except UNREADABLE as error:
-        raise DatasetError(f"{path}: NumPy cannot read it ({error}). {_AGAIN}") from error
-    if getattr(rows, "dtype", None) != row or rows.shape != (parts[part]["rows"],):
-        raise DatasetError(f"{path}: holds other columns, or another number of rows, than {MANIFEST} tells. {_AGAIN}")
-    return rows
+@lru_cache(_OPEN)
+def _mapped(path: Path, written: int) -> np.ndarray:
+    """Return the memory map of a file that was written at a time [ns]; those that were used last stay open."""
+    return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
 def verify(folder: str | Path) -> dict[str, Any]:

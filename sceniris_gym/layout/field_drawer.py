@@ -11,6 +11,7 @@ from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import name_hash, named_stream, uniforms
+from sceniris_gym.device.transforms import axis_angle_quat
 from sceniris_gym.layout.knobs import FLOAT, TYPES, KnobTable, launch_write, put_number
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.scene.draws import FieldDraw
@@ -132,12 +133,10 @@ def _value(
         turn = wp.vec3()
         q = wp.vec4()
         for k in range(3):
-            turn[k] = 0.5 * _RADIANS * numbers[item.number + k]
+            turn[k] = _RADIANS * numbers[item.number + k]
         for k in range(4):
             q[k] = _nominal(fields[item.drawn], worldid, first + k)
-        half = wp.length(turn)
-        axis = wp.normalize(turn) * wp.sin(half)
-        turned = mul_quat(q, wp.vec4(wp.cos(half), axis[0], axis[1], axis[2]))
+        turned = mul_quat(q, axis_angle_quat(wp.normalize(turn), wp.length(turn)))
         value = turned[item.drawn_offset % 4]
     if item.field != item.drawn:
         value = value / nominal * _nominal(fields[item.field], worldid, item.offset)
@@ -181,7 +180,7 @@ class FieldDrawer:
     """Draws the fields of a scene's words.
 
     Args:
-        draws: The draws.
+        draws: The draws, if there are any.
         arrays: The fields that they write, each with a row for each world, by name.
         nominal: The values of the model for these fields, with one row or a row for each world.
         nworld: Number of worlds.
@@ -207,7 +206,8 @@ class FieldDrawer:
             places[name] = len(fields), width // (array.shape[1] if array.ndim > 1 else 1)
             fields.append((array.ptr, made.ptr, made.shape[0], width, kind))
         drawn, items, table, self._first = _tables(draws, places)
-        with wp.ScopedDevice(next(iter(arrays.values())).device):
+        device = next((array.device for array in arrays.values()), None)
+        with wp.ScopedDevice(device):
             self._fields, self._drawn, self._items = (
                 wp.array(np.array(rows, dtype.numpy_dtype()), dtype=dtype)
                 for rows, dtype in ((fields, Field), (drawn, Number), (items, Item))
@@ -248,6 +248,8 @@ class FieldDrawer:
             rows: Row of each world, shape (nworld,); None gives world i row i.
             knob: Numbers of the knobs, shape (nrow, nvalue); None is those of the scene file.
         """
+        if not self._draws:
+            return
         if self._knobbed is not None:
             knob = self._default if knob is None else knob
             launch_write(self._knobbed, self._nworld, mask, knob, self._default[0], rows)

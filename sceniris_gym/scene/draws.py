@@ -147,9 +147,13 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
         numbers = numbers + len(one) * np.arange(len(kept))[:, None]
     draw = FieldDraw(name, word, config, kept, word.first + np.arange(count), numbers, choice)
     ends = _ends(draw, values)
-    if ends.min() < word.least or ends.max() > word.most:
-        found, bounds = f"{ends.min():g} to {ends.max():g}", f"{word.least:g} to {word.most:g}"
+    every, least, most = np.broadcast_arrays(ends, word.least, word.most)
+    for k in np.argwhere((every < least) | (every > most))[:1, -1]:
+        found, bounds = f"{every[..., k].min():g} to {every[..., k].max():g}", f"{least.flat[k]:g} to {most.flat[k]:g}"
         _refuse(f"{where}.{config.form}", f"its values would be from {found} and should be from {bounds}.")
+    above, axes = ends > 0.0, 2 if config.choice is not None else (0, 2)
+    if word.field == "geom_solref" and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
+        _refuse(f"{where}.{config.form}", "all of its values should be above 0, or none of them.")
     if word.field == "actuator_forcerange" and (ends[..., 0].max(axis=0) >= ends[..., -1].min(axis=0)).any():
         _refuse(f"{where}.{config.form}", "all lower limits should be below all upper ones. Give lists of both.")
     simple = [mjm.body(int(row)).name for row in kept if word.field == "body_ipos" and mjm.body_simple[row]]
@@ -178,8 +182,10 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
     textures = {mjm.texture(i).name: i for i in range(mjm.ntex)} if word.field == "mat_texid" else {}
     rows: list[tuple[float, ...]] = []
     for value in config.choice or ():
-        if (word.field == "mat_texid" or isinstance(value, str)) and value not in textures:
+        if word.field == "mat_texid" and value not in textures:
             raise UnknownNameError("texture", str(value), f"{where}.choice", filter(None, textures))
+        if word.field != "mat_texid" and isinstance(value, str):
+            _refuse(f"{where}.choice", f"its values should be numbers, got '{value}'.")
         single = textures[value] if isinstance(value, str) else value
         rows.append(single if isinstance(single, tuple) else (float(single),))
     if len({len(row) for row in rows}) > 1:

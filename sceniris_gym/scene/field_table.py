@@ -37,7 +37,7 @@ LEFT_OUT_AT_ZERO = (
 _SELDOM_FULL = ("body_ipos", "body_iquat")
 """Fields that shape the mass matrix of a body which MuJoCo took for a simple one."""
 
-_ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "tex": "texture", "eq": "equality"}
 
 
@@ -49,7 +49,7 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
         ArgumentError: Steps of this model leave the field out.
     """
     if name not in FIELDS or not hasattr(mjm.opt if name in OPTIONS else mjm, name):
-        raise UnknownNameError("model field", name, where, FIELDS)
+        raise UnknownNameError("model field", str(name), where, FIELDS)
     if name in LEFT_OUT_AT_ZERO and not np.any(getattr(mjm.opt if name in OPTIONS else mjm, name)):
         raise ArgumentError(
             f"{where}: '{name}' is 0 in the whole model, so steps leave it out. It should have a value other than 0 in "
@@ -127,6 +127,6 @@ def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
         first = mjm.tendon_adr[target]
         target, on_joint = mjm.wrap_objid[first], mjm.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
         return int((mjm.jnt_bodyid if on_joint else mjm.site_bodyid)[target])
-    if int(kind) in _ON_JOINTS:
+    if int(kind) in JOINT_TRANSMISSIONS:
         return int(mjm.jnt_bodyid[target])
     return int(mjm.site_bodyid[target]) if kind == mujoco.mjtTrn.mjTRN_SITE else -1

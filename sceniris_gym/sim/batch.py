@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -203,8 +204,8 @@ class Batch(Fixed):
             room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
             self.data = mjw.make_data(mjm, nworld, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)
-        self.substeps, self._updater = substeps, updater(needs)
-        self.update = LaunchSequence(self._launch_update, self.device, graph=graph)
+        self.substeps, self._update = substeps, partial(updater(needs), self.model, self.data)
+        self.update = LaunchSequence(self._update, self.device, graph=graph)
         self.step = LaunchSequence(self._launch_step, self.device, graph=graph)
 
     def check_budget(self) -> None:
@@ -214,7 +215,4 @@ class Batch(Fixed):
     def _launch_step(self) -> None:
         for _ in range(self.substeps):
             mjw.step(self.model, self.data)
-        self._launch_update()
-
-    def _launch_update(self) -> None:
-        self._updater(self.model, self.data)
+        self._update()

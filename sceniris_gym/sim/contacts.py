@@ -22,21 +22,6 @@ class Words:
     width: int
 
 
-@wp.func
-def _is_kept(rank: wp.array[int], conid: int) -> bool:
-    before = int(0)
-    if conid > 0:
-        before = rank[conid - 1]
-    return rank[conid] != before
-
-
-@wp.func
-def _copy_words(field: Words, source: int, target: int):
-    words = wp.array(ptr=field.address, shape=(wp.max(source, target) + 1, field.width), dtype=int)
-    for i in range(field.width):
-        words[target, i] = words[source, i]
-
-
 @wp.kernel
 def _mark_kept(mask: wp.array[wp.bool], nacon: wp.array[int], worldid: wp.array[int], kept_out: wp.array[int]):
     conid = wp.tid()
@@ -48,19 +33,20 @@ def _mark_kept(mask: wp.array[wp.bool], nacon: wp.array[int], worldid: wp.array[
 
 
 @wp.kernel
-def _list_movers(rank: wp.array[int], mover_out: wp.array[int], nacon_out: wp.array[int]):
+def _list_movers(kept: wp.array[int], rank: wp.array[int], mover_out: wp.array[int], nacon_out: wp.array[int]):
     conid = wp.tid()
     room = rank.shape[0]
     total = rank[room - 1]
     # a count above the room says that contacts were lost; it stays if there was nothing to drop
     if conid == 0 and total < wp.min(nacon_out[0], room):
         nacon_out[0] = total
-    if conid >= total and _is_kept(rank, conid):
+    if conid >= total and kept[conid] != 0:
         mover_out[rank[conid] - rank[total - 1] - 1] = conid
 
 
 @wp.kernel
 def _fill_holes(
+    kept: wp.array[int],
     rank: wp.array[int],
     mover: wp.array[int],
     fields: wp.array[Words],
@@ -69,11 +55,13 @@ def _fill_holes(
     efc_id_out: wp.array2d[int],
 ):
     conid = wp.tid()
-    if conid >= rank[rank.shape[0] - 1] or _is_kept(rank, conid):
+    if conid >= rank[rank.shape[0] - 1] or kept[conid] != 0:
         return
     source = mover[conid - rank[conid]]  # as many holes lie before this one
     for i in range(fields.shape[0]):
-        _copy_words(fields[i], source, conid)
+        words = wp.array(ptr=fields[i].address, shape=(wp.max(source, conid) + 1, fields[i].width), dtype=int)
+        for k in range(fields[i].width):
+            words[conid, k] = words[source, k]
     world = worldid[conid]
     for i in range(efc_address.shape[1]):
         row = efc_address[conid, i]
@@ -130,6 +118,6 @@ class ContactList:
                 return
             wp.launch(_mark_kept, room, inputs=[mask, d.nacon, d.contact.worldid], outputs=[self._kept])
             wp.utils.array_scan(self._kept, self._rank, inclusive=True)
-            wp.launch(_list_movers, room, inputs=[self._rank], outputs=[self._mover, d.nacon])
-            inputs = [self._rank, self._mover, self._words, d.contact.worldid, d.contact.efc_address]
+            wp.launch(_list_movers, room, inputs=[self._kept, self._rank], outputs=[self._mover, d.nacon])
+            inputs = [self._kept, self._rank, self._mover, self._words, d.contact.worldid, d.contact.efc_address]
             wp.launch(_fill_holes, room, inputs=inputs, outputs=[d.efc.id])

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-import mujoco
 import mujoco_warp as mjw
 import warp as wp
 
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.transforms import quat_mat
-from sceniris_gym.sim.derived_tables import Derived, derived_tables
+from sceniris_gym.sim.derived_tables import Derived
 
 wp.set_module_options({"enable_backward": False})
 
@@ -54,20 +53,28 @@ def _arm(w: Derived, worldid: int, bodyid: int) -> wp.vec3:
 
 
 @wp.func
-def _gear(w: Derived, worldid: int, transmission: int) -> wp.spatial_vector:
-    """Return the gear of a transmission; that of a tendon is 1."""
-    actuatorid = transmission - w.tendon_invweight0.shape[1]
-    if actuatorid < 0:
-        return wp.spatial_vector(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid]
+def _jacobian(w: Derived, worldid: int, row: int, dofid: int) -> wp.vec3:
+    """Return a row of Jacobians in a world, by a degree of freedom; see `Derived.jacobian`."""
+    nbody, nactuator = w.body_end.shape[0], w.actuator_gear.shape[1]
+    jac = w.jacobian[row, dofid]
+    if row < nbody:
+        jac += wp.cross(w.jacobian[nbody + row, dofid], _arm(w, worldid, row))
+    actuatorid = row + 2 * nactuator - w.jacobian.shape[0]
+    if actuatorid >= 0:
+        gear = w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid]
+        turning = wp.dot(wp.spatial_bottom(gear), w.jacobian[row + nactuator, dofid])
+        jac = wp.vec3(wp.dot(wp.spatial_top(gear), jac) + turning, 0.0, 0.0)
+    return jac
 
 
 @wp.func
-def _armature(w: Derived, worldid: int, transmission: int) -> float:
+def _armature(w: Derived, worldid: int, row: int) -> float:
     """Return the armature of a tendon, or of an actuator in the units of what it moves."""
-    actuatorid = transmission - w.tendon_invweight0.shape[1]
+    nactuator = w.actuator_gear.shape[1]
+    actuatorid = row + 2 * nactuator - w.jacobian.shape[0]
     if actuatorid < 0:
-        return w.tendon_armature[worldid % w.tendon_armature.shape[0], transmission]
+        return w.tendon_armature[worldid % w.tendon_armature.shape[0], actuatorid + w.tendon_armature.shape[1]]
+    actuatorid %= nactuator
     gear = w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid][0]
     return w.actuator_armature[worldid % w.actuator_armature.shape[0], actuatorid] * gear * gear
 
@@ -80,85 +87,60 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
     for bodyid in range(lower, w.body_end[lower]):  # of those that i moves; j, if it moves none of them, has zeros here
         q = w.body_iquat[worldid % w.body_iquat.shape[0], bodyid]
         inertia = w.body_inertia[worldid % w.body_inertia.shape[0], bodyid]
-        arm = _arm(w, worldid, bodyid)
         turn = wp.transpose(w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
-        jacr_i = w.jacr[bodyid, i]
-        jacr_j = w.jacr[bodyid, j]
-        jacp = wp.dot(w.jacp[bodyid, i] + wp.cross(jacr_i, arm), w.jacp[bodyid, j] + wp.cross(jacr_j, arm))
-        total += _mass(w, worldid, bodyid) * jacp
-        total += wp.dot(wp.cw_mul(inertia, turn * jacr_i), turn * jacr_j)
+        jacr_i = turn * w.jacobian[w.body_end.shape[0] + bodyid, i]
+        jacr_j = turn * w.jacobian[w.body_end.shape[0] + bodyid, j]
+        jacp = wp.dot(_jacobian(w, worldid, bodyid, i), _jacobian(w, worldid, bodyid, j))
+        total += _mass(w, worldid, bodyid) * jacp + wp.dot(wp.cw_mul(inertia, jacr_i), jacr_j)
     if i == j:
         total += w.dof_armature[worldid % w.dof_armature.shape[0], i]
     has_place = lower < w.body_end[w.dof_bodyid[j]] and (i == j or w.body_simple[lower] == 0)
     if has_place:  # in MuJoCo's sparse M
         for k in range(w.geared.shape[0]):
-            square = wp.dot(w.moment[w.geared[k], i], w.moment[w.geared[k], j])
+            square = wp.dot(w.jacobian[w.geared[k], i], w.jacobian[w.geared[k], j])
             if square != 0.0:
                 total += square * _armature(w, worldid, w.geared[k])
     return total
 
 
 @wp.func
-def _eliminate(w: Derived, old: wp.array[float], at: int, i: int, j: int, pivot: int) -> float:
+def _eliminate(old: wp.array2d[float], i: int, k: int, pivot: int, step: int) -> float:
     """Return an element of a block of M after a step of Gauss-Jordan elimination, which needs no row exchanged."""
-    row = w.dof_row[pivot]
     if i == pivot:
-        return wp.where(j == pivot, 1.0, old[row + j]) / old[row + pivot]
-    factor = old[at - j + pivot] / old[row + pivot]
-    if j == pivot:
+        return wp.where(k == step, 1.0, old[pivot, k]) / old[pivot, step]
+    factor = old[i, step] / old[pivot, step]
+    if k == step:
         return -factor
-    return old[at] - factor * old[row + j]
+    return old[i, k] - factor * old[pivot, k]
 
 
 @wp.func
-def _body_weight(w: Derived, worldid: int, bodyid: int):
-    if w.body_simple[bodyid] == _SLIDES:
-        w.body_invweight0[worldid, bodyid] = wp.vec2(1.0 / _mass(w, worldid, bodyid), 0.0)
-        return
-    first = w.body_block[bodyid][0]
-    end = w.body_block[bodyid][1]
-    arm = _arm(w, worldid, bodyid)
-    weight = wp.vec2(0.0)
-    for i in range(first, end):
-        jacr = w.jacr[bodyid, i]
-        jacp = w.jacp[bodyid, i] + wp.cross(jacr, arm)
-        for j in range(first, i + 1):  # both halves, as the error of one alone may be greater than the sum
-            other = w.jacp[bodyid, j] + wp.cross(w.jacr[bodyid, j], arm)
-            products = wp.vec2(wp.dot(jacp, other), wp.dot(jacr, w.jacr[bodyid, j]))
-            both = w.inverse[worldid, 0, w.dof_row[i] + j] + w.inverse[worldid, 0, w.dof_row[j] + i]
-            weight += wp.where(i == j, 0.5, 1.0) * both * products
-    w.body_invweight0[worldid, bodyid] = weight / 3.0
-
-
-@wp.func
-def _dof_weight(w: Derived, worldid: int, dofid: int):
-    shared = w.dof_shared[dofid]
-    total = float(0.0)
-    for i in range(shared[0], shared[0] + shared[1]):
-        total += w.inverse[worldid, 0, w.dof_row[i] + i]
-    bodyid = w.dof_bodyid[dofid]
-    if w.body_simple[bodyid] == _SLIDES:
-        total = 1.0 / _mass(w, worldid, bodyid)
-    w.dof_invweight0[worldid, dofid] = total / float(shared[1])
-
-
-@wp.func
-def _transmission_weight(w: Derived, worldid: int, transmission: int):
-    """Write J M^-1 J^T of a tendon, or the norm of M^-1 J^T of an actuator."""
-    gear = _gear(w, worldid, transmission)
-    ntendon = w.tendon_invweight0.shape[1]
+def _write_weight(w: Derived, worldid: int, row: int):
+    """Write J M^-1 J^T of a row of Jacobians, or the norm of M^-1 J^T of an actuator."""
     weight = float(0.0)
     square = float(0.0)
-    for k in range(w.moved[transmission][0], w.moved[transmission][1]):
-        acceleration = float(0.0)
-        for j in range(w.dof_block[k][0], w.dof_block[k][1]):
-            acceleration += w.inverse[worldid, 0, w.dof_row[k] + j] * wp.dot(gear, w.moment[transmission, j])
-        weight += acceleration * wp.dot(gear, w.moment[transmission, k])
-        square += acceleration * acceleration
-    if transmission < ntendon:
-        w.tendon_invweight0[worldid, transmission] = weight
+    for i in range(w.moved[row][0], w.moved[row][1]):
+        acceleration = wp.vec3(0.0)
+        for j in range(w.dof_block[i][0], w.dof_block[i][1]):
+            acceleration += w.inverse[worldid, 0, i, j - w.dof_block[i][0]] * _jacobian(w, worldid, row, j)
+        weight += wp.dot(acceleration, _jacobian(w, worldid, row, i))
+        square += wp.dot(acceleration, acceleration)
+    nbody, nv, ntendon = w.body_end.shape[0], w.dof_block.shape[0], w.tendon_invweight0.shape[1]
+    if row < 2 * nbody:
+        angular = row // nbody
+        bodyid = row - angular * nbody
+        if w.body_simple[bodyid] == _SLIDES:
+            weight = wp.where(angular == 1, 0.0, 3.0 / _mass(w, worldid, bodyid))
+        w.body_invweight0[worldid, bodyid][angular] = weight / 3.0
+    elif row < 2 * nbody + nv:
+        bodyid = w.dof_bodyid[row - 2 * nbody]
+        if w.body_simple[bodyid] == _SLIDES:
+            weight = 1.0 / _mass(w, worldid, bodyid)
+        w.dof_invweight0[worldid, row - 2 * nbody] = weight
+    elif row < 2 * nbody + nv + ntendon:
+        w.tendon_invweight0[worldid, row - 2 * nbody - nv] = weight
     else:
-        w.actuator_acc0[worldid, transmission - ntendon] = wp.sqrt(square)
+        w.actuator_acc0[worldid, row - 2 * nbody - nv - ntendon] = wp.sqrt(square)
 
 
 @wp.func
@@ -206,10 +188,9 @@ def _light(w: Derived, worldid: int, lightid: int):
 @wp.kernel
 def _derive(
     mask: wp.array[wp.bool],
-    # Derived in: body_end, body_block, dof_block, dof_shared, dof_row, xpos, xmat, jacp, jacr, element, width, moment,
-    #   moved, geared, inverse, body_simple, dof_bodyid, cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid,
-    #   body_mass, body_inertia, body_ipos, body_iquat, dof_armature, tendon_armature, actuator_armature, actuator_gear,
-    #   cam_pos, cam_quat, light_pos, light_dir
+    # Derived in: body_end, dof_block, xpos, xmat, jacobian, moved, geared, inverse, body_simple, dof_bodyid,
+    #   cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid, body_mass, body_inertia, body_ipos, body_iquat,
+    #   dof_armature, tendon_armature, actuator_armature, actuator_gear, cam_pos, cam_quat, light_pos, light_dir
     # Derived out: inverse, body_subtreemass, body_invweight0, dof_invweight0, tendon_invweight0, actuator_acc0,
     #   cam_pos0, cam_poscom0, cam_mat0, light_pos0, light_poscom0, light_dir0
     w: Derived,
@@ -226,53 +207,39 @@ def _derive(
         _light(w, worldid, i)
     if w.dof_invweight0.shape[1] == 0:
         return
-    for at in range(lane, w.element.shape[0], wp.block_dim()):
-        i = w.element[at][0]
-        j = w.element[at][1]
-        if i >= j:
+    width = w.inverse.shape[3]
+    for at in range(lane, w.dof_block.shape[0] * width, wp.block_dim()):
+        i = at // width
+        j = w.dof_block[i][0] + at % width
+        if j <= i:
             total = _mass_matrix(w, worldid, i, j)
-            w.inverse[worldid, w.width & 1, at] = total
-            w.inverse[worldid, w.width & 1, w.dof_row[j] + i] = total
+            w.inverse[worldid, width & 1, i, at % width] = total
+            w.inverse[worldid, width & 1, j, i - w.dof_block[i][0]] = total
     block_sync()
-    for step in range(w.width):  # of all blocks at once; the last one leaves the inverse in the first half
-        old = w.inverse[worldid, (w.width - step) & 1]
-        for at in range(lane, w.element.shape[0], wp.block_dim()):
-            i = w.element[at][0]
-            j = w.element[at][1]
-            value = old[at]
+    for step in range(width):  # of all blocks at once; the last one leaves the inverse in the first half
+        old = w.inverse[worldid, (width - step) & 1]
+        for at in range(lane, w.dof_block.shape[0] * width, wp.block_dim()):
+            i = at // width
+            value = old[i, at % width]
             pivot = w.dof_block[i][0] + step
             if pivot < w.dof_block[i][1]:
-                value = _eliminate(w, old, at, i, j, pivot)
-            w.inverse[worldid, (w.width - step - 1) & 1, at] = value
+                value = _eliminate(old, i, at % width, pivot, step)
+            w.inverse[worldid, (width - step - 1) & 1, i, at % width] = value
         block_sync()
-    for i in range(lane, w.body_invweight0.shape[1], wp.block_dim()):
-        _body_weight(w, worldid, i)
-    for i in range(lane, w.dof_invweight0.shape[1], wp.block_dim()):
-        _dof_weight(w, worldid, i)
-    for i in range(wp.block_dim() - 1 - lane, w.moment.shape[0], wp.block_dim()):  # others than lanes with a body
-        _transmission_weight(w, worldid, i)
+    for row in range(lane, w.moved.shape[0], wp.block_dim()):
+        _write_weight(w, worldid, row)
 
 
-class DerivedFields:
-    """Updates of fields that follow from others.
+def launch_derived(tables: Derived, m: mjw.Model, mask: wp.array, wide: Container[str]) -> None:
+    """Bring fields that follow from others up to date.
 
     Args:
-        mjm: The model.
+        tables: The `derived_tables` of the model.
         m: The Model; its present arrays are used in place.
-        nworld: Number of worlds.
+        mask: Which worlds, shape (nworld,), bool.
+        wide: Names of the fields that have a row for each world.
     """
-
-    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, nworld: int) -> None:
-        self._model, self._nworld = m, nworld
-        with wp.ScopedDevice(m.qpos0.device):
-            self._derived = derived_tables(mjm, nworld)
-            # MuJoCo has it in all versions, MuJoCo-Warp does not
-            self._derived.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
-
-    def launch(self, mask: wp.array, wide: Container[str]) -> None:
-        """Bring the fields that are `wide` up to date in the masked worlds, shape (nworld,), bool."""
-        for name in Derived.vars:
-            if (array := getattr(self._model, name, None)) is not None:
-                setattr(self._derived, name, None if name in FOLLOWS and name not in wide else array)
-        inputs = [mask, self._derived]
-        wp.launch_tiled(_derive, dim=[self._nworld], inputs=inputs, block_dim=_LANES, device=mask.device)
+    for name in Derived.vars:
+        if (array := getattr(m, name, None)) is not None:
+            setattr(tables, name, None if name in FOLLOWS and name not in wide else array)
+    wp.launch_tiled(_derive, dim=[mask.shape[0]], inputs=[mask, tables], block_dim=_LANES, device=mask.device)

@@ -21,14 +21,8 @@ _FIELDS = (
 )
 _KINDS = {"jnt": "joint", "qpos0": "joint", "mesh": "vertex"}
 """Elements that the fields of a prefix belong to, where it is not their name."""
-_SIZES_OF = {
-    int(mujoco.mjtGeom.mjGEOM_SPHERE): 1,
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): 2,
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): 2,
-    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): 3,
-    int(mujoco.mjtGeom.mjGEOM_BOX): 3,
-}
-"""How many numbers of its size a geom collides with: planes are endless, and meshes have vertices."""
+_SIZES_OF = (0, 0, 1, 2, 3, 2, 3, 0)
+"""How many numbers of its size a geom collides with, by its type: planes are endless, and meshes have vertices."""
 _TOLERANCE = 1.0e-6
 """Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
 _CURE_OF_VARIANTS = (
@@ -132,7 +126,7 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
     found = found.reshape(-1, *wanted.shape)
     apart = np.abs(found - wanted) > _TOLERANCE
     if field == "geom_size":
-        apart &= np.arange(3) < np.array([_SIZES_OF.get(int(shape), 0) for shape in mjm.geom_type])[:, None]
+        apart &= np.arange(3) < np.take(_SIZES_OF, mjm.geom_type, mode="clip")[:, None]
     differs = apart.any(axis=2)
     if field in ("body_pos", "body_quat"):
         differs &= ~_placed_anew(mjm, len(found))

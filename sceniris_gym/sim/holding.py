@@ -1,13 +1,11 @@
-"""`HoldingControls`: controls and activations that hold a pose, in worlds whose gains differ."""
+"""Controls and activations that hold a pose, in worlds whose gains differ."""
 
 from __future__ import annotations
 
-import mujoco
 import mujoco_warp as mjw
-import numpy as np
 import warp as wp
 
-from sceniris_gym.sim.rest import RestMap, history_samples, rest_value
+from sceniris_gym.sim.rest import RestMap, rest_value
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,8 +23,6 @@ def _follow(values: wp.array[float], at: int, before: float, now: float):
 @wp.kernel
 def _hold_anew(
     mask: wp.array[wp.bool],
-    sample_address: wp.array[int],
-    sample_element: wp.array[int],
     rest: RestMap,
     # Model in:
     actuator_gainprm: wp.array3d[float],
@@ -39,8 +35,7 @@ def _hold_anew(
     act_out: wp.array2d[float],
     history_out: wp.array2d[float],
     # Out:
-    coef_out: wp.array2d[float],
-    bias_out: wp.array2d[float],
+    law_out: wp.array2d[wp.vec2],
 ):
     worldid, element = wp.tid()
     actuatorid = rest.actuator[element]
@@ -53,9 +48,7 @@ def _hold_anew(
     gear = actuator_gear[worldid % actuator_gear.shape[0], actuatorid][0]
     if gain * bias1 >= 0.0:
         return
-    bias_out[worldid, element] = -bias0 / gain
-    for term in range(rest.rowadr[element], rest.rowadr[element + 1]):
-        coef_out[worldid, term] = -bias1 / gain * (gear * rest.arm[term])
+    law_out[worldid, element] = wp.vec2(-bias0 / gain, -bias1 / gain * gear)
     now = rest_value(rest, worldid, element, qpos[worldid])
     # controls that hold the present pose follow; those that somebody else has set stay
     nu = ctrl_out.shape[1]
@@ -63,33 +56,21 @@ def _hold_anew(
         _follow(ctrl_out[worldid], element, before, now)
     else:
         _follow(act_out[worldid], element - nu, before, now)
-    for k in range(sample_address.shape[0]):
-        if sample_element[k] == element:
-            _follow(history_out[worldid], sample_address[k], before, now)
+    for k in range(rest.sampleadr.shape[0]):
+        if rest.sampled[k] == element:
+            _follow(history_out[worldid], rest.sampleadr[k], before, now)
 
 
-class HoldingControls:
-    """Controls and activations that hold a pose; those that hold the present one are set anew.
+def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> None:
+    """Find the controls and activations that hold a pose; those that hold the present one are set anew.
 
     Args:
-        mjm: The model.
+        rest: The controls at rest, with a row for each world.
         m: The Model; its present arrays are used in place.
         d: Data of the worlds.
-        rest: The controls at rest, which get a row for each world.
+        mask: Which worlds, shape (nworld,), bool.
     """
-
-    def __init__(self, mjm: mujoco.MjModel, m: mjw.Model, d: mjw.Data, rest: RestMap) -> None:
-        self._model, self._data, self._rest = m, d, rest
-        with wp.ScopedDevice(m.qpos0.device):
-            rest.coef, rest.bias = (
-                wp.array(np.repeat(values.numpy(), d.nworld, axis=0), dtype=float) for values in (rest.coef, rest.bias)
-            )
-            self._samples = [wp.array(each, dtype=int) for each in history_samples(mjm)]
-
-    def launch(self, mask: wp.array) -> None:
-        """Find the controls of the masked worlds, shape (nworld,), bool."""
-        m, d, rest = self._model, self._data, self._rest
-        gains = [m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
-        inputs = [mask, *self._samples, rest, *gains, d.qpos]
-        outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.coef, rest.bias]
-        wp.launch(_hold_anew, (d.nworld, rest.actuator.shape[0]), inputs, outputs, device=mask.device)
+    gains = [m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
+    outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.law]
+    dim = d.nworld, rest.actuator.shape[0]
+    wp.launch(_hold_anew, dim, inputs=[mask, rest, *gains, d.qpos], outputs=outputs, device=mask.device)

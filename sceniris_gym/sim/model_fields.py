@@ -12,14 +12,14 @@ from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.field_drawer import FieldDrawer
-from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
-from sceniris_gym.sim.holding import GAINS, HoldingControls
+from sceniris_gym.sim.derived import FOLLOWS, launch_derived
+from sceniris_gym.sim.derived_tables import Derived, derived_tables
+from sceniris_gym.sim.holding import GAINS, launch_holding
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
@@ -59,6 +59,7 @@ class ModelFields:
 
     Attributes:
         rest: The controls and activations that hold a pose.
+        drawer: Draws what the scene randomizes.
         asked: The fields that somebody asked for, to write to.
         varied: The values of the present variants for the fields in which variants of objects differ, with a row for
             each world; empty without variants. Resets write them before anything else is drawn.
@@ -70,15 +71,13 @@ class ModelFields:
         self.varied = {name: self._before(name, every=True) for name in names}
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
-        self._derived: DerivedFields | None = None
-        self._holding: HoldingControls | None = None
-        self._closed = False
+        self._derived: Derived | None = None
+        self._has_gains = self._closed = False
         self.asked: set[str] = set()
         self.rest = scene_rest(scene, m.qpos0.device)
-        self._drawer = None
-        if scene.draws:
-            arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
-            self._drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
+        self._beside = wp.Stream(m.qpos0.device) if scene.draws and m.qpos0.device.is_cuda else None
+        arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
+        self.drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
         for name in getattr(m, _NAMED, ()):
             self.ask(name, where="put_model")
 
@@ -96,7 +95,7 @@ class ModelFields:
             SceneMismatchError: The Model has one row for all worlds.
         """
         check_field(name, self._scene.mjm, where)
-        rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
+        rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, str(of), where)
         if name not in self._nominal and self._closed:
             raise ArgumentError(
                 f"{where}: '{name}' is asked for too late, as captured steps have it once for all worlds. Ask for it "
@@ -109,25 +108,23 @@ class ModelFields:
     def wide(self, name: str, where: str = "model_field") -> wp.array:
         """Return the array of a field, with a row for each world, as all have that follow from it."""
         for each in _with_followers(name):
-            if each not in self._nominal:
-                self._widen(each, name, where)
-        if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
-            self._derived = DerivedFields(self._scene.mjm, self._model, self._nworld)
-        if self._holding is None and not self._nominal.keys().isdisjoint(GAINS):
-            self._holding = HoldingControls(self._scene.mjm, self._model, self._data, self.rest)
+            if each in self._nominal:
+                continue
+            array = getattr(owner(self._model, each), each)
+            if array.size and array.shape[0] != self._nworld and not self._grow:
+                raise SceneMismatchError(
+                    f"{where}: model.{each} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
+                    f'Make the Model by put_model(compiled, {self._nworld}, "{name}").'
+                )
+            self._nominal[each] = self._before(each)
+            self._known[each] = widen(self._model, each, self._nworld)
+        with wp.ScopedDevice(self._model.qpos0.device):
+            if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
+                self._derived = derived_tables(self._scene.mjm, self._nworld)
+            if not self._has_gains and not self._nominal.keys().isdisjoint(GAINS):
+                self._has_gains, laws = True, np.repeat(self.rest.law.numpy(), self._nworld, axis=0)
+                self.rest.law = wp.array(laws, dtype=wp.vec2, ndim=2)
         return self._known[name]
-
-    def _widen(self, name: str, source: str, where: str) -> None:
-        """Give a field that follows from `source` a row for each world."""
-        array = getattr(owner(self._model, name), name)
-        if array.size and array.shape[0] != self._nworld and not self._grow:
-            raise SceneMismatchError(
-                f"{where}: model.{name} has {array.shape[0]} row for all worlds and should have {self._nworld}. "
-                f'Make the Model by put_model(compiled, {self._nworld}, "{source}").'
-            )
-        self._nominal[name] = self._before(name)
-        widen(self._model, name, self._nworld)
-        self._known[name] = getattr(owner(self._model, name), name)
 
     def _before(self, name: str, *, every: bool = False) -> wp.array:
         """Return the first row of a field, or every, from before anything was drawn by a randomizer of the Model."""
@@ -147,7 +144,7 @@ class ModelFields:
         Args:
             name: A field that was asked for.
             of: An element, object or robot: see `field_rows`.
-            factor: Factors, a Warp array or torch tensor on the device, shape (nworld,), float32.
+            factor: Factors, a Warp array or torch tensor on the device or a numpy array, shape (nworld,), float32.
             mask: Which worlds, shape (nworld,), bool.
             where: The caller, for errors.
 
@@ -159,7 +156,12 @@ class ModelFields:
         for argument, given in (("factor", factor), ("mask", mask)):
             if (shape := getattr(given, "shape", type(given).__name__)) != (self._nworld,):
                 raise ArgumentError(f"{where}: {argument} should have shape ({self._nworld},), got {shape}.")
-        factors = factor if isinstance(factor, wp.array) else wp.from_torch(factor.detach().float().contiguous())
+        if isinstance(factor, np.ndarray):
+            factor = wp.array(factor, dtype=float, device=mask.device)
+        elif not isinstance(factor, wp.array):
+            factor = wp.from_torch(factor.detach().float().contiguous())
+        if factor.dtype is not wp.float32:
+            raise ArgumentError(f"{where}: factor should hold float32, got {factor.dtype.__name__}.")
         rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
         word = _word(name)
@@ -169,7 +171,7 @@ class ModelFields:
                 for each in (self._nominal[field], self.wide(field))
             )
             dim = (self._nworld, array.shape[1], count or array.shape[2])
-            wp.launch(_scale, dim, inputs=[first, mask, factors, nominal], outputs=[array], device=array.device)
+            wp.launch(_scale, dim, inputs=[first, mask, factor, nominal], outputs=[array], device=array.device)
 
     def parameter(self, name: str, where: str) -> wp.array:
         """Return the numbers that a draw of the scene's `randomize` has taken, shape (nworld, n).
@@ -177,38 +179,50 @@ class ModelFields:
         Raises:
             UnknownNameError: The scene draws nothing of this name.
         """
-        numbers = {} if self._drawer is None else self._drawer.numbers
-        if name not in numbers:
-            raise UnknownNameError("parameter", name, where, numbers)
-        return numbers[name]
-
-    def use_knobs(self, knobs: KnobTable | None) -> None:
-        """Draw from intervals that knobs narrow, world by world."""
-        if self._drawer is not None and knobs is not None:
-            self._drawer.use_knobs(knobs)
+        if name not in self.drawer.numbers:
+            raise UnknownNameError("parameter", name, where, self.drawer.numbers)
+        return self.drawer.numbers[name]
 
     def launch_draw(
         self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
     ) -> None:
-        """Draw what the scene randomizes in the masked worlds, and find what follows; see `FieldDrawer.launch`."""
-        if self._drawer is not None:
-            self._drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
-            self.launch_follow(mask)
+        """Draw what the scene randomizes in the masked worlds; see `FieldDrawer.launch`.
+
+        What follows, but for controls, is found beside the launches up to `launch_wait`.
+        """
+        if not self._scene.draws:
+            return
+        self.drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
+        self._launch_holding(mask)
+        if self._beside is not None:
+            self._beside.wait_stream(mask.device.stream)
+        with wp.ScopedStream(self._beside, sync_enter=False):
+            self._launch_derived(mask)
+
+    def launch_wait(self) -> None:
+        """Let later launches begin when all that follows from draws is found."""
+        if self._beside is not None:
+            self._beside.device.stream.wait_stream(self._beside)
 
     @property
     def rows(self) -> dict[str, wp.array]:
         """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
-        found = {name: getattr(owner(self._model, name), name) for name, made in self._nominal.items() if made.size}
-        numbers = {} if self._drawer is None else self._drawer.numbers
-        found |= {f"drawn.{name}": array for name, array in numbers.items()}
-        return found | ({"coef": self.rest.coef, "bias": self.rest.bias} if self._holding is not None else {})
+        found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
+        found |= {f"drawn.{name}": array for name, array in self.drawer.numbers.items()}
+        return found | ({"rest": self.rest.law} if self._has_gains else {})
 
     def launch_follow(self, mask: wp.array) -> None:
         """Bring what follows up to date in the masked worlds, shape (nworld,), bool."""
-        if self._holding is not None:
-            self._holding.launch(mask)
+        self._launch_holding(mask)
+        self._launch_derived(mask)
+
+    def _launch_holding(self, mask: wp.array) -> None:
+        if self._has_gains:
+            launch_holding(self.rest, self._model, self._data, mask)
+
+    def _launch_derived(self, mask: wp.array) -> None:
         if self._derived is not None:
-            self._derived.launch(mask, self._nominal)
+            launch_derived(self._derived, self._model, mask, self._nominal)
 
     def close(self) -> None:
         """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
@@ -272,11 +286,12 @@ def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
     return m.opt if name in OPTIONS else m
 
 
-def widen(m: mjw.Model, name: str, nworld: int) -> None:
-    """Give a field a row for each world, all with the values of its first one."""
+def widen(m: mjw.Model, name: str, nworld: int) -> wp.array:
+    """Give a field a row for each world, all with the values of its first one, and return its array."""
     array = getattr(owner(m, name), name)
     if array.size and array.shape[0] != nworld:  # one of nothing is as good for all worlds
         with wp.ScopedDevice(array.device):
-            wide = wp.array(np.repeat(array.numpy()[:1], nworld, axis=0), dtype=array.dtype)
-        wide._is_batched = True  # as mujoco_warp marks its own
-        setattr(owner(m, name), name, wide)
+            array = wp.array(np.repeat(array.numpy()[:1], nworld, axis=0), dtype=array.dtype)
+        array._is_batched = True  # as mujoco_warp marks its own
+        setattr(owner(m, name), name, array)
+    return array

@@ -32,7 +32,7 @@ from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.replacing import Replacer
-from sceniris_gym.sim.reset_writer import ResetWriter
+from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
 from sceniris_gym.sim.sources import choose_source
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
@@ -152,8 +152,8 @@ class ResetRandomizer(Fixed, StaysHere):
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
-        self.fields.use_knobs(self.layouts.knobs)
         needs = list(needs)
+        self.fields.drawer.use_knobs(self.layouts.knobs)
         self._update, self.split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:
@@ -162,12 +162,11 @@ class ResetRandomizer(Fixed, StaysHere):
         variants = None
         if compiled.config.variants:
             variants = VariantWriter(compiled.scene, model, data.nworld, self.fields.varied)
-        more: Any = {"origins": origins, "variants": variants}
-        found, rest = (compiled, model, data), self.fields.rest
-        refresh = self._update if needs else None
-        self.replacer = Replacer(*found, self.layouts, self.split, rest=rest, **more, refresh=refresh, graph=graph)
-        more |= {"whole": write == "all", "count": self.replacer.number, "refresh": self._update}
-        self._writer = ResetWriter(*found, self.fields, self._mask, self.split, **more)
+        simulation = Simulation(
+            compiled, model, data, self.split, self.fields.rest, self._update, origins=origins, variants=variants
+        )
+        self.replacer, whole = Replacer(simulation, self.layouts, alone=not needs, graph=graph), write == "all"
+        self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.replacer.number)
         self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
@@ -281,7 +280,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Args:
             name: A field that `put_model` or `model_field` was asked for.
             of: An element of the model, or an object or a robot.
-            factor: Factors of the model's values, a torch tensor or a Warp array, shape (nworld,), float32.
+            factor: Factors of the model's values, a torch, numpy or Warp array, shape (nworld,), float32.
 
         Raises:
             UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`; or factors of another shape.

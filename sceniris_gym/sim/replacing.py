@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import mujoco_warp as mjw
@@ -16,12 +16,10 @@ from sceniris_gym.layout.generate import make_redraw
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.redraw import RedrawCounts
-from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
-from sceniris_gym.sim.rest import RestMap
+from sceniris_gym.sim.reset_writer import Simulation
 from sceniris_gym.sim.variant_reader import VariantReader
-from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.sim.write import StateWriter, poses_of
 
@@ -39,16 +37,9 @@ class Replacer:
     """Redraws objects in the masked worlds of a Data, everything else of which keeps its bits.
 
     Args:
-        compiled: The scene.
-        m: Its model.
-        d: Its data; its arrays are used in place.
+        simulation: The worlds.
         layouts: The layouts that the worlds were reset to.
-        split: The split of the layouts.
-        rest: Controls and activations at rest.
-        origins: Origins of the worlds [m], shape (nworld,), vec3; None adds nothing.
-        variants: The writer of the variants that worlds have, in a scene in which objects have some.
-        refresh: Launches that follow, and bring up to date what is computed from the state; None brings up to date the
-            poses of the redrawn bodies alone.
+        alone: Bring the poses of the redrawn bodies up to date, and not all that is computed from the state.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
@@ -58,26 +49,12 @@ class Replacer:
         prepared: The launches of each set of objects that was redrawn, by their names as they were given.
     """
 
-    def __init__(
-        self,
-        compiled: CompiledScene,
-        m: mjw.Model,
-        d: mjw.Data,
-        layouts: Layouts,
-        split: str,
-        *,
-        rest: RestMap,
-        origins: wp.array | None,
-        variants: VariantWriter | None = None,
-        refresh: Callable[[], None] | None,
-        graph: bool,
-    ) -> None:
-        self._compiled, self._m, self._d, self._layouts, self._split = compiled, m, d, layouts, split
-        self._rest, self._origins, self._refresh, self._graph = rest, origins, refresh, graph
-        self._variants = variants
+    def __init__(self, simulation: Simulation, layouts: Layouts, *, alone: bool = False, graph: bool) -> None:
+        self._simulation, self._layouts, self._alone, self._graph = simulation, layouts, alone, graph
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
-        self._mask = wp.zeros(d.nworld, dtype=wp.bool, device=d.qpos.device)
-        self.number, self.status, self.kept = self._counts = RedrawCounts.zeros(d.nworld, d.qpos.device)
+        nworld, self._device = simulation.data.nworld, simulation.data.qpos.device
+        self._mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)
+        self.number, self.status, self.kept = self._counts = RedrawCounts.zeros(nworld, self._device)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
         """Redraw objects in the masked worlds; the first call for some objects prepares their search.
@@ -90,11 +67,12 @@ class Replacer:
             ArgumentTypeError, UnknownNameError: See `chosen_objects`.
             ArgumentError: See there; or a first call inside of a capture.
         """
-        where = f"{self._compiled.config.where}: replace"
+        compiled = self._simulation.compiled
+        where = f"{compiled.config.where}: replace"
         key = as_names(objects, f"{where}: objects")
         if key not in self.prepared:
-            names = chosen_objects(self._compiled, key, where)
-            if self._d.qpos.device.is_capturing:
+            names = chosen_objects(compiled, key, where)
+            if self._device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
             self.prepared[key] = self._prepare(names)
         fill_mask(mask, self._mask)
@@ -102,24 +80,27 @@ class Replacer:
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
         """Return the launches that redraw objects, write them and count."""
-        d, mjm, device, variants = self._d, self._compiled.sim_mjm, self._d.qpos.device, self._variants
-        redraw = make_redraw(self._compiled, names, d.nworld, self._split)
+        simulation, device = self._simulation, self._device
+        compiled, d, variants = simulation.compiled, simulation.data, simulation.variants
+        redraw, mjm = make_redraw(compiled, names, d.nworld, simulation.split), compiled.sim_mjm
         found, state, reader = redraw.layouts, copied(LayoutsView, self._layouts.view), None
         if variants is None:
             state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat
         else:
-            reader = VariantReader(self._compiled.scene, d, variants.variant, self._layouts.view)
+            reader = VariantReader(d, variants, self._layouts.view)
             state = reader.state
-        bodies = np.unique(self._compiled.scene.sim_bodies[redraw.bodies])
-        writer = StateWriter(mjm, d, redraw.placed, self._rest, bodies=bodies.tolist(), origins=self._origins)
-        moved = np.unique(mjm.body_treeid[bodies]) if sleeps(self._m) else np.zeros(0, int)
+        bodies = np.unique(compiled.scene.sim_bodies[redraw.bodies])
+        writer = StateWriter(mjm, d, redraw.placed, simulation.rest, bodies=bodies.tolist(), origins=simulation.origins)
+        moved = np.unique(mjm.body_treeid[bodies]) if sleeps(simulation.model) else np.zeros(0, int)
         trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
-        refresh = self._refresh or partial(mjw.kinematics, *_views_of(self._m, d, bodies))
+        refresh = simulation.refresh
+        if self._alone:
+            refresh = partial(mjw.kinematics, *_views_of(simulation.model, d, bodies))
 
         def launches() -> None:
             if reader is not None:
                 reader.launch(self._mask)
-            redraw.launch(state, self._mask, self._counts, self._origins)
+            redraw.launch(state, self._mask, self._counts, simulation.origins)
             poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             if trees.shape[0] > 0:

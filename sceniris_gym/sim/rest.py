@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 
@@ -12,47 +13,55 @@ CTRL_HOLDS = tuple(
     int(d) for d in (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
 )
 ACT_HOLDS = (*CTRL_HOLDS, int(mujoco.mjtDyn.mjDYN_INTEGRATOR))
-JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 @wp.struct
 class RestMap:
-    """Controls and activations at rest, each an affine function of qpos: `bias + sum(coef * qpos[qposadr])`.
+    """Controls and activations at rest, each an affine function of qpos: `law[0] + law[1] * sum(arm * qpos[qposadr])`.
 
-    Element e has the terms `rowadr[e]` to `rowadr[e + 1]`; the nu controls come first, then the na activations. Factors
-    and constant parts have one row for all worlds, or a row for each if gains differ.
+    Element e has the terms `rowadr[e]` to `rowadr[e + 1]`; the nu controls come first, then the na activations.
 
     Attributes:
         rowadr: First term of an element, shape (nu + na + 1,).
         qposadr: Address in qpos of a term.
-        coef: Factor of a term, shape (1 or nworld, nterm).
-        bias: Constant part, shape (1 or nworld, nu + na); the home value of an element that holds no pose and has no
-            terms.
+        arm: Factor of a term in the actuator's length, over its gear.
+        law: Constant part of an element and its factor of the terms, shape (1, nu + na), or (nworld, nu + na) if gains
+            differ; the home value and 0 if it holds no pose and has no terms.
         lower: Lower limit, shape (nu + na,).
         upper: Upper limit, shape (nu + na,).
         actuator: The actuator that holds a pose by this element, shape (nu + na,); -1 if none does.
-        arm: Factor of a term in the actuator's length, over its gear.
+        sampleadr: Addresses in `history` of the past controls of delayed actuators.
+        sampled: The control of each.
     """
 
     rowadr: wp.array[int]
     qposadr: wp.array[int]
-    coef: wp.array2d[float]
-    bias: wp.array2d[float]
+    arm: wp.array[float]
+    law: wp.array2d[wp.vec2]
     lower: wp.array[float]
     upper: wp.array[float]
     actuator: wp.array[int]
-    arm: wp.array[float]
+    sampleadr: wp.array[int]
+    sampled: wp.array[int]
 
 
 @wp.func
 def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) -> float:
     """Return the control or activation `elemid` at rest at the joint positions `qpos` (nq,) of a world."""
-    row = worldid % rest.bias.shape[0]
-    value = rest.bias[row, elemid]
+    law = rest.law[worldid % rest.law.shape[0], elemid]
+    length = float(0.0)
     for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
-        value += rest.coef[row, term] * qpos[rest.qposadr[term]]
-    return wp.clamp(value, rest.lower[elemid], rest.upper[elemid])
+        length += rest.arm[term] * qpos[rest.qposadr[term]]
+    return wp.clamp(law[0] + law[1] * length, rest.lower[elemid], rest.upper[elemid])
+
+
+def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the constant parts of all elements in the first world, shape (n,), and their factors of qpos, (n, nq)."""
+    constants, slopes = rest.law.numpy()[0].T
+    rows, factors = np.repeat(np.arange(len(slopes)), np.diff(rest.rowadr.numpy())), np.zeros((len(slopes), nq))
+    np.add.at(factors, (rows, rest.qposadr.numpy()), slopes[rows] * rest.arm.numpy())
+    return constants, factors
 
 
 def scene_rest(scene: SceneModel, device: wp.Device) -> RestMap:
@@ -78,9 +87,9 @@ def rest_map(
         device: The target device.
     """
     nu, na = mjm.nu, mjm.na
-    bias = np.concatenate([home_ctrl, home_act]).astype(float)
+    law = np.stack([np.concatenate([home_ctrl, home_act]).astype(float), np.zeros(nu + na)], axis=1)
     lower, upper = np.full(nu + na, -np.inf), np.full(nu + na, np.inf)
-    terms: list[list[tuple[int, float, float]]] = [[] for _ in range(nu + na)]
+    terms: list[list[tuple[int, float]]] = [[] for _ in range(nu + na)]
     actuator = np.full(nu + na, -1)
     ctrladr, ctrlnum = actuator_controls(mjm)
     for i in range(len(ctrladr)):
@@ -103,20 +112,19 @@ def rest_map(
             inputs.append((nu + mjm.actuator_actadr[i], i, mjm.actuator_actlimited, mjm.actuator_actrange))
         # control ranges are listed by control, activation ranges by actuator
         for e, which, limited, limits in inputs:
-            bias[e], actuator[e] = -bias0 / gain, i
-            terms[e] = [(adr, -bias1 / gain * (gear * arm), arm) for adr, arm in length]
+            law[e], actuator[e], terms[e] = (-bias0 / gain, -bias1 / gain * gear), i, length
             if limited[which]:
                 lower[e], upper[e] = limits[which]
     flat = [term for row in terms for term in row]
     rest = RestMap()
     with wp.ScopedDevice(device):
         rest.rowadr = wp.array(np.cumsum([0] + [len(row) for row in terms]), dtype=int)
-        rest.qposadr = wp.array([adr for adr, _, _ in flat], dtype=int)
-        rest.coef = wp.array(np.array([coef for _, coef, _ in flat]).reshape(1, -1), dtype=float)
-        rest.arm = wp.array([arm for _, _, arm in flat], dtype=float)
-        rest.bias = wp.array(bias.reshape(1, -1), dtype=float)
+        rest.qposadr = wp.array([adr for adr, _ in flat], dtype=int)
+        rest.arm = wp.array([arm for _, arm in flat], dtype=float)
+        rest.law = wp.array(law[None], dtype=wp.vec2, ndim=2)
         rest.lower, rest.upper = (wp.array(values, dtype=float) for values in (lower, upper))
         rest.actuator = wp.array(actuator, dtype=int)
+        rest.sampleadr, rest.sampled = (wp.array(each, dtype=int) for each in history_samples(mjm))
     return rest
 
 
@@ -124,17 +132,16 @@ def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]
     """Return (qpos address, factor) pairs that sum to an actuator's length over its gear, or None if it is no sum."""
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
-        joints = [(target, 1.0)]
+        joints, arms = np.array([target]), np.ones(1)
     elif trntype == mujoco.mjtTrn.mjTRN_TENDON:
-        wraps = range(mjm.tendon_adr[target], mjm.tendon_adr[target] + mjm.tendon_num[target])
-        if any(mjm.wrap_type[w] != mujoco.mjtWrap.mjWRAP_JOINT for w in wraps):
+        wraps = slice(mjm.tendon_adr[target], mjm.tendon_adr[target] + mjm.tendon_num[target])
+        joints, arms = mjm.wrap_objid[wraps], mjm.wrap_prm[wraps]
+        if (mjm.wrap_type[wraps] != mujoco.mjtWrap.mjWRAP_JOINT).any():
             return None
-        joints = [(mjm.wrap_objid[w], float(mjm.wrap_prm[w])) for w in wraps]
     else:
         return None
-    if any(int(mjm.jnt_type[j]) not in SCALAR_JOINTS for j, _ in joints):
-        return None
-    return [(int(mjm.jnt_qposadr[j]), coef) for j, coef in joints]
+    is_sum = np.isin(mjm.jnt_type[joints], SCALAR_JOINTS).all()
+    return list(zip(mjm.jnt_qposadr[joints].tolist(), arms.tolist(), strict=True)) if is_sum else None
 
 
 def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:

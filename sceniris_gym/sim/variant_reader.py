@@ -3,100 +3,67 @@
 from __future__ import annotations
 
 import mujoco_warp as mjw
-import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.device import copied
-from sceniris_gym.program.plan import slot_names
-from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.variants import LANES, mocap_bodies, owners_of_qpos
+from sceniris_gym.sim.variants import LANES, Places, VariantWriter, is_absent
+from sceniris_gym.sim.write import Poses, poses_of
 
 wp.set_module_options({"enable_backward": False})
 
 _FAR = 1.0e6  # coordinates of absent variants [m], beyond the origin of any world
 
 
-@wp.func
-def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
-    """Return whether something is a variant, `kind` its object and number, and not the one that is there."""
-    if kind[0] < 0:
-        return False
-    return variant[kind[0]] != kind[1]
-
-
 @wp.kernel
 def _read_worlds(
-    # Of each slot, position and mocap body of layouts: its object with variants, -1 for none, and its number
-    slot_kind: wp.array[wp.vec2i],
-    qpos_kind: wp.array[wp.vec2i],
-    mocap_kind: wp.array[wp.vec2i],
-    # Where these positions and mocap bodies are simulated:
-    qpos_adr: wp.array[int],
-    mocap_adr: wp.array[int],
+    places: Places,
     # In:
     variant: wp.array2d[int],
     present_in: wp.array2d[int],
-    qpos_in: wp.array2d[float],
-    mocap_pos_in: wp.array2d[wp.vec3],
-    mocap_quat_in: wp.array2d[wp.quat],
+    # Poses in: qpos, mocap_pos, mocap_quat
+    poses: Poses,
     mask: wp.array[wp.bool],
-    # Out:
-    present_out: wp.array2d[int],
-    qpos_out: wp.array2d[float],
-    mocap_pos_out: wp.array2d[wp.vec3],
-    mocap_quat_out: wp.array2d[wp.quat],
+    # Layouts out: qpos, mocap_pos, mocap_quat, present
+    layouts_out: LayoutsView,
 ):
     worldid, lane = wp.tid()
     if not mask[worldid]:
         return
-    for i in range(lane, slot_kind.shape[0], wp.block_dim()):
-        present_out[worldid, i] = present_in[worldid, i]
-        if slot_kind[i][0] >= 0:
-            present_out[worldid, i] = wp.where(_is_absent(slot_kind[i], variant[worldid]), 0, 1)
-    for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
-        qpos_out[worldid, i] = qpos_in[worldid, qpos_adr[i]]
-        if _is_absent(qpos_kind[i], variant[worldid]):
-            qpos_out[worldid, i] = wp.static(_FAR)
-    for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
-        mocap_pos_out[worldid, i] = mocap_pos_in[worldid, mocap_adr[i]]
-        mocap_quat_out[worldid, i] = mocap_quat_in[worldid, mocap_adr[i]]
-        if _is_absent(mocap_kind[i], variant[worldid]):
-            mocap_pos_out[worldid, i] = wp.vec3(wp.static(_FAR))
+    for i in range(lane, places.slot_kind.shape[0], wp.block_dim()):
+        layouts_out.present[worldid, i] = present_in[worldid, i]
+        if places.slot_kind[i][0] >= 0:
+            layouts_out.present[worldid, i] = wp.where(is_absent(places.slot_kind[i], variant[worldid]), 0, 1)
+    for i in range(lane, places.qpos_adr.shape[0], wp.block_dim()):
+        layouts_out.qpos[worldid, i] = poses.qpos[worldid, places.qpos_adr[i]]
+        if is_absent(places.qpos_kind[i], variant[worldid]):
+            layouts_out.qpos[worldid, i] = wp.static(_FAR)
+    for i in range(lane, places.mocap_adr.shape[0], wp.block_dim()):
+        layouts_out.mocap_pos[worldid, i] = poses.mocap_pos[worldid, places.mocap_adr[i]]
+        layouts_out.mocap_quat[worldid, i] = poses.mocap_quat[worldid, places.mocap_adr[i]]
+        if is_absent(places.mocap_kind[i], variant[worldid]):
+            layouts_out.mocap_pos[worldid, i] = wp.vec3(wp.static(_FAR))
 
 
 class VariantReader:
     """Reads simulated worlds as rows of layouts, in which absent variants are far away.
 
     Args:
-        scene: A scene in which objects have variants.
         d: Data of the worlds; its arrays are used in place.
-        variant: The variants that worlds have: `VariantWriter.variant`.
+        variants: The writer of the variants that worlds have.
         layouts: The layouts that worlds were reset to, which say who else is present.
 
     Attributes:
         state: The worlds: `layouts` with arrays of its own for `present`, `qpos`, `mocap_pos` and `mocap_quat`.
     """
 
-    def __init__(self, scene: SceneModel, d: mjw.Data, variant: wp.array, layouts: LayoutsView) -> None:
-        full, sim, kind = scene.mjm, scene.sim.mjm, np.full((scene.mjm.nbody, 2), -1)
-        for i, members in enumerate(scene.config.variants.values()):
-            kind[[scene.bodies[member] for member in members]] = [(i, number) for number in range(len(members))]
-        slots, owners, mocap = slot_names(scene.config), owners_of_qpos(full), mocap_bodies(full)
-        first = full.jnt_qposadr[full.body_jntadr[owners]], sim.jnt_qposadr[sim.body_jntadr[scene.sim_bodies[owners]]]
+    def __init__(self, d: mjw.Data, variants: VariantWriter, layouts: LayoutsView) -> None:
         self._device, self._nworld, self.state = d.qpos.device, d.nworld, copied(LayoutsView, layouts)
-        with wp.ScopedDevice(self._device):
-            kinds = [kind[bodies] for bodies in ([scene.bodies[name] for name in slots], owners, mocap)]
-            adr = [np.arange(full.nq) - first[0] + first[1], sim.body_mocapid[scene.sim_bodies[mocap]]]
-            self._inputs = [wp.array(each, dtype=wp.vec2i, ndim=1) for each in kinds]
-            self._inputs += [wp.array(each, dtype=int, ndim=1) for each in adr]
-        self._inputs += [variant, layouts.present, d.qpos, d.mocap_pos, d.mocap_quat]
-        self._outputs = []
+        self._inputs = [variants.places, variants.variant, layouts.present, poses_of(d)]
         for name in ("present", "qpos", "mocap_pos", "mocap_quat"):
             setattr(self.state, name, wp.zeros_like(getattr(layouts, name)))
-            self._outputs.append(getattr(self.state, name))
 
     def launch(self, mask: wp.array) -> None:
         """Read the masked worlds, shape (nworld,), bool."""
-        words = {"inputs": [*self._inputs, mask], "outputs": self._outputs, "block_dim": LANES}
+        words = {"inputs": [*self._inputs, mask], "outputs": [self.state], "block_dim": LANES}
         wp.launch_tiled(_read_worlds, dim=[self._nworld], **words, device=self._device)

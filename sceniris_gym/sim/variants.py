@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
@@ -40,38 +39,54 @@ def fields_of_variants() -> tuple[str, ...]:
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
 
 
+@wp.struct
+class Places:
+    """Places of layouts, with the variant that each belongs to: its object and its number there, (-1, -1) for none.
+
+    Attributes:
+        slot_kind: Variants of slots, shape (nslot,).
+        qpos_kind: Variants of joint positions, shape (nq,).
+        mocap_kind: Variants of mocap bodies, shape (nmocap,).
+        qpos_adr: Addresses of joint positions in the simulation.
+        mocap_adr: Numbers of mocap bodies in the simulation.
+    """
+
+    slot_kind: wp.array[wp.vec2i]
+    qpos_kind: wp.array[wp.vec2i]
+    mocap_kind: wp.array[wp.vec2i]
+    qpos_adr: wp.array[int]
+    mocap_adr: wp.array[int]
+
+
+@wp.func
+def is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
+    """Return whether something belongs to a variant that is not there."""
+    if kind[0] < 0:
+        return False
+    return variant[kind[0]] != kind[1]
+
+
 @wp.kernel
 def _write_variants(
-    # Of each variant: its column in layouts, its object and its number
-    members: wp.array[wp.vec3i],
+    places: Places,
     # Words of the model:
-    table: wp.array[int],
-    word_shared: wp.array[int],
-    word_adr: wp.array[int],
-    word_num: wp.array[int],
+    table: wp.array2d[int],
+    owner: wp.array[int],
     address: wp.array[wp.uint64],
     stride: wp.array[wp.int64],
-    # Addresses in layouts:
-    qpos_shared: wp.array[int],
-    qpos_adr: wp.array[int],
-    mocap_shared: wp.array[int],
-    mocap_adr: wp.array[int],
-    source: wp.array[int],
-    # Masses:
-    first: wp.array[int],
-    mass: wp.array[wp.float64],
+    # Bodies with variants, and the mass of all others:
+    bodies: wp.array[int],
+    mass: float,
     # In:
     mask: wp.array[wp.bool],
     rows: wp.array[int],
     present: wp.array2d[int],
-    qpos_in: wp.array2d[float],
-    mocap_pos_in: wp.array2d[wp.vec3],
-    mocap_quat_in: wp.array2d[wp.quat],
+    # Poses in: qpos, mocap_pos, mocap_quat
+    poses_in: Poses,
     # Out:
     variant: wp.array2d[int],
-    qpos_out: wp.array2d[float],
-    mocap_pos_out: wp.array2d[wp.vec3],
-    mocap_quat_out: wp.array2d[wp.quat],
+    # Poses out: qpos, mocap_pos, mocap_quat
+    poses_out: Poses,
     subtreemass_out: wp.array2d[float],
 ):
     worldid, lane = wp.tid()
@@ -79,31 +94,28 @@ def _write_variants(
         return
     row = row_of(worldid, rows)
     if present:
-        for i in range(lane, members.shape[0], wp.block_dim()):
-            member = members[i]
-            if present[row, member[0]] != 0:
-                variant[worldid, member[1]] = member[2]
+        for i in range(lane, places.slot_kind.shape[0], wp.block_dim()):
+            kind = places.slot_kind[i]
+            if kind[0] >= 0 and present[row, i] != 0:
+                variant[worldid, kind[0]] = kind[1]
         block_sync()
         for i in range(lane, address.shape[0], wp.block_dim()):
             at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
             word = wp.array(ptr=at, shape=(1,), dtype=int)
-            word[0] = table[word_adr[i] + variant[worldid, word_shared[i]] * word_num[i]]
+            word[0] = table[variant[worldid, owner[i]], i]
+        block_sync()
         if lane == 0:
-            total = mass[mass.shape[0] - 1]  # of all that has no variants
-            for s in range(variant.shape[1]):
-                total += mass[first[s] + variant[worldid, s]]
-            subtreemass_out[worldid, 0] = float(total)
-    for i in range(lane, qpos_adr.shape[0], wp.block_dim()):
-        adr = qpos_adr[i]
-        if qpos_shared[i] >= 0:
-            adr += source[first[qpos_shared[i]] + variant[worldid, qpos_shared[i]]]
-        qpos_out[worldid, i] = qpos_in[row, adr]
-    for i in range(lane, mocap_adr.shape[0], wp.block_dim()):
-        mocapid = mocap_adr[i]
-        if mocap_shared[i] >= 0:
-            mocapid = source[first[mocap_shared[i]] + variant[worldid, mocap_shared[i]]]
-        mocap_pos_out[worldid, i] = mocap_pos_in[row, mocapid]
-        mocap_quat_out[worldid, i] = mocap_quat_in[row, mocapid]
+            total = mass
+            for i in range(bodies.shape[0]):
+                total += subtreemass_out[worldid, bodies[i]]
+            subtreemass_out[worldid, 0] = total
+    for i in range(lane, places.qpos_adr.shape[0], wp.block_dim()):
+        if not is_absent(places.qpos_kind[i], variant[worldid]):
+            poses_out.qpos[worldid, places.qpos_adr[i]] = poses_in.qpos[row, i]
+    for i in range(lane, places.mocap_adr.shape[0], wp.block_dim()):
+        if not is_absent(places.mocap_kind[i], variant[worldid]):
+            poses_out.mocap_pos[worldid, places.mocap_adr[i]] = poses_in.mocap_pos[row, i]
+            poses_out.mocap_quat[worldid, places.mocap_adr[i]] = poses_in.mocap_quat[row, i]
 
 
 class VariantWriter:
@@ -118,6 +130,7 @@ class VariantWriter:
             `ModelFields.varied`.
 
     Attributes:
+        places: Places of layouts and their variants.
         variant: The variant of each object that is present, numbered as in the scene file, objects in the order of
             `SceneConfig.variants`; shape (nworld, number of objects with variants), int32.
 
@@ -133,25 +146,15 @@ class VariantWriter:
                     "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
                 )
         self._device = m.qpos0.device
-        full, sim, variants = scene.mjm, scene.sim.mjm, scene.config.variants
-        counts = [len(members) for members in variants.values()]
-        bodies = [[scene.bodies[member] for member in members] for members in variants.values()]
-        slots = slot_names(scene.config)
-        numbered = [(k, *each) for k, members in enumerate(variants.values()) for each in enumerate(members)]
+        sim, variants = scene.sim.mjm, scene.config.variants
+        bodies, mocap = [scene.sim.bodies[name] for name in variants], (nworld, max(sim.nmocap, 1))
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
-            mocap = (nworld, max(sim.nmocap, 1))
-            kinds = ((nworld, sim.nq), float), (mocap, wp.vec3), (mocap, wp.quat)
-            self._poses = Poses(*(wp.zeros(shape, dtype=dtype) for shape, dtype in kinds))
-            self._members = wp.array([(slots.index(member), k, i) for k, i, member in numbered], dtype=wp.vec3i)
-            masses = [float(full.body_mass[body]) for members in bodies for body in members]
-            others = np.delete(sim.body_mass, [scene.sim.bodies[name] for name in variants]).sum()
-            self._table = self._words(scene, m, bodies, varied)
-            self._inputs = [
-                *self._sources(scene, bodies),
-                wp.array(np.cumsum([0, *counts[:-1]]), dtype=int),
-                wp.array([*masses, others], dtype=wp.float64),
-            ]
+            self._poses = Poses()
+            self._poses.qpos = wp.zeros((nworld, sim.nq), dtype=float)
+            self._poses.mocap_pos, self._poses.mocap_quat = (wp.zeros(mocap, dtype=each) for each in (wp.vec3, wp.quat))
+            self.places, self._words = _places(scene), _words(scene, m, varied)
+            self._masses = [wp.array(bodies, dtype=int), np.delete(sim.body_mass, bodies).sum()]
         # kernels have their addresses alone
         self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
         self._subtreemass = m.body_subtreemass
@@ -167,63 +170,47 @@ class VariantWriter:
             present: Which objects are present, shape (nrow, nslot), int32; None if worlds keep their variants.
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
-        inputs = [self._members, *self._table, *self._inputs, mask, rows, present, *poses]
-        words = {"outputs": [self.variant, *self._poses, self._subtreemass], "block_dim": LANES}
+        inputs = [self.places, *self._words, *self._masses, mask, rows, present, poses]
+        words = {"outputs": [self.variant, self._poses, self._subtreemass], "block_dim": LANES}
         wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words, device=self._device)
         return self._poses
 
-    def _words(
-        self, scene: SceneModel, m: mjw.Model, bodies: list[list[int]], varied: Mapping[str, wp.array]
-    ) -> list[wp.array]:
-        """Return the table of all variants in words of 32 bits, and the words of the model that they are written to."""
-        table: list[np.ndarray] = []
-        shared, adr, num, address, stride = ([] for _ in range(5))
-        size = 0
-        for k, (name, members) in enumerate(zip(scene.config.variants, bodies, strict=True)):
-            columns = []
-            for field, i, values, _ in _rows(scene, name, members, seen=False):
-                columns += [(getattr(m, field), i, word, values[:, word]) for word in range(values.shape[1])]
-            # nobody else writes to copies, so they keep what is the same in all variants, but for colours of draws
-            for field, i, values, held in _rows(scene, name, members, seen=True):
-                differs = (values != held).any(axis=0) | (field == "geom_rgba")
-                columns += [(varied[field], i, word, values[:, word]) for word in np.flatnonzero(differs).tolist()]
-            width = len(columns)
-            table.append(np.stack([values for *_, values in columns], axis=1).ravel())
-            address += [array.ptr + i * array.strides[1] + 4 * word for array, i, word, _ in columns]
-            stride += [array.strides[0] for array, *_ in columns]
-            shared += [k] * width
-            adr += range(size, size + width)
-            num += [width] * width
-            size += width * len(members)
-        words = [wp.array(values, dtype=int) for values in (np.concatenate(table), shared, adr, num)]
-        return [*words, wp.array(address, dtype=wp.uint64), wp.array(stride, dtype=wp.int64)]
 
-    def _sources(self, scene: SceneModel, bodies: list[list[int]]) -> list[wp.array]:
-        """Return where each element of qpos and each mocap body comes from in layouts."""
-        full, sim, variants = scene.mjm, scene.sim.mjm, np.concatenate(bodies)
-        number = np.full(sim.nbody, -1)
-        number[[scene.sim.bodies[name] for name in scene.config.variants]] = range(len(bodies))
-        qpos_shared, mocap_shared = number[owners_of_qpos(sim)], number[mocap_bodies(sim)]
-        # bodies without variants keep their order
-        others = [np.flatnonzero(~np.isin(of(full), variants)) for of in (owners_of_qpos, mocap_bodies)]
-        qpos_adr, mocap_adr = (np.zeros(len(shared), int) for shared in (qpos_shared, mocap_shared))
-        qpos_adr[qpos_shared < 0], mocap_adr[mocap_shared < 0] = others
-        qpos_adr[qpos_shared >= 0] = np.resize(range(7), (qpos_shared >= 0).sum())  # each has a freejoint alone
-        source, joints = full.body_mocapid[variants], full.body_jntadr[variants]
-        source[joints >= 0] = full.jnt_qposadr[joints[joints >= 0]]
-        values = (qpos_shared, qpos_adr, mocap_shared, mocap_adr, source)
-        return [wp.array(each, dtype=int, ndim=1) for each in values]
+def _places(scene: SceneModel) -> Places:
+    """Return the places of a scene, on the current device."""
+    full, sim, kind = scene.mjm, scene.sim.mjm, np.full((scene.mjm.nbody, 2), -1)
+    for i, members in enumerate(scene.config.variants.values()):
+        kind[[scene.bodies[member] for member in members]] = [(i, number) for number in range(len(members))]
+    owners = np.repeat(full.jnt_bodyid, np.diff([*full.jnt_qposadr.tolist(), full.nq]))
+    mocap = np.flatnonzero(full.body_mocapid >= 0)
+    mocap = mocap[np.argsort(full.body_mocapid[mocap])]
+    first = full.jnt_qposadr[full.body_jntadr[owners]], sim.jnt_qposadr[sim.body_jntadr[scene.sim_bodies[owners]]]
+    kinds = (kind[bodies] for bodies in ([scene.bodies[name] for name in slot_names(scene.config)], owners, mocap))
+    adr = np.arange(full.nq) - first[0] + first[1], sim.body_mocapid[scene.sim_bodies[mocap]]
+    places = Places()
+    places.slot_kind, places.qpos_kind, places.mocap_kind = (wp.array(each, dtype=wp.vec2i, ndim=1) for each in kinds)
+    places.qpos_adr, places.mocap_adr = (wp.array(each, dtype=int, ndim=1) for each in adr)
+    return places
 
 
-def owners_of_qpos(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the body that each element of qpos moves, shape (nq,)."""
-    return np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr.tolist(), mjm.nq]))
-
-
-def mocap_bodies(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the mocap bodies in the order of their numbers, shape (nmocap,)."""
-    bodies = np.flatnonzero(mjm.body_mocapid >= 0)
-    return bodies[np.argsort(mjm.body_mocapid[bodies])]
+def _words(scene: SceneModel, m: mjw.Model, varied: Mapping[str, wp.array]) -> list[wp.array]:
+    """Return a table of words of 32 bits, shape (most variants, nword), and the objects and addresses of the words."""
+    words: list[tuple[int, wp.array, int, int, np.ndarray]] = []
+    for k, (name, members) in enumerate(scene.config.variants.items()):
+        bodies = [scene.bodies[member] for member in members]
+        for field, i, values, _ in _rows(scene, name, bodies, seen=False):
+            words += [(k, getattr(m, field), i, word, column) for word, column in enumerate(values.T)]
+        # nobody else writes to copies, so they keep what is the same in all variants, but for colours of draws
+        for field, i, values, held in _rows(scene, name, bodies, seen=True):
+            differs = (values != held).any(axis=0) | (field == "geom_rgba")
+            words += [(k, varied[field], i, word, values[:, word]) for word in np.flatnonzero(differs).tolist()]
+    table = np.zeros((max(map(len, scene.config.variants.values())), len(words)), np.int32)
+    for column, (*_, values) in zip(table.T, words, strict=True):
+        column[: len(values)] = values
+    address = [array.ptr + i * array.strides[1] + 4 * word for _, array, i, word, _ in words]
+    stride = [array.strides[0] for _, array, *_ in words]
+    arrays = [wp.array(table, dtype=int), wp.array([k for k, *_ in words], dtype=int)]
+    return [*arrays, wp.array(address, dtype=wp.uint64), wp.array(stride, dtype=wp.int64)]
 
 
 def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:

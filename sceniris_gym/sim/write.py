@@ -1,5 +1,7 @@
 """`StateWriter`: writes layouts into the simulation's Data by mask, the whole of a world or chosen bodies."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -16,8 +18,9 @@ from sceniris_gym.sim.rest import RestMap, history_samples
 wp.set_module_options({"enable_backward": False})
 
 
-class Poses(NamedTuple):
-    """The poses of layouts on the device.
+@wp.struct
+class Poses:
+    """The poses of layouts or worlds on the device.
 
     Attributes:
         qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
@@ -25,14 +28,16 @@ class Poses(NamedTuple):
         mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nrow, nmocap).
     """
 
-    qpos: wp.array
-    mocap_pos: wp.array
-    mocap_quat: wp.array
+    qpos: wp.array2d[float]
+    mocap_pos: wp.array2d[wp.vec3]
+    mocap_quat: wp.array2d[wp.quat]
 
 
-def poses_of(layouts: LayoutsView) -> Poses:
-    """Return the poses of layouts, in the same memory."""
-    return Poses(layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
+def poses_of(rows: LayoutsView | mjw.Data) -> Poses:
+    """Return the poses of layouts or of worlds, in the same memory."""
+    poses = Poses()
+    poses.qpos, poses.mocap_pos, poses.mocap_quat = rows.qpos, rows.mocap_pos, rows.mocap_quat
+    return poses
 
 
 class Addresses(NamedTuple):
@@ -84,10 +89,8 @@ def _write_state(
     start: wp.array[int],
     start_rows: wp.array[int],
     rows: wp.array[int],
-    # Layouts in:
-    qpos_in: wp.array2d[float],
-    mocap_pos_in: wp.array2d[wp.vec3],
-    mocap_quat_in: wp.array2d[wp.quat],
+    # Poses in: qpos, mocap_pos, mocap_quat
+    poses: Poses,
     # Data out:
     qpos_out: wp.array2d[float],
     qvel_out: wp.array2d[float],
@@ -113,7 +116,7 @@ def _write_state(
         kind = start[row_of(worldid, start_rows)]
 
     if i < qposadr.shape[0]:
-        position = float(qpos_in[row, qposadr[i]])
+        position = float(poses.qpos[row, qposadr[i]])
         if origins:
             if axis[i] >= 0:
                 position += origins[worldid][axis[i]]
@@ -122,19 +125,19 @@ def _write_state(
         qvel_out[worldid, dofadr[i]] = 0.0
         warmstart_out[worldid, dofadr[i]] = 0.0
     if i < mocapid.shape[0]:
-        mocap_pos_out[worldid, mocapid[i]] = mocap_pos_in[row, mocapid[i]]
+        mocap_pos_out[worldid, mocapid[i]] = poses.mocap_pos[row, mocapid[i]]
         if origins:
             mocap_pos_out[worldid, mocapid[i]] += origins[worldid]
-        mocap_quat_out[worldid, mocapid[i]] = mocap_quat_in[row, mocapid[i]]
+        mocap_quat_out[worldid, mocapid[i]] = poses.mocap_quat[row, mocapid[i]]
     # from the layout, not from qpos_out or ctrl_out: other threads of this launch are writing those
     if i < elemid.shape[0]:
         element, nu = elemid[i], ctrl_out.shape[1]
         if element < nu:
-            ctrl_out[worldid, element] = control_at_start(grips, kind, rest, worldid, element, qpos_in[row])
+            ctrl_out[worldid, element] = control_at_start(grips, kind, rest, worldid, element, poses.qpos[row])
         else:
-            act_out[worldid, element - nu] = control_at_start(grips, kind, rest, worldid, element, qpos_in[row])
+            act_out[worldid, element - nu] = control_at_start(grips, kind, rest, worldid, element, poses.qpos[row])
     if i < sampleadr.shape[0]:
-        history_out[worldid, sampleadr[i]] = control_at_start(grips, kind, rest, worldid, sampled[i], qpos_in[row])
+        history_out[worldid, sampleadr[i]] = control_at_start(grips, kind, rest, worldid, sampled[i], poses.qpos[row])
     if i < plastic.shape[0]:
         plastic_out[worldid, i] = plastic[i]
 
@@ -215,5 +218,5 @@ class StateWriter:
             start: Kind of start of each row of layouts, shape (nrow,), int32; None closes no fingers.
             start_rows: The same as `rows` for `start`.
         """
-        inputs, device = [*self._inputs, start, start_rows, rows, *poses], self._outputs[0].device
+        inputs, device = [*self._inputs, start, start_rows, rows, poses], self._outputs[0].device
         wp.launch(_write_state, self._dim, inputs=inputs, outputs=self._outputs, device=device)

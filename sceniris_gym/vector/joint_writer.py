@@ -11,7 +11,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.sim.rest import RestMap
-from sceniris_gym.sim.write import Poses, StateWriter
+from sceniris_gym.sim.write import StateWriter, poses_of
 
 
 class JointWriter:
@@ -31,7 +31,7 @@ class JointWriter:
         self._columns = torch.tensor(mjm.jnt_qposadr[list(joints)], dtype=torch.int64, device=self._qpos.device)
         self._mask = torch.zeros(d.nworld, dtype=torch.bool, device=self._qpos.device)
         self._writer = StateWriter(mjm, d, wp.from_torch(self._mask, dtype=wp.bool), rest, joints=joints)
-        self._poses = Poses(d.qpos, d.mocap_pos, d.mocap_quat)
+        self._poses = poses_of(d)
 
     def write(self, qpos: Tensor, mask: Tensor) -> None:
         """Set the joints of masked worlds to `qpos`, shape (num_envs, njoint); the other worlds keep theirs."""

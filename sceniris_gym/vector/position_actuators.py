@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArmError
 from sceniris_gym.reach.arm import joint_label
-from sceniris_gym.sim.rest import rest_map
+from sceniris_gym.sim.rest import affine_law, rest_map
 from sceniris_gym.sim.versions import actuator_controls
 from sceniris_gym.vector.readings import as_columns
 
@@ -39,9 +39,7 @@ class PositionActuators:
             return torch.tensor(values, dtype=torch.float32, device=device)
 
         rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
-        matrix, controls, columns = np.zeros((mjm.nu + mjm.na, mjm.nq)), [], mjm.jnt_qposadr[list(joints)]
-        rows = np.repeat(np.arange(len(matrix)), np.diff(rest.rowadr.numpy()))
-        np.add.at(matrix, (rows, rest.qposadr.numpy()), rest.coef.numpy()[0])
+        (constants, matrix), controls, columns = affine_law(rest, mjm.nq), [], mjm.jnt_qposadr[list(joints)]
         alone = np.count_nonzero(matrix[: mjm.nu], axis=1) == 1
         owner = np.repeat(np.arange(len(mjm.actuator_trntype)), actuator_controls(mjm)[1])
         for joint, column in zip(joints, columns, strict=True):
@@ -49,7 +47,7 @@ class PositionActuators:
             _check_number(mjm, joint, [int(owner[e]) for e in found], where)
             controls += found
         self._mjm, self._joints, self._actuators = mjm, list(joints), owner[controls]
-        self._scale, bias = matrix[controls, columns], rest.bias.numpy()[0, controls]
+        self._scale, bias = matrix[controls, columns], constants[controls]
         ends = np.sort(
             [(limit[controls] - bias) / self._scale for limit in (rest.lower.numpy(), rest.upper.numpy())], axis=0
         )

@@ -74,8 +74,7 @@ class LayoutDeck:
     def __init__(self, compiled: CompiledScene, num: int) -> None:
         self.compiled, self.num = compiled, num
         self._generators: dict[tuple[str, bool], LayoutGenerator] = {}
-        self.layouts = 0
-        self.valid = 0
+        self.layouts = self.valid = 0
         self.counts = np.zeros((max(len(compiled.placed), 1), len(Cause)), np.int64)
 
     def make(self, where: Where) -> LayoutTable:

@@ -7,6 +7,7 @@ import os
 import pickle
 import shutil
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def test_a_loader_sees_every_row_once(written: Path, table: LayoutTable, workers
 
 def test_rows_come_in_the_order_asked_for(written: Path, table: LayoutTable, monkeypatch: pytest.MonkeyPatch):
     """From all parts, twice the same too, and with fewer maps open than there are parts; copies, never the file."""
-    monkeypatch.setattr(reader, "_OPEN", 1)
+    monkeypatch.setattr(reader, "_mapped", lru_cache(1)(reader._mapped.__wrapped__))
     dataset, wanted = LayoutDataset(written), [39, 0, 16, 0, -1]
     found = dataset.rows(wanted)
     np.testing.assert_array_equal(found["qpos"], table.qpos[wanted])

@@ -142,7 +142,26 @@ def test_the_whole_scene_lights_and_materials(build):
             "box.randomize.damping: cannot be .*: it is 0 in the model",
         ),
         ({"box": {"gains": {"scale": [1, 2]}}}, SceneKeyError, "nothing in the model has it"),
-        ({"box": {"mass": {"choice": ["heavy"]}}}, UnknownNameError, "unknown texture 'heavy'"),
+        (
+            {"box": {"mass": {"choice": ["heavy"]}}},
+            SceneKeyError,
+            "choice: .* its values should be numbers, got 'heavy'",
+        ),
+        (
+            {"box": {"solref": {"abs": [[-100, -1], [0.02, 1]]}}},
+            SceneKeyError,
+            "solref.abs: .* should be above 0, or none of them",
+        ),
+        (
+            {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 2], [0.9, 1.5, 0.001, 0.5, 2]]}}},
+            SceneKeyError,
+            "solimp.abs: .* from 0.95 to 1.5 and should be from 0 to 1",
+        ),
+        (
+            {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 0.5], [0.9, 0.95, 0.001, 0.5, 2]]}}},
+            SceneKeyError,
+            "solimp.abs: .* from 0.5 to 2 and should be from 1 to inf",
+        ),
         ({"randomize": {"lights": {"lam": {"pos": {"add": [0, 1]}}}}}, UnknownNameError, "Did you mean 'lamp'"),
         (
             {"randomize": {"materials": {"grain": {"texid": {"choice": ["steal"]}}}}},
@@ -175,6 +194,13 @@ def test_draws_that_nothing_reads_are_refused(build, scene: dict):
     """Of free bodies, of those that never move, and of cameras with a lens."""
     with pytest.raises(SceneKeyError, match=r"cannot be .*: nothing in the model has it, or it has no effect"):
         build(**scene)
+
+
+def test_both_formats_of_solref_can_be_chosen_from(build):
+    """Each value has one of them."""
+    assert only(build(box={"solref": {"choice": [[0.02, 1], [-100, -1]]}})).choice.shape == (2, 2)
+    with pytest.raises(SceneKeyError, match="should be above 0, or none of them"):
+        build(box={"solref": {"choice": [[0.02, 1], [-100, 1]]}})
 
 
 def test_elements_that_do_not_read_a_field_are_left_out(build):

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.sim.derived import FOLLOWS, DerivedFields
+from sceniris_gym.sim.derived import FOLLOWS, launch_derived
+from sceniris_gym.sim.derived_tables import derived_tables
 
 NWORLD = 12
 MASK = np.arange(NWORLD) % 3 != 1
@@ -105,7 +106,7 @@ def check(mjm: mujoco.MjModel, models: list[mujoco.MjModel]) -> None:
                 wide = np.stack([getattr(one, name) for one in given]).reshape(NWORLD, *array.numpy().shape[1:])
                 setattr(m, name, wp.array(wide, dtype=array.dtype))
         before = {name: getattr(m, name).numpy().copy() for name in outputs}
-        DerivedFields(mjm, m, NWORLD).launch(wp.array(MASK, dtype=wp.bool), outputs)
+        launch_derived(derived_tables(mjm, NWORLD), m, wp.array(MASK, dtype=wp.bool), outputs)
     for world, expected in enumerate(models):
         mujoco.mj_setConst(expected, mujoco.MjData(expected))
         for name in outputs:
@@ -145,7 +146,7 @@ def test_weights_in_a_long_chain_are_those_of_mujoco():
         expected = m.body_invweight0.numpy().copy()
         m.body_invweight0.zero_()
         outputs = ["body_invweight0", "dof_invweight0", "tendon_invweight0", "actuator_acc0"]
-        DerivedFields(mjm, m, 1).launch(wp.ones(1, dtype=wp.bool), outputs)
+        launch_derived(derived_tables(mjm, 1), m, wp.ones(1, dtype=wp.bool), outputs)
     np.testing.assert_allclose(m.body_invweight0.numpy(), expected, rtol=0.03)
 
 
@@ -157,6 +158,6 @@ def test_only_fields_with_a_row_for_each_world_are_written():
         before = m.body_invweight0.numpy().copy()
         m.body_mass.fill_(2.0)
         m.body_subtreemass = wp.zeros((NWORLD, mjm.nbody), dtype=float)
-        DerivedFields(mjm, m, NWORLD).launch(wp.ones(NWORLD, dtype=wp.bool), ["body_subtreemass"])
+        launch_derived(derived_tables(mjm, NWORLD), m, wp.ones(NWORLD, dtype=wp.bool), ["body_subtreemass"])
     np.testing.assert_array_equal(m.body_subtreemass.numpy()[:, 0], 2.0 * mjm.nbody)
     np.testing.assert_array_equal(m.body_invweight0.numpy(), before)

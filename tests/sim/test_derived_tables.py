@@ -11,14 +11,13 @@ from tests.sim.test_derived import MACHINE
 
 
 def test_each_tree_has_a_block_of_its_own():
-    """Of degrees of freedom that follow each other, and with a square of memory."""
+    """Of degrees of freedom that follow each other, in rows as long as the largest one needs."""
     mjm = mujoco.MjModel.from_xml_string(MACHINE)
     with wp.ScopedDevice("cpu"):
         tables = derived_tables(mjm, 3)
-    row = tables.dof_row.numpy()
-    places = [row[i] + j for i in range(mjm.nv) for j in np.flatnonzero(mjm.dof_treeid == mjm.dof_treeid[i])]
-    np.testing.assert_array_equal(places, np.arange((mjm.tree_dofnum**2).sum()))
-    assert tables.inverse.shape == (3, 2, len(places))
+    for i, (first, end) in enumerate(tables.dof_block.numpy()):
+        np.testing.assert_array_equal(np.arange(first, end), np.flatnonzero(mjm.dof_treeid == mjm.dof_treeid[i]))
+    assert tables.inverse.shape == (3, 2, mjm.nv, mjm.tree_dofnum.max())
 
 
 def test_jacobians_of_tendons_are_those_of_mujoco():
@@ -29,4 +28,7 @@ def test_jacobians_of_tendons_are_those_of_mujoco():
     mujoco.mj_forward(mjm, data)
     with wp.ScopedDevice("cpu"):
         tables = derived_tables(mjm, 1)
-    np.testing.assert_allclose(tables.moment.numpy()[: mjm.ntendon, :, 0] @ data.qvel, data.ten_velocity, atol=1e-5)
+    first = 2 * mjm.nbody + mjm.nv
+    np.testing.assert_allclose(
+        tables.jacobian.numpy()[first : first + mjm.ntendon, :, 0] @ data.qvel, data.ten_velocity, atol=1e-5
+    )

@@ -84,7 +84,7 @@ def test_bits_are_those_of_one_world_alone(device: str, variants: bool):
         for earlier, later in zip(steps[0], steps[-1], strict=True):
             for name, array in earlier.items():
                 np.testing.assert_array_equal(array, later[name], err_msg=f"{name} {prefetch} {graph}")
-    assert {*FOLLOW, "body_mass", "geom_friction", "coef"} < set(after)
+    assert {*FOLLOW, "body_mass", "geom_friction", "rest"} < set(after)
     seed, episode = (getattr(randomizer.layouts, name).numpy() for name in ("seed", "episode"))
     for world in range(NWORLD):
         alone.reset(seeds=int(seed[world]), episodes=int(episode[world]))

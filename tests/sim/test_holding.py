@@ -9,7 +9,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.sim.holding import GAINS, HoldingControls
+from sceniris_gym.sim.holding import GAINS, launch_holding
 from sceniris_gym.sim.rest import rest_map
 
 NWORLD = 6
@@ -60,19 +60,19 @@ def test_controls_follow_gains_where_they_held_the_pose():
         qpos = np.random.default_rng(0).uniform(-1.0, 1.0, (NWORLD, 2)).astype(np.float32)
         d.qpos.assign(qpos)
         rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
-        follower = HoldingControls(mjm, m, d, rest)
+        rest.law = wp.array(np.repeat(rest.law.numpy(), NWORLD, axis=0), dtype=wp.vec2, ndim=2)
         everywhere = wp.ones(NWORLD, dtype=wp.bool)
         held = np.stack([qpos[:, 0] * 2.0, (5.0 * qpos[:, 1] - 0.4) / 3.0, 0.0 * qpos[:, 0]], axis=1)
         d.ctrl.assign(held)
         d.act.assign(held[:, 1:2])
-        follower.launch(everywhere)
+        launch_holding(rest, m, d, everywhere)
         np.testing.assert_allclose(d.ctrl.numpy(), held, atol=1e-6)
         for name in GAINS:
             array, rows = getattr(m, name), np.stack([getattr(each, name) for each in models])
             setattr(m, name, wp.array(rows, dtype=array.dtype))
         d.ctrl.numpy()[2, 0] = 7.0
         before = d.ctrl.numpy().copy()
-        follower.launch(wp.array(MASK, dtype=wp.bool))
+        launch_holding(rest, m, d, wp.array(MASK, dtype=wp.bool))
     ctrl, act = d.ctrl.numpy(), d.act.numpy()
     np.testing.assert_array_equal(ctrl[~MASK], before[~MASK])
     assert ctrl[2, 0] == 7.0

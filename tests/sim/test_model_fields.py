@@ -148,6 +148,7 @@ def test_factors_are_of_the_values_of_the_model(make, small_scene):
         for name in ("body_mass", "geom_friction"):
             randomizer.scale_field(name, "block", wp.array(factors, dtype=float))
             randomizer.scale_field(name, "block", wp.to_torch(wp.array(factors, dtype=float)))
+            randomizer.scale_field(name, "block", factors)
         randomizer.refresh()
         wanted, factors = np.where(mask, factors, wanted), factors[::-1].copy()
     m, mjm = randomizer.model, small_scene.mjm
@@ -169,6 +170,8 @@ def test_factors_of_another_shape_or_of_no_numbers_are_errors(make):
         randomizer.scale_field("body_mass", "block", wp.ones(2, dtype=float))
     with pytest.raises(ArgumentError, match=r"factor should have shape \(5,\), got float"):
         randomizer.scale_field("body_mass", "block", 2.0)
+    with pytest.raises(ArgumentError, match=r"scale_field: factor should hold float32, got float64"):
+        randomizer.scale_field("body_mass", "block", wp.ones(NWORLD, dtype=wp.float64))
     ones = wp.ones(NWORLD, dtype=float)
     with pytest.raises(ArgumentError, match=r"mask should have shape \(5,\), got \(2,\)"):
         randomizer.fields.scale("body_mass", "block", ones, wp.ones(2, dtype=wp.bool), "scale_field")
@@ -192,3 +195,5 @@ def test_unknown_fields_are_told_before_a_model_is_made(small_scene):
     """By their nearest names."""
     with pytest.raises(UnknownNameError, match="Did you mean 'geom_friction'"):
         put_model(small_scene, 3, "geom_frictions")
+    with pytest.raises(UnknownNameError, match=r"unknown model field '\('body_mass',\)'. Did you mean 'body_mass'"):
+        put_model(small_scene, 3, ("body_mass",))  # type: ignore[arg-type]

@@ -43,7 +43,9 @@ def test_worlds_are_read_as_the_layouts_that_were_written(compiled: CompiledScen
         randomizer.write(table, np.arange(NWORLD))
         present = np.where(np.arange(len(compiled.slots)) == apple, wanted[0], table.present)
         wanted = present, table.qpos.astype(np.float32), table.mocap_pos.astype(np.float32)
-    reader = VariantReader(compiled.scene, batch.data, randomizer.variant, randomizer.layouts.view)
+    variants = randomizer._writer.variants
+    assert variants is not None
+    reader = VariantReader(batch.data, variants, randomizer.layouts.view)
     reader.launch(wp.array(HALF, dtype=bool, device="cpu"))
     found = [getattr(reader.state, name).numpy() for name in ("present", "qpos", "mocap_pos")]
     assert not any(values[~HALF].any() for values in found)

@@ -9,7 +9,7 @@ import warp as wp
 
 from sceniris_gym.layout.masks import mask_of_rows
 from sceniris_gym.sim.rest import rest_map
-from sceniris_gym.sim.write import Poses, StateWriter
+from sceniris_gym.sim.write import Poses, StateWriter, poses_of
 
 ACTUATORS = """
 <mujoco>
@@ -64,11 +64,10 @@ def written(
         d = mjw.make_data(model, nrow if rows is None else len(rows))
         for array in (d.qpos, d.ctrl, d.act):
             array.fill_(-7.0)
-        poses = Poses(
-            qpos=wp.array(qpos, dtype=float),
-            mocap_pos=wp.full((nrow, 1), wp.vec3(1.0, 2.0, 3.0), dtype=wp.vec3),
-            mocap_quat=wp.full((nrow, 1), wp.quat(0.5, -0.5, 0.5, -0.5), dtype=wp.quat),
-        )
+        poses = Poses()
+        poses.qpos = wp.array(qpos, dtype=float)
+        poses.mocap_pos = wp.full((nrow, 1), wp.vec3(1.0, 2.0, 3.0), dtype=wp.vec3)
+        poses.mocap_quat = wp.full((nrow, 1), wp.quat(0.5, -0.5, 0.5, -0.5), dtype=wp.quat)
         which = wp.array([True] * d.nworld if mask is None else mask, dtype=wp.bool)
         given = None if rows is None else wp.array(rows, dtype=int)
         if given is not None:
@@ -132,5 +131,5 @@ def test_springs_of_masked_worlds_are_at_home():
         d.plastic = wp.full((3, 2), 9.0, dtype=float)
         mask = wp.array([True, False, True], dtype=wp.bool)
         rest = rest_map(model, HOME_CTRL, HOME_ACT, "cpu")
-        StateWriter(model, d, mask, rest, plastic=np.array([1.0, 2.0])).launch(Poses(d.qpos, d.mocap_pos, d.mocap_quat))
+        StateWriter(model, d, mask, rest, plastic=np.array([1.0, 2.0])).launch(poses_of(d))
     assert d.plastic.numpy().tolist() == [[1.0, 2.0], [9.0, 9.0], [1.0, 2.0]]

@@ -15,7 +15,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.rest import rest_map
+from sceniris_gym.sim.rest import affine_law, rest_map
 from tests.oracle.hostile_words import Served
 
 
@@ -35,12 +35,8 @@ def serve(scene: Mapping[str, Any], nworld: int, device: str | None) -> tuple[mu
     mocap = [a.numpy()[:, : mjm.nmocap].astype(float) for a in (layouts.mocap_pos, layouts.mocap_quat)]
     home_act = mjm.key("home").act
     rest = rest_map(mjm, compiled.scene.home_ctrl, home_act, "cpu")
-    rowadr, qposadr, coef = rest.rowadr.numpy(), rest.qposadr.numpy(), rest.coef.numpy()[0]
-    values = np.tile(rest.bias.numpy()[0].astype(float), (nworld, 1))
-    for e in range(mjm.nu + mjm.na):
-        terms = slice(rowadr[e], rowadr[e + 1])
-        values[:, e] += qpos[:, qposadr[terms]] @ coef[terms]
-    values = np.clip(values, rest.lower.numpy(), rest.upper.numpy())
+    constants, factors = affine_law(rest, mjm.nq)
+    values = np.clip(constants + qpos @ factors.T, rest.lower.numpy(), rest.upper.numpy())
     return mjm, Served(qpos, mocap[0], mocap[1], values[:, : mjm.nu], values[:, mjm.nu :])
 
 

@@ -40,6 +40,16 @@ def test_random_numbers_fill_their_range_evenly(make_env):
     assert values.std() == pytest.approx(np.sqrt(1 / 12), abs=0.02)
 
 
+def test_random_numbers_of_a_name_have_the_shape_that_is_asked_for(make_env):
+    """A number is that of columns; environments and their randomizers draw the same."""
+    envs = make_env(2)
+    envs.reset(seed=0)
+    for shape, wanted in (((), (2,)), (3, (2, 3)), ((3, 2), (2, 3, 2))):
+        values = envs.state.random("name", shape)
+        assert values.shape == wanted
+        assert torch.equal(values, wp.to_torch(envs.randomizer.random("name", shape)))
+
+
 def draws(low: float = 0.0, high: float = 1.0, *, n: int = 8, stream: int = 0, step: int = 0) -> np.ndarray:
     """Return what 2000 worlds, of seeds 0 to 1999 and episode 3, draw; shape (2000, n)."""
     seed = wp.array(np.arange(2000, dtype=np.uint64), dtype=wp.uint64, device="cpu")

@@ -142,7 +142,9 @@ def first_scene(path: Path) -> FirstScene:
     where = str(path)
     mjm = compile_spec(load_model(path, where), where)
     data = mujoco.MjData(mjm)
-    home, *others = _homes(mjm) or [None]
+    names = [mjm.key(i).name for i in range(mjm.nkey)]
+    attached = [name for name in names if name.rpartition("/")[2] == HOME]  # models with a prefix have one each
+    home, *others = [HOME] if HOME in names else attached or [None]
     data.qpos[:] = mjm.qpos0 if home is None else mjm.key(home).qpos
     mujoco.mj_kinematics(mjm, data)
     start = f"qpos0, as it has no keyframe '{HOME}'" if home is None else f"its keyframe '{home}'"
@@ -158,12 +160,6 @@ def first_scene(path: Path) -> FirstScene:
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
     named, robot = None if home == HOME else home, _robot(mjm, data, arms)
     return FirstScene(path, f"The start pose is {start}.", named, robot, entries, supports)
-
-
-def _homes(mjm: mujoco.MjModel) -> list[str]:
-    """Return the keyframe 'home'; without it, those that are called so in models attached with a prefix."""
-    names = [mjm.key(i).name for i in range(mjm.nkey)]
-    return [HOME] if HOME in names else [name for name in names if name.rpartition("/")[2] == HOME]
 
 
 @dataclass(frozen=True)

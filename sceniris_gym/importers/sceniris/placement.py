@@ -89,12 +89,8 @@ def place(keys: KeyReader, views: Views, limits: np.ndarray | None) -> dict:
     keys.made(f"{keys.path}.{word}", "parent_id")
     keys.made(f"{keys.path}.region", "position.xy_limit")
     keys.made(f"{keys.path}.relations", "constraints")
-    return {word: parent, "ratio_on_support": _ratio(keys), "region": region, "relations": relations}
-
-
-def _ratio(keys: KeyReader) -> float:
-    ratio = keys.number("ratio_on_support", 0.0)
-    whole = min(max(ratio, 0.0), 1.0)
-    if whole != ratio:
-        keys.change("ratio_on_support", f"{ratio:g} is clipped to {whole:g}, as in the original")
-    return whole
+    asked = keys.number("ratio_on_support", 0.0)
+    ratio = min(max(asked, 0.0), 1.0)
+    if ratio != asked:
+        keys.change("ratio_on_support", f"{asked:g} is clipped to {ratio:g}, as in the original")
+    return {word: parent, "ratio_on_support": ratio, "region": region, "relations": relations}

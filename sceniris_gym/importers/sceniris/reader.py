@@ -84,11 +84,7 @@ def read_sceniris(
         objects, {robot: turn for key in _ROBOT_VIEWS for robot, turn in env.section(key).everything().items()}
     )
     arm, under = robot_words(robot, env)
-    if tier not in TIERS:
-        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
-    for name in (assets := assets or {}):
-        if name not in objects:
-            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
+    _check_names(tier, assets := assets or {}, objects)
     size, limits = _workspace(env, objects, under)
     parents = {str(part.value("parent_id")).split("/")[0] for part in objects.values()}
     reach = None if arm is None else tier
@@ -128,6 +124,14 @@ def _workspace(
         limits = 0.5 * np.array([-size, size]) if limits is None else limits
         size = np.maximum(size, needed)
     return size, limits
+
+
+def _check_names(tier: str, assets: Mapping[str, str], objects: Mapping[str, KeyReader]) -> None:
+    if tier not in TIERS:
+        raise UnknownNameError("tier", str(tier), "read_sceniris: tier", TIERS)
+    for name in assets:
+        if name not in objects:
+            raise UnknownNameError("object", name, "read_sceniris: assets", objects)
 
 
 def _check_parts(config: SceneConfig, origins: Mapping[str, str]) -> None:
