@@ -43,6 +43,7 @@ class Replacer:
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
+        mask: The worlds of the latest redraw, shape (nworld,), bool; `launch` takes it as it is.
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
         kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
@@ -53,7 +54,7 @@ class Replacer:
         self._simulation, self._layouts, self._alone, self._graph = simulation, layouts, alone, graph
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         nworld, self._device = simulation.data.nworld, simulation.data.qpos.device
-        self._mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)
+        self.mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)
         self.number, self.status, self.kept = self._counts = RedrawCounts.zeros(nworld, self._device)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
@@ -75,7 +76,7 @@ class Replacer:
             if self._device.is_capturing:
                 raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
             self.prepared[key] = self._prepare(names)
-        fill_mask(mask, self._mask)
+        fill_mask(mask, self.mask)
         self.prepared[key]()
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
@@ -99,12 +100,12 @@ class Replacer:
 
         def launches() -> None:
             if reader is not None:
-                reader.launch(self._mask)
-            redraw.launch(state, self._mask, self._counts, simulation.origins)
+                reader.launch(self.mask)
+            redraw.launch(state, self.mask, self._counts, simulation.origins)
             poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             if trees.shape[0] > 0:
-                wp.launch(_wake, (d.nworld, trees.shape[0]), [self._mask, trees], [d.tree_awake], device=device)
+                wp.launch(_wake, (d.nworld, trees.shape[0]), [self.mask, trees], [d.tree_awake], device=device)
             refresh()
 
         return LaunchSequence(launches, device, graph=self._graph)

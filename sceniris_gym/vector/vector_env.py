@@ -21,7 +21,7 @@ from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.masks import as_host_mask
+from sceniris_gym.layout.masks import as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
@@ -188,6 +188,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         words: dict[str, Any] = {"layout_source": layout_source, "levels": levels, "knobs": knobs, "split": split}
         worlds = TaskWorlds(self.task, self.compiled, num_envs, room, **words, prefetch=prefetch, graph=graph)
         self._worlds, self.batch, self.randomizer = worlds, worlds.batch, worlds.randomizer
+        self._redrawn = wp.to_torch(self.randomizer.replacer.mask)
         self.split = self.randomizer.split
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
         fps = round(1.0 / self.state.dt)
@@ -287,8 +288,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             UnknownNameError, ArgumentError, MaskTypeError, MaskError: As ResetRandomizer.replace.
         """
         self._check_ready("replace")
+        replacer = self.randomizer.replacer
         with on_torch_stream(self.batch.device):
-            self.randomizer.replace(objects, mask)
+            if isinstance(mask, Tensor):  # it takes a tenth of the time of a view for Warp
+                check_mask(mask, self.num_envs)
+                self._redrawn.copy_(mask)
+                replacer.launch(objects, replacer.mask)
+            else:
+                self.randomizer.replace(objects, mask)
 
     @exclusive
     def snapshot(self, mask: Any = None) -> Snapshot:
