@@ -8,7 +8,7 @@ a LayoutsView, of which seeds and episodes, starts, presence and positions are r
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,7 +16,6 @@ import warp as wp
 
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.device.angles import unit_circle
-from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
@@ -30,9 +29,6 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-_LANES = 32
-"""Lanes that read a world."""
 
 
 class RedrawCounts(NamedTuple):
@@ -118,54 +114,43 @@ def _read_state(
     is_redrawn: wp.array[bool],
     anchor: wp.array[int],
     added: wp.array[int],
-    depth: int,  # number of bodies in the longest chain
-    width: int,
     # In:
     number: wp.array[int],
     origins: wp.array[wp.vec3],
-    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present
     state: LayoutsView,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, place, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, start, present, pending_seed, pending_episode, place, bounds, body_pos,
+    # Layouts out: qpos, mocap_pos, mocap_quat, present, pending_seed, pending_episode, place, bounds, body_pos,
     #   body_quat
     layouts: LayoutsView,
 ):
-    worldid, lane = wp.tid()
+    worldid = wp.tid()
     if not mask[worldid]:
         return
-    lanes = wp.block_dim()
-    if lane == 0:
-        episode, stream = state.episode[worldid], numbered_stream(split, wp.static(REDRAW_STREAM))
-        counter = wp.vec4ui(wp.uint32(episode), stream, wp.uint32(number[worldid]), wp.uint32(0))
-        words = philox(state.seed[worldid], counter)
-        layouts.pending_seed[worldid] = wp.uint64(words[0]) | (wp.uint64(words[1]) << wp.uint64(32))
-        layouts.pending_episode[worldid] = episode
-    for i in range(lane, width, lanes):
-        copy_poses(state, worldid, layouts, worldid, i)
-        if i < is_redrawn.shape[0]:
-            if is_redrawn[i]:
-                layouts.qpos[worldid, i] = program.home_qpos[i]
-        if i < state.mocap_quat.shape[1]:
-            layouts.mocap_quat[worldid, i] = wp.normalize(layouts.mocap_quat[worldid, i])
-    block_sync()
-    for i in range(lane, added.shape[0], lanes):
+    episode, stream = state.episode[worldid], numbered_stream(split, wp.static(REDRAW_STREAM))
+    counter = wp.vec4ui(wp.uint32(episode), stream, wp.uint32(number[worldid]), wp.uint32(0))
+    words = philox(state.seed[worldid], counter)
+    layouts.pending_seed[worldid] = wp.uint64(words[0]) | (wp.uint64(words[1]) << wp.uint64(32))
+    layouts.pending_episode[worldid] = episode
+    for i in range(layouts.present.shape[1]):
+        layouts.present[worldid, i] = state.present[worldid, i]
+    for i in range(added.shape[0]):
         layouts.present[worldid, added[i]] = 1
-    nbody = program.body_parent.shape[0]
-    if origins:
-        for body in range(1 + lane, nbody, lanes):
-            adr = body_adr[body]
+    for i in range(layouts.qpos.shape[1]):
+        layouts.qpos[worldid, i] = wp.where(is_redrawn[i], program.home_qpos[i], state.qpos[worldid, i])
+    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused one where there is none
+        layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
+        layouts.mocap_quat[worldid, i] = wp.normalize(state.mocap_quat[worldid, i])
+    for body in range(1, program.body_parent.shape[0]):
+        adr = body_adr[body]
+        if origins:
             if adr[2] >= 0:
                 layouts.mocap_pos[worldid, adr[2]] -= origins[worldid]
             elif adr[0] >= 0:
                 for i in range(3):
                     layouts.qpos[worldid, adr[0] + i] -= origins[worldid][i]
-    # one lane poses parents before children; more pose all bodies, and each time one more of every chain is final
-    for _ in range(wp.where(lanes > 1, depth, 1)):
-        block_sync()
-        for body in range(1 + lane, nbody, lanes):
-            _pose_given(program, body_adr[body], layouts, worldid, body)
-    block_sync()
-    for i in range(lane, anchor.shape[0], lanes):
+        _pose_given(program, adr, layouts, worldid, body)
+    for i in range(anchor.shape[0]):
         if layouts.present[worldid, program.obj_slot[anchor[i]]] != 0:
             _place_anchor(program, layouts, worldid, anchor[i])
 
@@ -192,6 +177,7 @@ def _finish(
     number_out[worldid] += 1
     layouts.seed[worldid] = state.seed[worldid]
     layouts.episode[worldid] = state.episode[worldid]
+    layouts.start[worldid] = state.start[worldid]
     status_out[worldid] = Status.VALID
     if layouts.status[worldid] == Status.VALID:
         placed_out[worldid] = True
@@ -244,9 +230,6 @@ class Redraw(StaysHere):
             joints = mjm.jnt_type == kind
             adr[mjm.jnt_bodyid[joints], i] = mjm.jnt_qposadr[joints]
         adr[:, 2] = mjm.body_mocapid
-        depth = np.zeros(mjm.nbody, int)
-        for body in range(1, mjm.nbody):
-            depth[body] = depth[mjm.body_parentid[body]] + 1
         owner = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))
         needed = with_variants((n for name in objects for n in config.parts[name].needs), config.variants)
         anchors = [i for i, name in enumerate(compiled.placed) if name in needed and name not in objects]
@@ -254,7 +237,6 @@ class Redraw(StaysHere):
         with wp.ScopedDevice(self._device):
             self._given = [wp.array(adr, dtype=wp.vec3i), wp.array(np.isin(owner, self.bodies), dtype=bool)]
             self._given += [wp.array(anchors, dtype=int, ndim=1), wp.array(slots, dtype=int, ndim=1)]
-            self._given += [int(depth.max()), layout_width(layouts.view)]
             self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
 
     def launch(self, state: LayoutsView, mask: wp.array, counts: RedrawCounts, origins: wp.array | None = None) -> None:
@@ -268,6 +250,5 @@ class Redraw(StaysHere):
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
         read = [self._program, mask, self._split, *self._given, counts.number, origins, state]
-        words: Any = {"device": device, "block_dim": _LANES}
-        self._make(mask, lambda: wp.launch_tiled(_read_state, dim=[nworld], inputs=read, outputs=[view], **words))
-        wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed, *counts], **words)
+        self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
+        wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed, *counts], device=device)
