@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -240,20 +241,21 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             MaskError: The mask has the wrong shape, or is false everywhere.
             ResetNeeded: The first reset has a mask or a state.
         """
-        self._check_open()
+        launches = self._launching()
         mask, given = arguments.as_reset_mask(options, self.num_envs), options or {}
         kept = given.get(STATE)
         if not self._ready and (mask is not None or kept is not None):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
             )
-        source = self.randomizer.layout_source
-        chosen = arguments.as_chosen_layouts(given.get(LAYOUTS), self.num_envs, source, self.split)
+        source, chosen = self.randomizer.layout_source, given.get(LAYOUTS)
+        if chosen is not None:
+            chosen = arguments.as_chosen_layouts(chosen, self.num_envs, source, self.split)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         self.batch.fields.check()
-        with on_torch_stream(self.batch.device):
+        with launches:
             if given.get(KNOBS):
                 source.set_knobs(given[KNOBS], mask)
             if kept is not None:
@@ -287,13 +289,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetNeeded: There was no reset yet.
             UnknownNameError, ArgumentError, MaskTypeError, MaskError: As ResetRandomizer.replace.
         """
-        self._check_ready("replace")
-        replacer = self.randomizer.replacer
-        with on_torch_stream(self.batch.device):
+        with self._launching("replace"):
             if isinstance(mask, Tensor):  # it takes a tenth of the time of a view for Warp
                 check_mask(mask, self.num_envs)
                 self._redrawn.copy_(mask)
-                replacer.launch(objects, replacer.mask)
+                self.randomizer.replacer.launch(objects, self.randomizer.replacer.mask)
             else:
                 self.randomizer.replace(objects, mask)
 
@@ -313,9 +313,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetNeeded: There was no reset yet.
             MaskError, MaskTypeError: As in `replace`.
         """
-        self._check_ready("snapshot")
-        worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(as_host_mask(mask, self.num_envs))
-        with on_torch_stream(self.batch.device):
+        with self._launching("snapshot"):
+            worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(as_host_mask(mask, self.num_envs))
             return take(self.compiled.hash, self._live(), torch.from_numpy(worlds).to(self.device))
 
     @exclusive
@@ -333,8 +332,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ArgumentError: A value that the knob cannot have.
             MaskError, MaskTypeError: As in `replace`.
         """
-        self._check_open()
-        with on_torch_stream(self.batch.device):
+        with self._launching():
             self.randomizer.set_knob(name, value, mask)
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -344,9 +342,18 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         else:
             setattr(self, name, values)
 
-    def layout_ids(self) -> list[str]:
-        """Return the ids of the present layouts, one per world. Waits for the device."""
-        return self.randomizer.layout_ids()
+    def layout_ids(self, info: Mapping[str, Any] | None = None) -> list[str]:
+        """Return the ids of the present layouts, one per world. Waits for the device.
+
+        Args:
+            info: An `info` of `reset` or `step` that names other layouts; `final_info` those of episodes that ended.
+        """
+        if info is None:
+            return self.randomizer.layout_ids()
+        table, split = self.randomizer.layouts.knobs, self.split
+        knobs = map(table.text, table.rows(info.get("layout_knobs", {}), self.num_envs))
+        rows = zip(info["layout_seed"].tolist(), info["layout_episode"].tolist(), knobs, strict=True)
+        return [self.compiled.layout_id(seed, episode, split, text) for seed, episode, text in rows]
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""
@@ -382,9 +389,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             BusyError: Another thread is in a call of this environment.
             ArgumentError: The actions have the wrong shape, or are not real numbers.
         """
-        self._check_ready("step")
-        self.batch.fields.check()
-        with on_torch_stream(self.batch.device):
+        with self._launching("step"):
+            self.batch.fields.check()
             action = arguments.as_action(actions, self.action_space, self.device)
             sensors = self._observer.sensors
             delayed = action if sensors is None else sensors.delayed_action(self.state, action)
@@ -401,8 +407,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         With "human" the page is brought up to date, as after every reset and step, and nothing is returned.
         """
-        self._check_open()
-        with on_torch_stream(self.batch.device):
+        with self._launching():
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
             return self.rendering.pictures(self.batch) if self.render_mode == "rgb_array" else None
 
@@ -440,11 +445,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return {key: self._returned(item) for key, item in value.items()}
         return value.detach().cpu().numpy()
 
-    def _check_open(self) -> None:
+    def _launching(self, method: str | None = None) -> AbstractContextManager:
+        """Return a context for launches; refuse a closed environment, and a method that needs a reset before."""
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("This environment was closed. Make a new one.")
-
-    def _check_ready(self, method: str) -> None:
-        self._check_open()
-        if not self._ready:
+        if method is not None and not self._ready:
             raise gymnasium.error.ResetNeeded(f"Call reset() before {method}().")
+        return on_torch_stream(self.batch.device)
