@@ -485,17 +485,19 @@ def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = Fals
 
 @_command
 def evaluate(
-    run: Annotated[
-        Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN", help="folder of a training, with its model.pt")
-    ],
-    layouts: Annotated[int, tyro.conf.arg(help="layouts of each kind")] = 4096,
-    out: Annotated[
-        Path | None, tyro.conf.arg(aliases=["-o"], help="JSON file to write: the verdict on every layout")
-    ] = None,
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
+    layouts: int = 4096,
+    out: Out = None,
     device: Device = None,
     json: Json = False,
 ) -> str:
-    """Judge the policy of a training on layouts that it has not seen: valid ones, and ones placed without checks."""
+    """Judge the policy of a training on layouts that it has not seen: valid ones, and ones placed without checks.
+
+    Args:
+        run: folder of a training, with its model.pt
+        layouts: layouts of each kind
+        out: JSON file to write: the verdict on every layout
+    """
     check_counts(1, layouts=layouts)
     target = None if out is None else checked_target(out)
     from sceniris_gym.commands import evaluate as tool

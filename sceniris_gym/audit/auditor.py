@@ -8,7 +8,7 @@ alone decides, on the meshes that are drawn, and contacts of the colliding shape
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -20,7 +20,7 @@ from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, 
 from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of
 from sceniris_gym.audit.heaps import HeapAudit
-from sceniris_gym.audit.language import Kept, count
+from sceniris_gym.audit.language import Excess, Kept, count
 from sceniris_gym.audit.orientations import OrientationAudit
 from sceniris_gym.audit.outlines import Outlines
 from sceniris_gym.audit.pairs import judged_pairs
@@ -30,6 +30,7 @@ from sceniris_gym.audit.scene import JudgedScene
 from sceniris_gym.audit.standing import Misplaced, StandingAudit
 from sceniris_gym.audit.starts import StartAudit
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
 
 CHUNK = 500  # rows whose poses are held at once
@@ -85,27 +86,19 @@ class Report:
 
 
 class Auditor:
-    """Judges layouts of one scene.
+    """Judges layouts of one scene, and tells the progress.
 
     Args:
         mjm: The model.
         config: The scene.
         bodies: Object name -> root body id.
-        progress: Called with the name of the work, the number done, and the total.
 
     Raises:
         NotSupportedError: A geom has a type that the audit does not know.
     """
 
-    def __init__(
-        self,
-        mjm: mujoco.MjModel,
-        config: SceneConfig,
-        bodies: Mapping[str, int],
-        progress: Callable[[str, int, int], object] = lambda what, done, total: None,
-    ) -> None:
+    def __init__(self, mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int]) -> None:
         self.scene = scene = JudgedScene(mjm, config, bodies)
-        self.progress = progress
         placed = {name: part for name, part in config.parts.items() if part.kind in ("free", "fixture")}
         clearances = {name: part.clearance for name, part in {**placed, **config.all_robots}.items()}
         drawn = {name: bodies[name] for name, part in placed.items() if part.is_placed}
@@ -161,7 +154,7 @@ class Auditor:
             found = sorted((m for m in found if there[m.name][m.row]), key=lambda m: (m.row, m.name))
             misplaced += [replace(m, row=start + m.row) for m in found]
             excess.append(self.starts.excuse(self.excess(some, poses), moved))
-            self.progress("layouts judged", start + len(some), len(table))
+            tell("layouts judged", start + len(some), len(table))
         report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), count(excess))
         first = table[slice(0, settled)]
         in_the_air = [i for i, kind in enumerate(self.scene.config.start) if kind.is_held]
@@ -171,7 +164,12 @@ class Auditor:
         """Return the report with the motion of free objects in some layouts."""
         if not len(table) or not self.free:
             return report
-        mjm, limp = self.scene.mjm, limp_joints(self.scene.mjm, self._robots())
+        mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
+        joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
+        # robots, and anything else with actuators that is no object of the scene
+        names = {*config.all_robots} | {owner[body] for body in mjm.jnt_bodyid[driven]} - {*config.objects}
+        limp = limp_joints(mjm, {body for body, name in enumerate(owner) if name in names})
         motion = settle(mjm, self.free, table, frozen=limp)
         unstable: dict[str, tuple[int, str]] = {}
         for kind, text in motion.warnings.values():
@@ -187,16 +185,7 @@ class Auditor:
             unstable=unstable,
         )
 
-    def _robots(self) -> set[int]:
-        """Return the bodies of the robots, and of anything else with actuators that is no object of the scene."""
-        mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
-        joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-        driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
-        names = {owner[body] for body in mjm.jnt_bodyid[driven]}
-        names = set(config.all_robots) | names - set(config.objects)
-        return {body for body, name in enumerate(owner) if name in names}
-
-    def excess(self, table: LayoutTable, poses: Poses) -> dict[tuple[str, str, str], np.ndarray]:
+    def excess(self, table: LayoutTable, poses: Poses) -> Excess:
         """Measure relations, orientations and groups alone.
 
         Args:
@@ -238,5 +227,5 @@ class Auditor:
                 }
                 found = [a for a in found if a.row not in hit]
             alarms += [replace(a, row=start + a.row) for a in found]
-            self.progress("candidates judged", start + len(some), len(table))
+            tell("candidates judged", start + len(some), len(table))
         return alarms

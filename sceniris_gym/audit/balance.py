@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.geometry import Form, Poses, solids_of, subtree
+from sceniris_gym.audit.geometry import Form, Poses, Rows, solids_of, subtree
 from sceniris_gym.audit.scene import Carrier, JudgedScene
 from sceniris_gym.audit.standing import Misplaced, StandingAudit
 from sceniris_gym.audit.supports import HEIGHT_TOLERANCE, surface_of
@@ -43,9 +41,7 @@ class BalanceAudit:
                 below = self._owner[below]
         self._judged = [name for name in self._owner if name not in filling and not self._is_drawn(name)]
 
-    def check(
-        self, poses: Poses, supporting: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray]
-    ) -> list[Misplaced]:
+    def check(self, poses: Poses, supporting: Rows, there: Rows) -> list[Misplaced]:
         """Return the objects that fall over, or make what is below them fall; the cause is "falls".
 
         Args:

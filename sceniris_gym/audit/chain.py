@@ -36,7 +36,10 @@ class Chain:
     """
 
     def __init__(self, mjm: mujoco.MjModel, root: int, site: int) -> None:
-        self.joints = joints_between(mjm, root, int(mjm.site_bodyid[site]))
+        path = [int(mjm.site_bodyid[site])]
+        while path[-1] != root:
+            path.append(int(mjm.body_parentid[path[-1]]))
+        self.joints = np.flatnonzero(np.isin(mjm.jnt_bodyid, path[:-1]))
         limited = mjm.jnt_limited[self.joints].astype(bool)
         low, high = mjm.jnt_range[self.joints].T
         self.lower, self.upper = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
@@ -129,15 +132,6 @@ class Chain:
         """Return joints clamped to limits, hinges without limits wrapped to [-pi, pi]."""
         turns = np.where(np.isfinite(self.lower) | self._slide, 0.0, np.round(q / (2.0 * np.pi)))
         return np.clip(q - 2.0 * np.pi * turns, self.lower, self.upper)
-
-
-def joints_between(mjm: mujoco.MjModel, root: int, body: int) -> np.ndarray:
-    """Return the ids of the joints between a root and a body below it, from the root on."""
-    path = []
-    while body != root:
-        path.append(body)
-        body = int(mjm.body_parentid[body])
-    return np.flatnonzero(np.isin(mjm.jnt_bodyid, path))
 
 
 def _difference(at: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sceniris_gym.audit.distance import Narrow
-from sceniris_gym.audit.geometry import Form, Poses, Solid
+from sceniris_gym.audit.geometry import Form, Poses, Rows, Solid
 from sceniris_gym.audit.pairs import Judged, Tree
 
 MISSED_TOLERANCE = 1e-5  # m; a layout may be this much nearer than its clearance
@@ -64,7 +64,7 @@ class CollisionAudit:
         self._narrow = Narrow(solids)
         self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
 
-    def missed(self, poses: Poses, supporting: Mapping[str, np.ndarray]) -> list[Conflict]:
+    def missed(self, poses: Poses, supporting: Rows) -> list[Conflict]:
         """Return all pairs of solids that are nearer than their clearance.
 
         An object may touch the body that supports it, but not intersect it. FCL gives no penetration depth for meshes,
@@ -92,7 +92,7 @@ class CollisionAudit:
         return sorted(conflicts, key=lambda c: (c.row, c.geoms))
 
     def false_alarms(
-        self, poses: Poses, supporting: Mapping[str, np.ndarray], candidate: np.ndarray, rank: Mapping[str, int]
+        self, poses: Poses, supporting: Rows, candidate: np.ndarray, rank: Mapping[str, int]
     ) -> list[FalseAlarm]:
         """Return the rejected candidates that keep their clearance and more than a tolerance from everything.
 
@@ -106,7 +106,8 @@ class CollisionAudit:
         nearest = [FalseAlarm(row, None, np.inf) for row in range(len(candidate))]
         for pair in self.pairs:
             rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
-            required = self._required(pair, supporting, rows)
+            kept = max(pair.clearance, pair.margin)
+            required = np.where(self._lifted(pair, supporting, rows) != 0, 0.0, kept)
             surplus = self._lower_bound(pair, poses, rows) - required
             forms = {self.solids[i].form for i in (pair.first, pair.second)}
             tolerance = POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
@@ -118,11 +119,7 @@ class CollisionAudit:
             free[rows] = surplus > tolerance
         return [nearest[row] for row in np.flatnonzero(free)]
 
-    def _required(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """Return the distance [m] that the pair must keep in each of the rows."""
-        return np.where(self._lifted(pair, supporting, rows) != 0, 0.0, max(pair.clearance, pair.margin))
-
-    def _lifted(self, pair: Judged, supporting: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+    def _lifted(self, pair: Judged, supporting: Rows, rows: np.ndarray) -> np.ndarray:
         """Return for each of the rows 1 or 2 if the other solid's body supports the first or second one, else 0."""
         lifted = np.zeros(len(rows), int)
         for side, (solid, other) in enumerate(((pair.first, pair.second), (pair.second, pair.first)), start=1):

@@ -15,9 +15,8 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import mujoco
-import numpy as np
 
-from sceniris_gym.audit.geometry import home_of
+from sceniris_gym.audit.geometry import Rows, home_of
 from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -91,7 +90,7 @@ class ContactAudit:
         self._data = mujoco.MjData(tree.mjm)
         self.at_home = self._touching_at_home(placed)
 
-    def contacts(self, table: LayoutTable, supporting: Mapping[str, np.ndarray]) -> Iterator[Contact]:
+    def contacts(self, table: LayoutTable, supporting: Rows) -> Iterator[Contact]:
         """Yield the deepest contact of every pair of geoms in every row, allowed ones included.
 
         Args:
@@ -175,14 +174,13 @@ class ContactTally:
     def _allow(self, c: Contact) -> None:
         first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
         names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
-        why = "the scene keeps what is drawn apart" if c.home is None else "they touch at home"
-        why = "they lie in a heap" if c.geoms in self._heaped else why
-        other = self._allowed.get((first, second))
-        home, depth = c.home or 0.0, c.depth
-        if other is not None:
-            why = other.why if c.home is None else why
-            home, depth = max(home, other.home), max(depth, other.depth)
-        self._allowed[first, second] = Allowed((names[0], names[1]), why, home, depth)
+        unknown = Allowed((names[0], names[1]), "the scene keeps what is drawn apart", 0.0, 0.0)
+        known = self._allowed.get((first, second), unknown)
+        why = known.why
+        if c.home is not None:
+            why = "they lie in a heap" if c.geoms in self._heaped else "they touch at home"
+        depths = max(c.home or 0.0, known.home), max(c.depth, known.depth)
+        self._allowed[first, second] = Allowed(known.names, why, *depths)
 
 
 def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], tuple[float, float]]:

@@ -6,6 +6,7 @@ precision.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -17,6 +18,8 @@ from scipy.spatial.transform import Rotation
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.scene.layout_table import LayoutTable
 
+Rows = Mapping[str, np.ndarray]
+"""Object name -> something about it in each row, shape (nrow,)."""
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _VISIBLE_GROUPS = (0, 1, 2)
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+Excess = dict[tuple[str, str, str], np.ndarray]
+"""(Name, word, unit) -> violation in each row, NaN where the requirement does not apply, shape (nrow,)."""
 TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
 
 
@@ -34,13 +36,8 @@ class Kept:
     row: int
 
 
-def count(found: Sequence[Mapping[tuple[str, str, str], np.ndarray]]) -> list[Kept]:
-    """Count the rows that keep each requirement.
-
-    Args:
-        found: For each chunk of rows, (name, word, unit) -> violation in each row, NaN where the requirement does not
-            apply, shape (nrow,).
-    """
+def count(found: Sequence[Excess]) -> list[Kept]:
+    """Count the rows that keep each requirement, from the violations in each chunk of rows."""
     return [_counted(key, np.concatenate([chunk[key] for chunk in found])) for key in (found[0] if found else ())]
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.audit.geometry import Form, Poses, Solid
+from sceniris_gym.audit.geometry import Form, Poses, Rows, Solid
 from sceniris_gym.audit.scene import JudgedScene
 
 _UPRIGHT = 1e-3  # an x axis with a shorter horizontal part points straight up or down
@@ -57,8 +57,8 @@ class Seen:
 
     poses: Poses
     outlines: Mapping[str, Outline]
-    present: Mapping[str, np.ndarray]
-    support_heading: Mapping[str, np.ndarray]
+    present: Rows
+    support_heading: Rows
 
 
 class Outlines:
@@ -75,7 +75,7 @@ class Outlines:
             if scene.owner(solid) in scene.bodies and solid.form is not Form.HALFSPACE:
                 self._solids[scene.owner(solid)].append(solid)
 
-    def see(self, poses: Poses, present: Mapping[str, np.ndarray]) -> Seen:
+    def see(self, poses: Poses, present: Rows) -> Seen:
         """Return the objects as relations, orientations and groups are judged by them.
 
         Args:

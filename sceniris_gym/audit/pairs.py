@@ -97,7 +97,9 @@ def judged_pairs(
             margin = explicit.get(frozenset(geoms))
             if margin is None:
                 excluded = (min(body1, body2) << 16) + max(body1, body2) in mjm.exclude_signature
-                if excluded or (geometry == "physics" and not _bits_meet(mjm, *geoms)):
+                g, h = geoms
+                bits = mjm.geom_contype[g] & mjm.geom_conaffinity[h] | mjm.geom_contype[h] & mjm.geom_conaffinity[g]
+                if excluded or (geometry == "physics" and not bits):
                     continue
                 if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(mjm, body1, body2):
                     continue
@@ -106,12 +108,6 @@ def judged_pairs(
             clearance = max(clearances.get(owner, 0.0) for owner in owners) if keeps else 0.0
             judged.append(Judged(first, second, clearance, owners, margin if geometry == "physics" else 0.0))
     return judged
-
-
-def _bits_meet(mjm: mujoco.MjModel, geom1: int, geom2: int) -> bool:
-    return bool(
-        mjm.geom_contype[geom1] & mjm.geom_conaffinity[geom2] or mjm.geom_contype[geom2] & mjm.geom_conaffinity[geom1]
-    )
 
 
 def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sceniris_gym.audit.language import Excess
 from sceniris_gym.audit.outlines import Seen
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -18,7 +19,7 @@ def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
     return found | {name: np.any([found[m] for m in members], axis=0) for name, members in config.variants.items()}
 
 
-def excess_of_groups(config: SceneConfig, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
+def excess_of_groups(config: SceneConfig, seen: Seen) -> Excess:
     """Count the violations of groups.
 
     Returns:

@@ -84,7 +84,6 @@ class ReachAudit:
         self.chain = Chain(mjm, root, self.site) if chain is None else chain
         self.joints = self.chain.joints if chain is None else []
         self.adr = mjm.jnt_qposadr[self.joints].astype(int)
-        self.lower, self.upper = self.chain.lower, self.chain.upper
         self._of = {name: subtree(mjm, body) for name, body in bodies.items()}
         self._robot = subtree(mjm, root)
         self._hand = subtree(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
@@ -152,7 +151,7 @@ class ReachAudit:
         mjm, data = self.mjm, self.data
         if np.isnan(qpos).any():
             return "no joints"
-        if np.any(qpos < self.lower - _LIMIT) or np.any(qpos > self.upper + _LIMIT):
+        if np.any(qpos < self.chain.lower - _LIMIT) or np.any(qpos > self.chain.upper + _LIMIT):
             return "limits"
         data.qpos[self.adr] = qpos
         mujoco.mj_kinematics(mjm, data)

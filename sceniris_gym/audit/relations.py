@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from sceniris_gym.audit.geometry import rotation
+from sceniris_gym.audit.language import Excess
 from sceniris_gym.audit.outlines import Outline, Seen
 from sceniris_gym.audit.scene import JudgedScene
 from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
@@ -17,7 +18,7 @@ _NEARLY_THIN = 1e-5  # m; so near to THIN, either answer is right
 ROUNDING = 1e-6  # m; rounding error of a position in single precision, a large angle close to the anchor
 
 
-def excess(scene: JudgedScene, seen: Seen) -> dict[tuple[str, str, str], np.ndarray]:
+def excess(scene: JudgedScene, seen: Seen) -> Excess:
     """Measure every relation of every object.
 
     Returns:

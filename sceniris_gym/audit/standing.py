@@ -8,22 +8,14 @@ from functools import cache
 import numpy as np
 import shapely
 
+from sceniris_gym.audit import supports
 from sceniris_gym.audit.distance import Narrow
 from sceniris_gym.audit.geometry import Form, Poses, Solid
 from sceniris_gym.audit.heaps import HeapAudit
 from sceniris_gym.audit.outlines import Outlines
 from sceniris_gym.audit.pairs import Judged
 from sceniris_gym.audit.scene import Carrier, JudgedScene
-from sceniris_gym.audit.supports import (
-    EDGE_TOLERANCE,
-    HEIGHT_TOLERANCE,
-    UPRIGHT,
-    LevelSurface,
-    inside,
-    level_surfaces,
-    plane_surface,
-    surface_of,
-)
+from sceniris_gym.audit.supports import EDGE_TOLERANCE, HEIGHT_TOLERANCE, LevelSurface, inside, surface_of
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 
@@ -142,7 +134,7 @@ class StandingAudit:
     def in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
         """Return world points (nrow, n, 3) in the frame of a body; NaN in rows in which that leans."""
         local = (points - poses.xpos[:, body, None]) @ poses.xmat[:, body]
-        return np.where(poses.xmat[:, body, 2, 2][:, None, None] >= UPRIGHT, local, np.nan)
+        return np.where(poses.xmat[:, body, 2, 2][:, None, None] >= supports.UPRIGHT, local, np.nan)
 
     def _corners(self, name: str, poses: Poses) -> np.ndarray:
         """Return the corners of an object's hull in each row [m], world frame, shape (nrow, n, 3)."""
@@ -160,7 +152,10 @@ class StandingAudit:
         open_above = word == "on" and carrier.owner is not None
         solids = self._triangles(body)
         only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
-        return level_surfaces([*solids.values()], open_above=open_above, only=only) + self._level_planes(carrier)
+        size, planes = self.scene.mjm.geom_size, self._carrying(carrier)
+        rectangles = [supports.plane_surface(size[g], *self.scene.at_home(g, body)) for g in planes]
+        found = supports.level_surfaces([*solids.values()], open_above=open_above, only=only)
+        return found + [surface for surface in rectangles if surface is not None]
 
     def is_plane(self, carrier: Carrier) -> bool:
         """Return whether a plane carries, which goes on beyond the area that objects are placed on."""
@@ -170,12 +165,6 @@ class StandingAudit:
         """Return the planes that a support may be."""
         of = self.scene.mjm.geom_bodyid
         return [g for g in self._planes if of[g] == carrier.body and carrier.geom in (None, g)]
-
-    def _level_planes(self, carrier: Carrier) -> list[LevelSurface]:
-        """Return the planes of a support that are level."""
-        size = self.scene.mjm.geom_size
-        found = (plane_surface(size[g], *self.scene.at_home(g, carrier.body)) for g in self._carrying(carrier))
-        return [surface for surface in found if surface is not None]
 
     def _triangles(self, body: int) -> dict[int, np.ndarray]:
         """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m], by geom."""

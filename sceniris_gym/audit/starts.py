@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from sceniris_gym.audit.collisions import Conflict
 from sceniris_gym.audit.contacts import Contact
-from sceniris_gym.audit.geometry import Poses
+from sceniris_gym.audit.geometry import Poses, Rows
+from sceniris_gym.audit.language import Excess
 from sceniris_gym.audit.outlines import Outlines
 from sceniris_gym.audit.scene import JudgedScene
 from sceniris_gym.audit.standing import Misplaced
 from sceniris_gym.scene.layout_table import LayoutTable
 
+Sides = dict[tuple[int, str], set[int]]
+"""(Row, object) -> geoms of a robot that touch it."""
 _AT_MARKER = 1e-4  # m; greatest distance of an object from its marker, seen from above
 
 
@@ -43,9 +46,7 @@ class StartAudit:
         """Return object -> rows in which its support, region, relations and orientation do not say where it is."""
         return _rows(table, self._moved)
 
-    def excuse(
-        self, excess: Mapping[tuple[str, str, str], np.ndarray], moved: Mapping[str, np.ndarray]
-    ) -> dict[tuple[str, str, str], np.ndarray]:
+    def excuse(self, excess: Excess, moved: Rows) -> Excess:
         """Return violations without those of objects that are moved, or that refer to one that is."""
         found = dict(excess)
         parts = self.scene.config.parts
@@ -56,7 +57,7 @@ class StartAudit:
                     found[key] = np.where(rows, np.nan, found[key])
         return found
 
-    def excuses(self, table: LayoutTable, conflict: Conflict, grasped: Mapping[str, np.ndarray]) -> bool:
+    def excuses(self, table: LayoutTable, conflict: Conflict, grasped: Rows) -> bool:
         """Return whether a start excuses a conflict: of an arm and what it holds, or of clearances alone.
 
         An arm that has left its start pose, and what it holds in the air, keep no clearance; they only touch nothing. A
@@ -73,22 +74,20 @@ class StartAudit:
         stands = any(owners == {name, self._carriers[name]} for name in kind.place)
         return conflict.distance > 0.0 and (stands or bool(free & owners))
 
-    def _holds(self, owners: tuple[str, str], row: int, grasped: Mapping[str, np.ndarray]) -> bool:
+    def _holds(self, owners: tuple[str, str], row: int, grasped: Rows) -> bool:
         """Return whether two owners are an object and the robot that holds it."""
         return any(
             one in grasped and grasped[one][row] and self.scene.config.robot_for(one) == other
             for one, other in (owners, owners[::-1])
         )
 
-    def between(
-        self, contacts: Iterable[Contact], grasped: Mapping[str, np.ndarray], sides: dict[tuple[int, str], set[int]]
-    ) -> Iterator[Contact]:
+    def between(self, contacts: Iterable[Contact], grasped: Rows, sides: Sides) -> Iterator[Contact]:
         """Yield the contacts that no start excuses, and collect the robot's geoms that touch what it holds.
 
         Args:
             contacts: The contacts.
             grasped: As from `grasped`.
-            sides: Filled with (row, object) -> the robot's geoms that touch it.
+            sides: Filled with the robot's geoms that touch what it holds.
         """
         for contact in contacts:
             if not self._holds(contact.owners, contact.row, grasped):
@@ -98,13 +97,7 @@ class StartAudit:
                 if other in grasped:
                     sides.setdefault((contact.row, other), set()).add(geom)
 
-    def check(
-        self,
-        table: LayoutTable,
-        poses: Poses,
-        there: Mapping[str, np.ndarray],
-        sides: Mapping[tuple[int, str], set[int]],
-    ) -> list[Misplaced]:
+    def check(self, table: LayoutTable, poses: Poses, there: Rows, sides: Sides) -> list[Misplaced]:
         """Return what is not held, or not at its marker, although the start says so; `sides` as from `between`."""
         found = [
             Misplaced(int(row), name, "start")

@@ -23,7 +23,6 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table, read_rejected
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
-from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
@@ -241,7 +240,7 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]
     names = np.array(rows.names, str)[finite_candidates].tolist()
     settled = len(rows.table) if settled is None else settled
-    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies, tell)
+    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
     ties = equalities(compiled.mjm, table)
     report = auditor.judge(table, settled=int(finite[:settled].sum()))
     claims = reach_claims(compiled, table)

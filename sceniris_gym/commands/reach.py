@@ -24,7 +24,6 @@ from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.pictures.reach_picture import draw
 from sceniris_gym.pictures.render import save
 from sceniris_gym.program.reach import robot_arm
-from sceniris_gym.progress import tell
 from sceniris_gym.reach.arm import TCP, SerialArm
 from sceniris_gym.reach.build import TILT_STEP, build_map
 from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier, map_file, map_path, why_not_map
@@ -72,7 +71,7 @@ def build(
     state = out.with_name(f".{out.name}.state")
     start = time.perf_counter()
     chosen = device_name(device, "reach")
-    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state, progress=tell)
+    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state)
     with replacing(out) as temporary:
         built.save(temporary)
     state.unlink(missing_ok=True)
@@ -201,8 +200,8 @@ def describe(name: str, arm: SerialArm, reach_map: ReachMap | None) -> dict[str,
         "arm": arm.name,
         "hash": arm.hash,
         "joints": len(arm.joints),
-        "full_turn_of_base": arm.free_base,
-        "full_turn_of_wrist": arm.free_wrist,
+        "full_turn_of_base": arm.turns_freely(0),
+        "full_turn_of_wrist": arm.turns_freely(-1),
     }
     if reach_map is None:
         found["map"] = None

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
 from sceniris_gym.files import check_writable, replacing
-from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.settling import settle as settled
 
@@ -40,7 +38,7 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
         raise NotSupportedError(f"settle: nowhere to write to. Give -o ROWS.npz, or heaps.{heap}.rows in the scene.")
     path = out if out is not None else Path(str(named))
     check_writable(path)
-    rows = settled(build_model(config), heap, num, seed, partial(tell, "heaps"))
+    rows = settled(build_model(config), heap, num, seed)
     with replacing(path) as temporary:
         rows.write(temporary)
     return {"heap": heap, "things": list(rows.names), "rows": len(rows.pos), "file": str(path)}

@@ -80,8 +80,13 @@ def _path(error: ErrorDetails) -> str:
 def _sentence(error: ErrorDetails) -> str:
     context, kind = error.get("ctx", {}), error["type"]
     if kind == UNKNOWN_KEY:
-        own = DRAWN if _VARIANT.match(_path(error)) else ()
-        return _unknown_key(context["key"], [*context["valid"], *own])
+        key, valid = str(context["key"]), [*context["valid"], *(DRAWN if _VARIANT.match(_path(error)) else ())]
+        if key.lower() == "true" and "on" in valid:
+            return (
+                "this key is the word 'on', which a YAML 1.1 loader reads as true. "
+                "Quote it ('on': floor), or let SceneConfig.load read the file."
+            )
+        return f"unknown key.{did_you_mean(key, valid)} Valid: {', '.join(valid)}."
     if kind == "missing":
         return "is missing."
     advice = _SHOULD[kind].format_map(context) if kind in _SHOULD else f"is wrong: {error['msg']}"
@@ -91,16 +96,6 @@ def _sentence(error: ErrorDetails) -> str:
     # The first few words of a whole scene help nobody.
     subject = "it" if not error["loc"] and isinstance(error["input"], dict) else short(error["input"])
     return f"{subject} {advice}.{hint}"
-
-
-def _unknown_key(key: Any, valid: list[str]) -> str:
-    listing = f"Valid: {', '.join(valid)}."
-    if str(key).lower() == "true" and "on" in valid:
-        return (
-            "this key is the word 'on', which a YAML 1.1 loader reads as true. "
-            "Quote it ('on': floor), or let SceneConfig.load read the file."
-        )
-    return f"unknown key.{did_you_mean(str(key), valid)} {listing}"
 
 
 def short(value: Any) -> str:

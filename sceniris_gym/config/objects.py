@@ -177,9 +177,8 @@ class ObjectConfig(Section):
         words = [word.rstrip("_") for word in self.given(("on", "inside", "in_"))]
         if len(words) > 1:
             raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")
-        if self.kind == "static" and (
-            words or self.region or self.orientation or self.ratio_on_support or self.relations
-        ):
+        is_put = words or self.region or self.orientation or self.ratio_on_support or self.relations
+        if self.kind == "static" and is_put:
             raise wrong("should have no support, region, relations or orientation: it stays where the model has it")
         if words and self.region is not None and self.region.is_3d:
             raise wrong(

@@ -127,6 +127,11 @@ class RobotConfig(Section):
             return str(self.in_model)
         return Path(self.file).stem if self._called is None else self._called
 
+    @property
+    def prefix(self) -> str:
+        """The prefix of names inside the robot: 'panda/', or '' for a robot in a model without prefixes."""
+        return f"{self.name}/" if self.in_model is None else self.name[: self.name.rfind("/") + 1]
+
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> RobotConfig:
         given = [word for word in _BASE if word in self.model_fields_set]

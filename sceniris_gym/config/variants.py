@@ -68,15 +68,14 @@ def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
     single = {name: objects[name] for name, owner in owners.items() if owner in slots}
     groups, written = dict(scene.get("groups") or {}), {}
     for name, part in objects.items():
-        if name in single:
-            continue
-        if name not in slots:
+        if name in slots and name not in single:
+            if name in groups:
+                advice = "should have another name: an object with variants has this one"
+                _refuse(("groups", name), advice, groups[name])
+            members, groups[name] = _members(str(name), part, single, left_out)
+            written |= members
+        elif name not in single:
             written[name] = part
-            continue
-        if name in groups:
-            _refuse(("groups", name), "should have another name: an object with variants has this one", groups[name])
-        members, groups[name] = _members(str(name), part, single, left_out)
-        written |= members
     for name in single:
         of = groups[owners[name]]["of"]
         if name not in (*of, *left_out):

@@ -158,7 +158,10 @@ def extract_pieces(
 def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
     """Refuse flexes that collide, and with visual geometry also visible ones: they have no fixed shape."""
     for flex in range(mjm.nflex):
-        own = _bodies_of_flex(mjm, flex)
+        vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
+        nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []
+        verts = mjm.flex_vertbodyid[vert : vert + mjm.flex_vertnum[flex]]
+        own = {int(body) for body in (*verts, *nodes) if body >= 0}  # that it hangs on
         collides = bool(mjm.flex_contype[flex] | mjm.flex_conaffinity[flex])
         visible = mjm.flex_group[flex] in _VISIBLE_GROUPS and mjm.flex_rgba[flex][3] > 0.0
         if (bodies is not None and not bodies & own) or not (collides or (geometry == "visual" and visible)):
@@ -170,14 +173,6 @@ def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, w
             f"{place}flex '{name or flex}': what is soft cannot be an obstacle. Use rigid bodies of primitives "
             f"or meshes, or {cure}."
         )
-
-
-def _bodies_of_flex(mjm: mujoco.MjModel, flex: int) -> set[int]:
-    """Return the bodies that a flex hangs on: those of its vertices, or of the nodes that move them."""
-    vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
-    nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []
-    verts = mjm.flex_vertbodyid[vert : vert + mjm.flex_vertnum[flex]]
-    return {int(body) for body in (*verts, *nodes) if body >= 0}
 
 
 def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) -> Piece:

@@ -12,6 +12,7 @@ import shapely
 from shapely.geometry import MultiPoint, MultiPolygon, Point, Polygon, box
 
 from sceniris_gym.config.bounds import MOST_FAR
+from sceniris_gym.config.fields import Points
 from sceniris_gym.config.objects import RegionConfig
 from sceniris_gym.errors import ErodedSupportError
 from sceniris_gym.geometry.pieces import Piece, PieceType
@@ -74,7 +75,9 @@ def level_surfaces(
     for height, flat in _levels([p.mesh for p in carrying if p.mesh is not None]):
         over = [_shadow(m, height + _ABOVE) if open_above else section(m, height + _ABOVE) for m in meshes]
         outline = _parts(flat.difference(shapely.union_all([o for o in over if o is not None])))
-        wide = _without_strips(outline)
+        # shrunk until strips are gone, then grown to 10 um beyond its edges
+        core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
+        wide = _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
         if not wide.is_empty:
             surfaces.append(SupportSurface(body, height, wide, wide))
     return surfaces
@@ -133,7 +136,7 @@ def crop(
 
 
 def _kept(
-    surfaces: list[SupportSurface], keep: Polygon | None, points: tuple[tuple[float, ...], ...] | None, erosion: float
+    surfaces: list[SupportSurface], keep: Polygon | None, points: Points | None, erosion: float
 ) -> list[SupportSurface]:
     """Return the surfaces with their regions eroded, but those of which nothing is left.
 
@@ -152,11 +155,7 @@ def _kept(
 
 
 def _check_points(
-    surfaces: list[SupportSurface],
-    points: tuple[tuple[float, ...], ...],
-    kept: list[SupportSurface],
-    erosion: float,
-    where: str,
+    surfaces: list[SupportSurface], points: Points, kept: list[SupportSurface], erosion: float, where: str
 ) -> None:
     """Check that each point is on a surface, by the smallest erosion that `ratio_on_support` demands of any pose."""
     used = {tuple(xy) for s in kept for xy in shapely.get_coordinates(s.region).tolist()}
@@ -218,12 +217,6 @@ def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig) -> Polygon
     low, high = np.asarray(shapely.union_all([s.outline for s in surfaces]).bounds).reshape(2, 2)
     (x0, y0), (x1, y1) = (low + np.asarray(f) * (high - low) for f in region.fraction)
     return box(x0, y0, x1, y1)
-
-
-def _without_strips(outline: MultiPolygon) -> MultiPolygon:
-    """Return the wide parts of an outline: it is shrunk until strips are gone, then grown to 10 um beyond its edges."""
-    core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
-    return _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:

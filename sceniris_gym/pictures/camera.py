@@ -144,13 +144,7 @@ class Cameras:
             self._pixels = [wp.array(order, dtype=int) for order in orders]
             self.mask = wp.full(self.nworld, value=True, dtype=wp.bool)
             self._owner = wp.array(owner, dtype=int)
-            self.images = {
-                name: {
-                    kind: wp.zeros((self.nworld, shot.size[1], shot.size[0], CHANNELS[kind][0]), CHANNELS[kind][1])
-                    for kind in shot.data
-                }
-                for name, shot in shots.items()
-            }
+            self.images = {name: _images(self.nworld, shot) for name, shot in shots.items()}
         starts = (self.context.rgb_adr, self.context.depth_adr, self.context.seg_adr)
         self._starts = dict(zip(CHANNELS, (array.numpy().tolist() for array in starts), strict=True))
         with wp.ScopedDevice(device):
@@ -176,6 +170,12 @@ class Cameras:
                 }[kind]
                 inputs = [self.mask, self._pixels[i], source, self._starts[kind][i], *more]
                 wp.launch(kernel, dim=out.shape[:2], inputs=inputs, outputs=[out])
+
+
+def _images(nworld: int, shot: Shot) -> dict[str, wp.array]:
+    """Return the pictures of a camera by kind, all zeros."""
+    width, height = shot.size
+    return {kind: wp.zeros((nworld, height, width, CHANNELS[kind][0]), CHANNELS[kind][1]) for kind in shot.data}
 
 
 def _view(data: mjw.Data, nworld: int, tracks: bool) -> mjw.Data:

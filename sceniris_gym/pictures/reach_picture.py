@@ -73,11 +73,10 @@ def _panel(
     draw.text((x, y + 4), title, _INK, font)
     y += _STRIP
     for mark in np.arange(-2.0, 2.01, 0.5):
-        right = (mark + span) / (2.0 * span) * _PIXELS
+        right, below = (_PIXELS * (span + at) / (2.0 * span) for at in (mark, middle - mark))
         if 0.0 < right < _PIXELS:
             draw.line([(x + right, y), (x + right, y + _PIXELS)], _AXES)
             draw.text((x + right + 2, y + _PIXELS - 14), f"{mark:g}", _INK, font)
-        below = (span - (mark - middle)) / (2.0 * span) * _PIXELS
         if 0.0 < below < _PIXELS:
             draw.line([(x, y + below), (x + _PIXELS, y + below)], _AXES)
             draw.text((x + 2, y + below), f"{mark:g}", _INK, font)

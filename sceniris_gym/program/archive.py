@@ -94,9 +94,8 @@ def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], 
 
 def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
     """Return the arrays and numbers of a device struct by name, without the structs in it."""
-    values = {
-        name: getattr(instance, name) for name, variable in declared.vars.items() if not _is_struct(variable.type)
-    }
+    names = [name for name, variable in declared.vars.items() if not _is_struct(variable.type)]
+    values = {name: getattr(instance, name) for name in names}
     found = {name: value.numpy() if isinstance(value, wp.array) else np.array(value) for name, value in values.items()}
     return {name: value[0] if declared is Program and name in WORLD_FIELDS else value for name, value in found.items()}
 

@@ -289,15 +289,11 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
         shared = declared is Program and name in WORLD_FIELDS
         values = np.ascontiguousarray(values[None] if shared else values)
         array = wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device)
-        setattr(instance, name, _shared_row(array) if shared and array.size else array)
-
-
-def _shared_row(array: wp.array) -> wp.array:
-    """Return an array of one row in which that row is every row, in the same memory."""
-    strides = (0, array.strides[1])
-    row = wp.array(ptr=array.ptr, dtype=array.dtype, shape=array.shape, strides=strides, device=array.device)
-    row._ref = array
-    return row
+        if shared and array.size:  # one row, in the same memory, that is every row
+            strides, owner = (0, array.strides[1]), array
+            array = wp.array(ptr=array.ptr, dtype=array.dtype, shape=array.shape, strides=strides, device=device)
+            array._ref = owner
+        setattr(instance, name, array)
 
 
 def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from shapely.geometry import MultiPolygon, box
 
 from sceniris_gym.errors import HeapError
-from sceniris_gym.geometry.supports import SupportSurface
+from sceniris_gym.geometry.supports import SupportSurface, rectangle
 from sceniris_gym.scene.heaps import filled_body, read_rows, rigid_part, rigid_thing
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import Support
@@ -57,14 +56,13 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
         rows = read_rows(Path(heap.rows), heap, where)
         body = filled_body(scene, heap, where)
         low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
-        area = MultiPolygon([box(low[0], low[1], high[0], high[1])])
         things = [thing for name in heap.of for thing in rigid_thing(scene, name, where)]
         shared = {
             "stream": 1 + list(scene.config.objects).index(heap.of[0]),
             "together": frozenset([*things, *rigid_part(scene.mjm, body)]),
             "settled_with": rows.settled_with,
             "support": scene.support(heap.fill, f"{where}.fill"),
-            "surface": SupportSurface(body, float(high[2]), area, area),
+            "surface": replace(rectangle(low, high), body=body, height=float(high[2])),
         }
         found |= {name: HeapPoses(rows.pos[:, i], rows.quat[:, i], **shared) for i, name in enumerate(heap.of)}
     return found

@@ -10,9 +10,9 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.resting_poses import Variant
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.program.couplings import Follower
 from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.program.heap_poses import HeapPoses
+from sceniris_gym.scene.couplings import Coupling
 from sceniris_gym.scene.support import Support
 
 _COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
@@ -47,7 +47,7 @@ class PlacedObject:
         bodies: Its bodies, the root first, parents before children.
         config: Its words in the scene file; of a robot whose base is not drawn those of a static object.
         joint_ranges: How its joints are drawn.
-        followers: Joints that follow drawn ones, drivers before their followers.
+        followers: Couplings of joints that follow drawn ones, drivers before their followers.
         footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole; with
             a single piece, or where joints are drawn, None, as each piece is its own footprint.
         variants: Poses that its orientation is drawn from; empty for STATIC.
@@ -66,7 +66,7 @@ class PlacedObject:
     bodies: list[int]
     config: ObjectConfig
     joint_ranges: list[JointRange] = field(default_factory=list)
-    followers: tuple[Follower, ...] = ()
+    followers: tuple[Coupling, ...] = ()
     footprint: Piece | None = None
     variants: list[Variant] = field(default_factory=list)
     support: Support | None = None
@@ -74,6 +74,14 @@ class PlacedObject:
     surfaces: list[list[SupportSurface]] = field(default_factory=list)
     erosion: float = 0.0
     heap: HeapPoses | None = None
+
+    @property
+    def spans(self) -> dict[int, tuple[float, float]]:
+        """The least and greatest position of each drawn joint and follower, by its address in qpos [m or rad]."""
+        parts = {d.qposadr: d.intervals for d in self.joint_ranges}
+        for c in self.followers:
+            parts[c.adr] = [c.over(*part) for part in parts[c.driver_adr]]
+        return {adr: (float(np.min(ends)), float(np.max(ends))) for adr, ends in parts.items()}
 
     @property
     def ground(self) -> int | None:

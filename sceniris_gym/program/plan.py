@@ -10,7 +10,6 @@ import heapq
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import mujoco
 import numpy as np
 
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
@@ -19,7 +18,6 @@ from sceniris_gym.errors import CycleError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
-from sceniris_gym.program.couplings import followers_of
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.heap_poses import HeapPoses, heap_poses
 from sceniris_gym.program.obstacles import obstacles
@@ -29,10 +27,8 @@ from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.standing import Stance, stances
 from sceniris_gym.program.surfaces import may_lean, surfaces_of
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.couplings import free_range
+from sceniris_gym.scene.couplings import driven_by, free_range
 from sceniris_gym.scene.model import SceneModel
-
-_KINDS = {"free": ObjectKind.FREE, "fixture": ObjectKind.FIXTURE, "marker": ObjectKind.MARKER}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +53,8 @@ class Plan:
     place: np.ndarray
     bounds: np.ndarray
 
-    @property
-    def home(self) -> mujoco.MjData:
-        """The model at the start pose."""
-        return self.scene.home
-
     @cached_property
-    def reaching(self) -> Reaching | None:
+    def reaching(self) -> Reaching:
         """The arms of the scene and what they are to reach, planned when it is asked for; see `plan_reaching`."""
         return plan_reaching(self.scene, self.objects, self.pieces)
 
@@ -77,8 +68,8 @@ class Plan:
         """All pieces but planes, with their least and greatest extents [m] at home along the world's axes, (3,)."""
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
-            low, high = p.extents(self.home.xmat[p.body].reshape(3, 3))
-            found.append((p, low + self.home.xpos[p.body], high + self.home.xpos[p.body]))
+            low, high = p.extents(self.scene.home.xmat[p.body].reshape(3, 3))
+            found.append((p, low + self.scene.home.xpos[p.body], high + self.scene.home.xpos[p.body]))
         return found
 
 
@@ -163,26 +154,23 @@ def _around_base(variant: Variant) -> Variant:
     return replace(variant, pivot=turn.T @ np.array([0.0, 0.0, at[2]]), bounds=variant.bounds + np.tile(at[:2], 2))
 
 
-def _stream(config: SceneConfig, name: str) -> int:
-    """Return the random stream of an object or a robot: 0 for the first robot, then the objects, then other robots."""
-    robots = list(config.all_robots)
-    return 0 if robots[:1] == [name] else 1 + [*config.objects, *robots[1:]].index(name)
-
-
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
     """Work out one step of the program."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
     if config is None:  # a robot whose base is not drawn
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
     drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
-    followers = followers_of(scene.couplings, {d.qposadr: d.intervals for d in drawn})
-    step = PlacedObject(name, _stream(scene.config, name), ObjectKind.STATIC, bodies, config, drawn, followers)
+    followers = tuple(driven_by(scene.couplings, scene.joint_configs(name)))
+    # the first robot has the random stream 0; then come the objects, then other robots
+    first, *robots = scene.config.all_robots or [None]
+    stream = 0 if name == first else 1 + [*scene.config.objects, *robots].index(name)
+    step = PlacedObject(name, stream, ObjectKind.STATIC, bodies, config, drawn, followers)
     if not config.is_placed:
         return step
     own, home = _solid(pieces, bodies), scene.home
     shape = HomeShape(home, bodies[0], own)
     poses = [(of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]])), 1.0)]
-    step = replace(step, kind=_KINDS[config.kind])
+    step = replace(step, kind=ObjectKind[config.kind.upper()])
     if heap is not None:
         variants = [shape.variant(*pose) for pose in poses]
         return replace(step, variants=variants, support=heap.support, surfaces=[[heap.surface]], heap=heap)

@@ -95,8 +95,8 @@ class Reaching:
         return tuple(target.name for target in self.targets)
 
 
-def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> Reaching | None:
-    """Find the arms of a scene, their maps and the grasps of their reach targets; None if there are no targets.
+def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> Reaching:
+    """Find the arms of a scene that are to reach something, their maps and the grasps of their reach targets.
 
     A target is decided by the tier that it asks for, or by `ik` where the arm has no map that is right often enough.
 
@@ -112,20 +112,20 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
         GraspError: An object that the gripper cannot grasp.
     """
     config = scene.config
-    asked = [(i, o) for i, o in enumerate(objects) if o.config.reachable]
-    by = {o.name: config.robot_for(o.name) for _, o in asked}
+    asked: dict[str, list[tuple[int, PlacedObject]]] = {}
+    for i, o in enumerate(objects):
+        if o.config.reachable:
+            asked.setdefault(config.robot_for(o.name), []).append((i, o))
     arms: list[ReachingArm] = []
     targets: list[ReachTarget] = []
-    for robot in (name for name in config.all_robots if name in by.values()):
+    for robot in (name for name in config.all_robots if name in asked):
         arm, (own, _) = robot_arm(scene, robot), scene.home_of(robot)
         gripper = Gripper.from_model(own.mjm, arm, own.home_qpos, pieces if own is scene else obstacles(own))
         reach_map = load_map(arm, config.all_robots[robot], config.where)
         base = next((i for i, o in enumerate(objects) if o.name == robot and o.config.is_placed), -1)
         drawn = next((i for i, o in enumerate(objects) if o.name == robot), -1)
         default = default_tier(arm, reach_map)
-        for i, o in asked:
-            if by[o.name] != robot:
-                continue
+        for i, o in asked[robot]:
             words = o.config
             tier = Tier.MAP if words.reachable is True else Tier.of(str(words.reachable))
             tier = tier if default.needs_map or not tier.needs_map else default
@@ -134,7 +134,7 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
             early = tier == Tier.CLEAR and drawn < i < len(objects) - 1
             targets.append(ReachTarget(o.name, i, len(arms), i < base, early, tier, grasps))
         arms.append(ReachingArm(robot, arm, gripper, reach_map))
-    return Reaching(tuple(arms), tuple(sorted(targets, key=lambda target: target.number))) if arms else None
+    return Reaching(tuple(arms), tuple(sorted(targets, key=lambda target: target.number)))
 
 
 def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:

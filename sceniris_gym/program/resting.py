@@ -122,7 +122,7 @@ def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
     state.qpos[:] = scene.home_qpos
     for values in chosen:
         state.qpos[[d.qposadr for d in o.joint_ranges]] = values
-        follow([f.coupling for f in o.followers], state.qpos)
+        follow(o.followers, state.qpos)
         mujoco.mj_kinematics(scene.mjm, state)
         mujoco.mj_comPos(scene.mjm, state)
         yield state

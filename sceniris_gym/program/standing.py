@@ -184,7 +184,10 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
-    feet = [_foot(shape, v, law, centers, _is_shifted(scene, o)) for v in o.variants]
+    heavy = set(np.flatnonzero(mjm.body_mass)) & set(o.bodies)
+    drawn = {draw.word.field for draw in scene.draws if heavy.intersection(draw.rows.tolist())}
+    is_shifted = "body_ipos" in drawn or ("body_mass" in drawn and len(heavy) > 1)  # its centre of mass
+    feet = [_foot(shape, v, law, centers, is_shifted) for v in o.variants]
     return Stance(
         levels=levels,
         feet=feet,
@@ -194,13 +197,6 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
         friction=max(friction for *_, friction in contacts),
         is_whole=whole or _cannot_leave(o, feet, walls),
     )
-
-
-def _is_shifted(scene: SceneModel, o: PlacedObject) -> bool:
-    """Return whether draws may move the centre of mass of an object."""
-    heavy = set(np.flatnonzero(scene.mjm.body_mass)) & set(o.bodies)
-    fields = {draw.word.field for draw in scene.draws if heavy.intersection(draw.rows.tolist())}
-    return "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)
 
 
 def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray], is_shifted: bool) -> Foot:

@@ -39,8 +39,6 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
     Raises:
         NotSupportedError: An arm has no fingers that close.
     """
-    if plan.reaching is None:
-        return ()
     config = plan.scene.config
     kinds = [(kind, kind.targets(config.groups)) for kind in config.start if kind.robot == "grasp"]
     found: list[Grip] = []
@@ -55,7 +53,8 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
                 f"{config.where}: start: the tool of '{one.robot}' has no fingers that close on '{target.name}'. Start "
                 "from 'home' or 'pregrasp'."
             )
-        fingers, bodies = Fingers(plan.scene.mjm, one.arm, one.gripper, plan.home), plan.scene.subtree(target.name)
+        scene, bodies = plan.scene, plan.scene.subtree(target.name)
+        fingers = Fingers(scene.mjm, one.arm, one.gripper, scene.home)
         is_free = plan.objects[target.number].kind == ObjectKind.FREE
         for i, (grasp, grip) in enumerate(zip(grasps, fingers.grips(bodies, grasps), strict=True)):
             ways = {"fits": _CARRIED, "lifts": _downs(plan.objects[target.number], target, i), "holds": _ALL_WAYS}
@@ -80,7 +79,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
         SceneKeyError: A joint whose object does not draw it, or an object that no grasp holds.
     """
     kinds = [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
-    robots = [b for one in (plan.reaching.arms if plan.reaching else ()) for b in plan.scene.subtree(one.robot)[1:]]
+    robots = [b for one in plan.reaching.arms for b in plan.scene.subtree(one.robot)[1:]]
     return {
         **{name: np.array([kind[name] for kind in kinds]) for name in kinds[0]},
         "robot_qposadr": plan.scene.mjm.jnt_qposadr[np.isin(plan.scene.mjm.jnt_bodyid, robots)],
@@ -93,7 +92,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
     """Return the rows of the fields for one kind."""
     where, pose, arm = f"{plan.scene.config.where}: start.{number}", _pose(config), -1
     names, arm_range = config.targets(plan.scene.config.groups), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
-    targets, counts = () if plan.reaching is None else plan.reaching.targets, [np.zeros(0, bool)]
+    targets, counts = plan.reaching.targets, [np.zeros(0, bool)]
     for target in targets:
         own = _counting(config, target, f"{where}.grasp") & (target.name in names)
         if pose in _FITS and target.name in names:
@@ -106,7 +105,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
                     "count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
                 )
         counts.append(own)
-        if target.name in names and plan.reaching is not None:
+        if target.name in names:
             arm = target.arm
             arm_range = _arm_range(plan, plan.reaching.arms[arm], config, where)
     order = {o.name: i for i, o in enumerate(plan.objects)}

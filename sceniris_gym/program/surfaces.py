@@ -67,12 +67,9 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
     mjm, chain = scene.mjm, [support.body]
     while chain[-1] not in (0, scene.bodies[support.owner]):
         chain.append(int(mjm.body_parentid[chain[-1]]))
-    return any(
-        mjm.jnt_bodyid[j] in chain
-        and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        and abs(mjm.jnt_axis[j][2]) < UPRIGHT
-        for j in scene.moving_joints(support.owner)
-    )
+    joints = list(scene.moving_joints(support.owner))
+    turns = np.isin(mjm.jnt_bodyid[joints], chain) & (mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE)
+    return bool((turns & (np.abs(mjm.jnt_axis[joints, 2]) < UPRIGHT)).any())
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:

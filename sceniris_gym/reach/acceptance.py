@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from sceniris_gym.config.tier import Tier
+from sceniris_gym.progress import tell
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.reach.solve import ITERATIONS, RESTARTS, solve
 
@@ -22,9 +23,7 @@ _DRAWS, _ROUNDS = 1 << 16, 16
 _EFFORTS = ((RESTARTS, ITERATIONS), (2 * RESTARTS, 2 * ITERATIONS))
 
 
-def measure_false_accepts(
-    reach_map: ReachMap, device: str, progress: Callable[[str, int, int], object] = lambda what, done, total: None
-) -> float | None:
+def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
     """Measure the share of the poses accepted by a map that are out of reach, within limits.
 
     Three sets of poses are uniform over the map's box: in any orientation, straight up and straight down.
@@ -32,7 +31,6 @@ def measure_false_accepts(
     Args:
         reach_map: The map. Its seed determines the poses, and the starts from which they are solved.
         device: Warp's name of the device. One CPU core takes a second, and longer if many poses are out of reach.
-        progress: Called with the stage, the number of finished sets, and the number of sets.
 
     Returns:
         The largest share among the sets; None if the map accepts almost no pose of any set.
@@ -41,8 +39,13 @@ def measure_false_accepts(
     for number, members in enumerate(_SETS):
         found = np.concatenate(list(_accepted(reach_map, number, members, device)))[:POSES]
         if len(found) >= _LEAST:
-            shares.append(_out_of_reach(reach_map, found, device) / len(found))
-        progress("false accepts", number + 1, len(_SETS))
+            missed = found  # not solved from many starts, none of which the map was built from
+            for i, (restarts, iterations) in enumerate(_EFFORTS, start=1):
+                seed = reach_map.seed + i
+                _, ok = solve(reach_map.arm, missed, device, restarts=restarts, iterations=iterations, seed=seed)
+                missed = missed[~ok]
+            shares.append(len(missed) / len(found))
+        tell("false accepts", number + 1, len(_SETS))
     return max(shares, default=None)
 
 
@@ -57,24 +60,11 @@ def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device
         poses[:, :3] = draws.uniform(low, high, (_DRAWS, 3))
         poses[:, 3 + np.array(members)] = draws.standard_normal((_DRAWS, len(members)))
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-        verdict = reach_map.verdict_at(poses[:, :3], _approach(poses[:, 3:]), device)
+        w, x, y, z = poses[:, 3:].T
+        approach = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z]
+        verdict = reach_map.verdict_at(poses[:, :3], np.stack(approach, axis=1), device)
         kept = poses[verdict >= Tier.MAP.least_verdict]
         yield kept
         found += len(kept)
         if found >= POSES:
             break
-
-
-def _approach(quat: np.ndarray) -> np.ndarray:
-    """Return the z axes of unit wxyz quaternions, shape (N, 4) -> (N, 3)."""
-    w, x, y, z = quat.T
-    return np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1)
-
-
-def _out_of_reach(reach_map: ReachMap, poses: np.ndarray, device: str) -> int:
-    """Count the poses, shape (N, 7), that cannot be solved from many starts, none of which the map was built from."""
-    for number, (restarts, iterations) in enumerate(_EFFORTS):
-        seed = reach_map.seed + 1 + number
-        _, ok = solve(reach_map.arm, poses, device, restarts=restarts, iterations=iterations, seed=seed)
-        poses = poses[~ok]
-    return len(poses)

@@ -83,8 +83,7 @@ class SerialArm:
             raise UnknownNameError("site", tcp, f"arm '{base}'", filter(None, sites))
         base_body, tcp_site = bodies.index(base), sites.index(tcp)
         ids, pos, quat = _chain(mjm, base_body, tcp_site)
-        _check_joints(mjm, base, tcp, ids)
-        _check_serial(mjm, base, base_body, ids)
+        _check_joints(mjm, base_body, tcp, ids)
         adr = mjm.jnt_qposadr[ids]
         limited = mjm.jnt_limited[ids].astype(bool)
         lower = np.where(limited, mjm.jnt_range[ids, 0], -np.inf)
@@ -135,24 +134,6 @@ class SerialArm:
         return (self.link_pos[0] - along * (self.link_pos[0, 2] / along[2]))[:2]
 
     @property
-    def tcp_offset(self) -> tuple[float, float]:
-        """Distance [m] of the TCP from the last joint's axis, and angle [rad] between that axis and the TCP's z."""
-        axis, pos = self.axis[-1], self.link_pos[-1]
-        turned = rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1])
-        away = pos - (pos @ axis) * axis
-        return float(np.linalg.norm(away)), _angle_to(turned, axis)
-
-    @property
-    def free_base(self) -> bool:
-        """True if the first joint can make a full turn."""
-        return self._turns_freely(0)
-
-    @property
-    def free_wrist(self) -> bool:
-        """True if the last joint can make a full turn."""
-        return self._turns_freely(-1)
-
-    @property
     def no_map(self) -> str | None:
         """Reason why reachability maps, symmetric about the base's z and the TCP's z, do not apply; None if they do."""
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
@@ -162,7 +143,9 @@ class SerialArm:
             return f"the first joint{first} is {np.degrees(self.tilt):.3g} degrees off the z axis of '{self.name}'"
         if self.slide[-1]:
             return f"the last joint{last} is a slide, not a hinge about the approach axis of the TCP"
-        length, angle = self.tcp_offset
+        axis, pos = self.axis[-1], self.link_pos[-1]
+        length = float(np.linalg.norm(pos - (pos @ axis) * axis))
+        angle = _angle_to(rotate(np.array([0.0, 0.0, 1.0]), self.link_quat[-1]), axis)
         if length >= _TCP_LENGTH_TOL or angle >= _TCP_ANGLE_TOL:
             return (
                 f"the TCP is {1000.0 * length:.3g} mm off the axis of the last joint{last}, "
@@ -170,7 +153,8 @@ class SerialArm:
             )
         return None
 
-    def _turns_freely(self, i: int) -> bool:
+    def turns_freely(self, i: int) -> bool:
+        """Return True if a joint, by its number, can make a full turn."""
         return bool(not self.slide[i] and self.upper[i] - self.lower[i] > 2.0 * np.pi - _ANGLE_TOL)
 
 
@@ -198,8 +182,9 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
     return ids, np.array([link[0] for link in links]), np.array([link[1] for link in links])
 
 
-def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> None:
-    """Raise ArmError for a number or a kind of joints that an arm cannot have."""
+def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int]) -> None:
+    """Raise ArmError for joints that an arm cannot have, that move its base, or that are coupled."""
+    base = mjm.body(base_body).name
     if not ids:
         raise ArmError(
             f"arm '{base}': no joint is between it and the site '{tcp}'. The site should be on a body that joints move."
@@ -215,10 +200,6 @@ def _check_joints(mjm: mujoco.MjModel, base: str, tcp: str, ids: list[int]) -> N
             raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a {word} joint. Use hinges and slides.")
         if kind == mujoco.mjtJoint.mjJNT_SLIDE and not mjm.jnt_limited[i]:
             raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a slide without limits. Give it a range.")
-
-
-def _check_serial(mjm: mujoco.MjModel, base: str, base_body: int, ids: list[int]) -> None:
-    """Raise ArmError for joints that move the base, and for constraints that couple the arm's joints."""
     for i in _joints_of(mjm, base_body):
         if mujoco.mjtJoint(mjm.jnt_type[i]) != mujoco.mjtJoint.mjJNT_FREE:
             raise ArmError(

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from sceniris_gym.errors import ArmError, MapError
-from sceniris_gym.progress import Progress
+from sceniris_gym.progress import tell
 from sceniris_gym.reach.acceptance import measure_false_accepts
 from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.checkpoint import Checkpoint
@@ -112,23 +112,23 @@ class LabelledGrid:
         self.distance = np.full(n, _FAR, np.uint8)
         self.joints = np.zeros((n, njoint), np.float16)
 
-    def solve(self, checkpoint: Checkpoint, progress: Progress) -> None:
+    def solve(self, checkpoint: Checkpoint) -> None:
         """Run the stages that the checkpoint does not have yet."""
         arrays = {f"{self.name}_{key}": getattr(self, key) for key in ("level", "distance", "joints")}
         batches = -(-len(self.lattice.inside) // self._batch)
         for stage in (self._label, self._spread, self._bisect):
             task = f"{self.name}{stage.__name__}"
             if checkpoint.enter(task, arrays, batches * self._batch):
-                stage(checkpoint, progress)
+                stage(checkpoint)
                 checkpoint.leave(task)
 
-    def _label(self, checkpoint: Checkpoint, progress: Progress) -> None:
+    def _label(self, checkpoint: Checkpoint) -> None:
         """Solve every corner inside the ball from random starts."""
-        for corner in self._batches(self.lattice.inside, "corners", progress, checkpoint.done):
+        for corner in self._batches(self.lattice.inside, "corners", checkpoint.done):
             self._raise(corner, *self._labeller.label(self.lattice.coords(corner), count=STARTS))
             checkpoint.reached(checkpoint.done + self._batch)
 
-    def _spread(self, checkpoint: Checkpoint, progress: Progress) -> None:
+    def _spread(self, checkpoint: Checkpoint) -> None:
         """Solve corners again from solutions of neighbours that are reached in more turns, until nothing changes."""
         shape = self.lattice.shape
         changed = self.level > 0
@@ -140,14 +140,14 @@ class LabelledGrid:
                 marked[:-1] |= risen[1:] & (level[1:] > level[:-1])
             front = np.flatnonzero(beside)
             changed = np.zeros(len(self.level), bool)
-            for corner in self._batches(front, f"neighbours, pass {turn + 1}", progress):
+            for corner in self._batches(front, f"neighbours, pass {turn + 1}"):
                 warm = self._joints_of(self.lattice.neighbours(corner))
                 found = self._labeller.label(self.lattice.coords(corner), warm, first=STARTS, count=_NEAR_STARTS)
                 changed[self._raise(corner, *found)] = True
             if not changed.any():
                 break
 
-    def _bisect(self, checkpoint: Checkpoint, progress: Progress) -> None:
+    def _bisect(self, checkpoint: Checkpoint) -> None:
         """Find the crossings of the surface with edges, by bisection."""
         half = (self.level >= _HALF).reshape(self.lattice.shape)
         for axis, stride in enumerate(self.lattice.strides):
@@ -155,16 +155,16 @@ class LabelledGrid:
             crossed = np.zeros(half.shape, bool)
             np.moveaxis(crossed, axis, 0)[:-1] = along[1:] != along[:-1]
             what = f"surface along {('z', 'tilt', 'u', 'v')[self.lattice.order[axis]]}"
-            for corner in self._batches(np.flatnonzero(crossed), what, progress):
+            for corner in self._batches(np.flatnonzero(crossed), what):
                 at_share = self._crossing(corner, corner + stride, self.lattice.order[axis])
                 for end, share in ((corner, at_share), (corner + stride, 1.0 - at_share)):
                     self.distance[end] = np.minimum(self.distance[end], np.round(32.0 * share).astype(np.uint8))
 
-    def _batches(self, corner: np.ndarray, what: str, progress: Progress, first: int = 0) -> Iterator[np.ndarray]:
+    def _batches(self, corner: np.ndarray, what: str, first: int = 0) -> Iterator[np.ndarray]:
         """Yield corners in batches, from number `first` on, and tell the progress after each batch."""
         for at in range(first, len(corner), self._batch):
             yield corner[at : at + self._batch]
-            progress(f"{self.name}: {what}", min(at + self._batch, len(corner)), len(corner))
+            tell(f"{self.name}: {what}", min(at + self._batch, len(corner)), len(corner))
 
     def _crossing(self, low: np.ndarray, high: np.ndarray, coordinate: int) -> np.ndarray:
         """Return the crossings of the surface with edges from `low` to `high`, as shares of their length, (N,)."""
@@ -221,9 +221,8 @@ def build_map(
     tilt_step: float = TILT_STEP,
     seed: int = 0,
     state: Path | None = None,
-    progress: Progress = lambda what, done, total: None,
 ) -> ReachMap:
-    """Build the reachability map of an arm.
+    """Build the reachability map of an arm, and tell the progress once in a while.
 
     Args:
         arm: The arm; its first axis is vertical, and its TCP lies on its last axis.
@@ -232,7 +231,6 @@ def build_map(
         tilt_step: Step of the grid [rad], rounded so that it divides a half turn.
         seed: Seed of the random starts.
         state: File in which progress is saved once in a while; a build that finds its own state there resumes.
-        progress: Called once in a while, see `Progress`.
 
     Raises:
         ArmError: Such an arm cannot have a map; the message gives the reason.
@@ -260,10 +258,10 @@ def build_map(
     labeller = Labeller(arm, device, starts=STARTS + _NEAR_STARTS, seed=seed)
     batch = 1 << (18 if device.startswith("cuda") else 12)
     checkpoint = Checkpoint(state, f"{arm.hash} {grid.shape} {grid.step.tolist()} {seed}")
-    surfaces = [LabelledGrid("grid", grid, labeller, len(arm.joints), batch)]
-    surfaces += [LabelledGrid(f"pole{i}", pole, labeller, len(arm.joints), batch) for i, pole in enumerate(poles)]
+    named = {"grid": grid, "pole0": poles[0], "pole1": poles[1]}
+    surfaces = [LabelledGrid(name, lattice, labeller, len(arm.joints), batch) for name, lattice in named.items()]
     for surface in surfaces:
-        surface.solve(checkpoint, progress)
+        surface.solve(checkpoint)
     first = surfaces[0]
     rows, codes = pack_rows(first.codes())
     cells, joints = gather_witnesses(grid.shape, first.level, first.joints)
@@ -286,7 +284,7 @@ def build_map(
         turn_error=max(map(turn_error, surfaces)),
         seed=seed,
     )
-    return replace(built, false_accepts=measure_false_accepts(built, device, progress))
+    return replace(built, false_accepts=measure_false_accepts(built, device))
 
 
 def lattices(height: float, radius: float, step: float, tilt_step: float) -> tuple[Lattice, tuple[Lattice, Lattice]]:

@@ -76,15 +76,8 @@ class Checkpoint:
         if self._path is None or time.monotonic() - self._written <= _SECONDS:
             return
         with replacing(self._path) as temporary, temporary.open("wb") as file:
-            np.savez(
-                file,
-                allow_pickle=False,
-                build=np.array(self._build),
-                finished=np.array(" ".join(sorted(self._finished))),
-                task=np.array(self._task),
-                done=np.array(self.done),
-                **self._arrays,
-            )
+            told = {"build": self._build, "finished": " ".join(sorted(self._finished)), "task": self._task}
+            np.savez(file, allow_pickle=False, **told, done=self.done, **self._arrays)
         self._written = time.monotonic()
 
     def _read(self, path: Path) -> None:

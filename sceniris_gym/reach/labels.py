@@ -157,18 +157,10 @@ class Labeller:
         with wp.ScopedDevice(self.device):
             turns, joints = wp.zeros(n, dtype=int), wp.zeros(n, dtype=vec8)
             last = self._starts.shape[0] if count is None else first + count
-            inputs = [
-                self._arm,
-                self.base,
-                self.wrist,
-                self._axis_xy,
-                wp.array(np.ascontiguousarray(coords, np.float32), dtype=wp.vec4),
-                wp.array(filled, dtype=vec8, shape=filled.shape[:2]),
-                self._starts[first:last],
-                ITERATIONS,
-                _POS_TOL,
-                _ROT_TOL,
-            ]
+            arm = [self._arm, self.base, self.wrist, self._axis_xy]
+            poses = wp.array(np.ascontiguousarray(coords, np.float32), dtype=wp.vec4)
+            starts = [wp.array(filled, dtype=vec8, shape=filled.shape[:2]), self._starts[first:last]]
+            inputs = [*arm, poses, *starts, ITERATIONS, _POS_TOL, _ROT_TOL]
             wp.launch(_label, dim=n, inputs=inputs, outputs=[turns, joints])
         return turns.numpy(), joints.numpy()
 
@@ -184,8 +176,7 @@ def end_turns(arm: SerialArm) -> tuple[JointTurn, JointTurn]:
 
 
 def _turn(arm: SerialArm, joint: int, sign: float) -> JointTurn:
-    free = arm.free_base if joint == 0 else arm.free_wrist
-    turn = JointTurn()
+    free, turn = arm.turns_freely(joint), JointTurn()
     turn.lower, turn.upper = (-np.pi, 2.0 * np.pi) if free else (float(arm.lower[joint]), float(arm.upper[joint]))
     turn.sign = 1.0 if sign > 0.0 else -1.0
     return turn

@@ -338,16 +338,7 @@ def solve(
     with wp.ScopedDevice(device):
         joints = wp.zeros(len(poses), dtype=vec8)
         ok = wp.zeros(len(poses), dtype=bool)
-        wp.launch(
-            _solve,
-            dim=len(poses),
-            inputs=[
-                arm_view(arm, device),
-                wp.array(poses[:, :3], dtype=wp.vec3),
-                wp.array(quat, dtype=wp.vec4),
-                wp.array(as_vec8(first), dtype=vec8),
-                iterations,
-            ],
-            outputs=[joints, ok],
-        )
+        wanted = [wp.array(poses[:, :3], dtype=wp.vec3), wp.array(quat, dtype=wp.vec4)]
+        inputs = [arm_view(arm, device), *wanted, wp.array(as_vec8(first), dtype=vec8), iterations]
+        wp.launch(_solve, dim=len(poses), inputs=inputs, outputs=[joints, ok])
     return joints.numpy()[:, : len(arm.joints)], ok.numpy()

@@ -33,14 +33,12 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     # Best labels first within each cell: their joints work for most turns.
     order = np.lexsort((corner, -level[corner].astype(int), cell))
     corner, cell = corner[order], cell[order]
-    starts = np.flatnonzero(np.concatenate([[True], cell[1:] != cell[:-1]])) if len(cell) else np.zeros(0, int)
-    ends = np.append(starts[1:], len(cell))[: len(starts)]
     cells = np.zeros((nz * ntilt * nu * nv, 2), np.int32)
     chosen, total = [np.zeros(0, int)], 0
-    for start, end in zip(starts, ends, strict=True):
-        candidates = corner[start : end : max(1, (end - start) // _CANDIDATES)]
+    for own in np.split(np.arange(len(cell)), np.flatnonzero(np.diff(cell)) + 1) if len(cell) else ():
+        candidates = corner[own[:: max(1, len(own) // _CANDIDATES)]]
         picked = candidates[_spread_out(joints[candidates].astype(np.float32))]
-        cells[cell[start]] = total, len(picked)
+        cells[cell[own[0]]] = total, len(picked)
         chosen.append(picked)
         total += len(picked)
     return cells.reshape(nz, ntilt, nu, nv, 2), joints[np.concatenate(chosen)].astype(np.float16)

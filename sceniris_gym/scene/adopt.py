@@ -151,7 +151,7 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
         if robot.placing is not None:
             adopt_body(spec, robot.name, robot.placing, f"{config.where}: {robot.section}")
         mjm = assemble.compile_spec(spec, "place_on: spec")
-        tcp_site(spec, mjm, mjm.qpos0, robot, assemble.prefix_of(robot), config.where)
+        tcp_site(spec, mjm, mjm.qpos0, robot, config.where)
     nslot = len(config.objects)
     if config.groups and not has_parking_ground(assemble.compile_spec(spec, "place_on: spec"), nslot, config.where):
         add_parking_ground(spec, nslot)

@@ -123,13 +123,6 @@ def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
     return home
 
 
-def prefix_of(robot: RobotConfig) -> str:
-    """Return the prefix of names inside the robot: 'panda/', or '' for a robot in a model without prefixes."""
-    if robot.in_model is None:
-        return f"{robot.name}/"
-    return robot.name[: robot.name.rfind("/") + 1]
-
-
 def check_assets(config: SceneConfig) -> None:
     """Compile the assets of a scene one by one.
 
@@ -249,13 +242,7 @@ def _turn(config: RobotConfig) -> np.ndarray:
 
 
 def attach(
-    spec: mujoco.MjSpec,
-    child: mujoco.MjSpec,
-    name: str,
-    frame: mujoco.MjsFrame,
-    where: str,
-    *,
-    around: bool = False,
+    spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str, *, around: bool = False
 ) -> mujoco.MjsBody:
     """Attach an asset as one body of that name: its only body, or a new one around everything in it.
 

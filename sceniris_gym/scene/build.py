@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
 from dataclasses import replace
 
 import mujoco
@@ -18,7 +17,7 @@ from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.cameras import add_cameras
-from sceniris_gym.scene.couplings import Coupling, follow, joint_couplings, turned_round
+from sceniris_gym.scene.couplings import follow, joint_couplings, turned_round
 from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.loadable import without_broken
@@ -29,6 +28,9 @@ from sceniris_gym.scene.overview import FOVY, Overview
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.tcp import tcp_site
 from sceniris_gym.scene.variants import SharedBodies, check_variants
+
+_Home = tuple[np.ndarray, np.ndarray]
+"""The start pose, shape (nq,), and its controls, shape (nu,)."""
 
 
 def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> SceneModel:
@@ -97,9 +99,8 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     if config.has_model_in_memory:
         check_bodies(mjm, config)
     qpos, ctrl = _home(mjm, homes, config)
-    couplings = joint_couplings(mjm, config.where)
     given_qpos = qpos.copy()
-    follow(couplings, qpos)
+    follow(joint_couplings(mjm, config.where), qpos)
     if spec.camera(backdrop.OVERVIEW) is None:
         seen = Overview(config, mjm, qpos) if full is None else Overview(full.config, full.mjm, full.home_qpos)
         backdrop.add_camera(spec, *seen.camera(), FOVY)
@@ -115,7 +116,7 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
         spec.key(keyframe).qpos = qpos
     tcps = _tcps(spec, mjm, qpos, config)
     mjm = assemble.compile_spec(spec, config.where) if shared is None else shared.compile(spec, mjm)
-    return _scene(config, spec, mjm, qpos, ctrl, couplings, tcps)
+    return _scene(config, spec, mjm, (qpos, ctrl), tcps)
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
@@ -130,27 +131,21 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
         mjm.body_pos[mocap] = mjm.key_mpos[key].reshape(-1, 3)[mjm.body_mocapid[mocap]]
         mjm.body_quat[mocap] = mjm.key_mquat[key].reshape(-1, 4)[mjm.body_mocapid[mocap]]
-    couplings = joint_couplings(mjm, config.where)
-    follow(couplings, qpos)
-    return _scene(config, None, mjm, qpos, ctrl, couplings, _tcps(None, mjm, qpos, config))
+    follow(joint_couplings(mjm, config.where), qpos)
+    return _scene(config, None, mjm, (qpos, ctrl), _tcps(None, mjm, qpos, config))
 
 
 def _scene(
-    config: SceneConfig,
-    spec: mujoco.MjSpec | None,
-    mjm: mujoco.MjModel,
-    qpos: np.ndarray,
-    ctrl: np.ndarray,
-    couplings: tuple[Coupling, ...],
-    tcps: Mapping[str, str],
+    config: SceneConfig, spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, home: _Home, tcps: dict[str, str]
 ) -> SceneModel:
     """Return the scene of a compiled model, after a look-up of all names that the scene refers to."""
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
-    identity, former = scene_hash(config, mjm, qpos)
+    identity, former = scene_hash(config, mjm, home[0])
     apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
     key, draws = _keyframe(mjm, config), field_draws(config, mjm, bodies)
-    scene = SceneModel(config, spec, mjm, bodies, key, qpos, ctrl, identity, tcps, couplings, apart, former, draws)
+    couplings = joint_couplings(mjm, config.where)
+    scene = SceneModel(config, spec, mjm, bodies, key, *home, identity, tcps, couplings, apart, former, draws)
     scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:
@@ -177,7 +172,7 @@ def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, con
         if robot.name not in bodies:
             where = f"{config.where}: {robot.key}"
             raise UnknownNameError("body of the model", robot.name, where, filter(None, bodies))
-        found[name] = tcp_site(spec, mjm, qpos, robot, assemble.prefix_of(robot), config.where)
+        found[name] = tcp_site(spec, mjm, qpos, robot, config.where)
     return found
 
 
@@ -233,7 +228,7 @@ def _keyframe(mjm: mujoco.MjModel, config: SceneConfig) -> int:
     return mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
 
 
-def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) -> tuple[np.ndarray, np.ndarray]:
+def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) -> _Home:
     """Return the start pose, shape (nq,), and its controls, shape (nu,)."""
     keyframe = _keyframe(mjm, config)
     if keyframe < 0 and config.home is not None:

@@ -8,7 +8,6 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.framing import camera_axes
 from sceniris_gym.geometry.rotations import quaternion
-from sceniris_gym.scene.assemble import prefix_of
 
 
 def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
@@ -37,5 +36,5 @@ def _name_in_model(config: SceneConfig, name: str) -> str:
     owner, _, part = name.partition("/")
     if owner in config.all_robots:
         robot = config.all_robots[owner]
-        return f"{prefix_of(robot)}{part}" if part else robot.name
+        return f"{robot.prefix}{part}" if part else robot.name
     return config.objects[name].body or name if name in config.objects else name

@@ -183,8 +183,6 @@ def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, h
     """
     low, high = _limits(mjm, joint)
     driven = driven_by(couplings, [joint])
-    if not driven:
-        return low, high
     adr, qpos = int(mjm.jnt_qposadr[joint]), home.copy()
 
     def within(x: float) -> bool:

@@ -13,7 +13,6 @@ import numpy as np
 
 from sceniris_gym.config.randomize import DEVIATIONS, WORDS, DrawConfig, Word
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside
 from sceniris_gym.scene.support import subtree
@@ -95,11 +94,11 @@ def _written(
     config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]
 ) -> Iterator[tuple[str, str, Word, DrawConfig, list[int]]]:
     """Yield the draws as written: name, place for messages, word, distribution, and rows of the field."""
-    owners = owners_of(config.variants)
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
             word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
-            yield f"{owners.get(name, name)}.{key}", where, word, draw, rows_inside(mjm, word.field, bodies[name])
+            rows = rows_inside(mjm, word.field, bodies[name])
+            yield f"{config.owners.get(name, name)}.{key}", where, word, draw, rows
     if config.randomize is None:
         return
     where = f"{config.where}: randomize"

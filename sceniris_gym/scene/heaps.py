@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -68,11 +67,10 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
         rows = HeapRows(names, found["pos"], found["quat"], str(found["settled_with"]))
         whole = rows.pos.shape[1:] == (len(names), 3) and rows.quat.shape == (*rows.pos.shape[:2], 4)
         sound = whole and len(rows.pos) > 0 and np.isfinite(rows.pos).all()
-        sound = sound and np.abs(np.linalg.norm(rows.quat, axis=-1) - 1.0).max(initial=0.0) < 1e-3
-    except (*UNREADABLE, KeyError, TypeError):
-        sound, rows = False, None
-    if rows is None or not sound:
-        raise HeapError(f"{where}.rows: '{path}' holds no settled heaps. {mend}")
+        if not sound or not np.abs(np.linalg.norm(rows.quat, axis=-1) - 1.0).max(initial=0.0) < 1e-3:
+            raise ValueError("poses of another shape, or none")
+    except UNREADABLE:
+        raise HeapError(f"{where}.rows: '{path}' holds no settled heaps. {mend}") from None
     if rows.names != heap.of:
         listed = ", ".join(rows.names)
         raise HeapError(
@@ -110,7 +108,15 @@ def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
     container = rigid_part(mjm, filled_body(scene, heap, where))
     for bodies in (container, *(rigid_thing(scene, name, where) for name in heap.of)):
         for body in bodies:
-            _add_body(digest.update, mjm, body, bodies[0])
+            pose = np.hstack([mjm.body_pos[body], mjm.body_quat[body]]) if body != bodies[0] else np.zeros(0)
+            arrays = [pose, mjm.body_mass[body : body + 1], mjm.body_inertia[body], mjm.body_ipos[body]]
+            for geom in np.flatnonzero(mjm.geom_bodyid == body):
+                arrays += [getattr(mjm, field)[geom].reshape(-1) for field in _GEOM]
+                mesh = int(mjm.geom_dataid[geom])
+                if mesh >= 0 and mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                    arrays.append(mesh_vertices(mjm, mesh))
+            for array in arrays:
+                digest.update((np.round(np.asarray(array, np.float64), 6) + 0.0).tobytes())
     return digest.hexdigest()[:16]
 
 
@@ -126,16 +132,3 @@ def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
             f"{where}.of: '{name}' should be 'free' and have no joints of its own: heaps are of rigid things."
         )
     return bodies
-
-
-def _add_body(update: Callable[[bytes], None], mjm: mujoco.MjModel, body: int, root: int) -> None:
-    """Add the geoms of a body to a hash, and where it is in its parent unless it is the root."""
-    pose = np.hstack([mjm.body_pos[body], mjm.body_quat[body]]) if body != root else np.zeros(0)
-    arrays: list[np.ndarray] = [pose, mjm.body_mass[body : body + 1], mjm.body_inertia[body], mjm.body_ipos[body]]
-    for geom in np.flatnonzero(mjm.geom_bodyid == body):
-        arrays += [getattr(mjm, field)[geom].reshape(-1) for field in _GEOM]
-        mesh = int(mjm.geom_dataid[geom])
-        if mesh >= 0 and mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            arrays.append(mesh_vertices(mjm, mesh))
-    for array in arrays:
-        update((np.round(np.asarray(array, np.float64), 6) + 0.0).tobytes())

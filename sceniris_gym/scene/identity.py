@@ -7,7 +7,7 @@ memory is identified by its compiled arrays, which differ in their last digits f
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -77,7 +77,13 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
     drawn = config.is_randomized
     if config.has_model_in_memory:
         every = [name for name in dir(mjm) if isinstance(getattr(mjm, name), np.ndarray)]
-        _update_from_arrays(digest.update, mjm, home_qpos, every if drawn else _ARRAYS)
+        counts = (mjm.nbody, mjm.njnt, mjm.ngeom, mjm.nsite)
+        names = [mujoco.mj_id2name(mjm, kind, i) for kind, n in zip(_NAMED, counts, strict=True) for i in range(n)]
+        digest.update(repr(names).encode())
+        option = np.hstack([mjm.opt.gravity, mjm.opt.disableflags, mjm.opt.enableflags, mjm.opt.o_margin])
+        for array in (home_qpos, option, *(getattr(mjm, name) for name in (every if drawn else _ARRAYS))):
+            digest.update(repr(array.shape).encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
     elif config.model is not None:
         _update_from_file(digest.update, config.model, drawn)
     for name, part in {**config.all_robots, **config.objects}.items():
@@ -127,18 +133,6 @@ def map_of(robot: RobotConfig) -> Path | None:
     if robot.map is not None:
         return Path(robot.map)
     return map_file(robot.asset) if robot.asset is not None and SHIPPED_NAME.fullmatch(robot.asset) else None
-
-
-def _update_from_arrays(
-    update: Callable[[bytes], None], mjm: mujoco.MjModel, home_qpos: np.ndarray, arrays: Sequence[str]
-) -> None:
-    counts = (mjm.nbody, mjm.njnt, mjm.ngeom, mjm.nsite)
-    names = [mujoco.mj_id2name(mjm, kind, i) for kind, n in zip(_NAMED, counts, strict=True) for i in range(n)]
-    update(repr(names).encode())
-    option = np.hstack([mjm.opt.gravity, mjm.opt.disableflags, mjm.opt.enableflags, mjm.opt.o_margin])
-    for array in (home_qpos, option, *(getattr(mjm, name) for name in arrays)):
-        update(repr(array.shape).encode())
-        update(np.ascontiguousarray(array).tobytes())
 
 
 def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) -> None:

@@ -16,7 +16,6 @@ from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.geometry.contacts import ContactRules
-from sceniris_gym.scene import assemble
 from sceniris_gym.scene.couplings import Coupling, driven_by
 from sceniris_gym.scene.draws import FieldDraw
 from sceniris_gym.scene.joint_checks import check_joint, refuse_follower
@@ -178,9 +177,8 @@ class SceneModel:
                 or a joint that follows another one.
             NotSupportedError: A ball joint.
         """
-        return self.resolve_joints(
-            name, self._joint_words(name), f"{self.config.where}: {self.config.key(name)}.joints"
-        )
+        where = f"{self.config.where}: {self.config.key(name)}.joints"
+        return self.resolve_joints(name, self._joint_words(name), where)
 
     def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
         """Return the joints of an object, or of the robot, that names and patterns choose; see `joint_configs`."""
@@ -220,6 +218,6 @@ class SceneModel:
         """Return the prefix of names inside an object: its own name, or that of the model that its body came with."""
         robot = self.config.all_robots.get(name)
         if robot is not None:
-            return assemble.prefix_of(robot).removesuffix("/")
+            return robot.prefix.removesuffix("/")
         body = self.config.objects[name].body
         return name if body is None else body.rpartition("/")[0]

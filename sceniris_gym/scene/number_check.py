@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.bounds import BOUNDS, Bound
+from sceniris_gym.config.bounds import BOUNDS
 from sceniris_gym.errors import SceneKeyError
 
 _BOUNDED = {
@@ -34,19 +34,15 @@ def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
         SceneKeyError: The first such number, by its field and element.
     """
     for name in (name for name in dir(mjm.opt) if not name.startswith("_")):
-        bound = BOUNDS[_OPTIONS[name]] if name in _OPTIONS else None
-        _check_option(where, name, np.atleast_1d(getattr(mjm.opt, name)), bound)
+        bound, values = BOUNDS.get(_OPTIONS.get(name, "")), np.atleast_1d(getattr(mjm.opt, name))
+        if not np.isfinite(values).all() or (bound is not None and not all(map(bound.holds, values))):
+            advice = "should be a finite number" if bound is None else bound.advice
+            found = ", ".join(f"{x:g}" for x in values)
+            raise SceneKeyError(f"{where}: model: option {name}: {found} {advice}. Correct it in the MJCF file.")
     for name in (name for name in dir(mjm) if not name.startswith("_")):
         values = getattr(mjm, name)
         if isinstance(values, np.ndarray) and values.dtype.kind == "f" and values.size:
             _check_field(mjm, where, name, values)
-
-
-def _check_option(where: str, name: str, values: np.ndarray, bound: Bound | None) -> None:
-    if not np.isfinite(values).all() or (bound is not None and not all(map(bound.holds, values))):
-        advice = "should be a finite number" if bound is None else bound.advice
-        found = ", ".join(f"{x:g}" for x in values)
-        raise SceneKeyError(f"{where}: model: option {name}: {found} {advice}. Correct it in the MJCF file.")
 
 
 def _check_field(mjm: mujoco.MjModel, where: str, name: str, values: np.ndarray) -> None:

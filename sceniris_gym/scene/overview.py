@@ -45,7 +45,6 @@ class Overview:
         self.data = mujoco.MjData(mjm)
         self.data.qpos[:] = home_qpos
         mujoco.mj_kinematics(mjm, self.data)
-        self.boxes: dict[str, _Box | None] = {}
         planes = mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self.shown = np.isin(mjm.geom_group, _SHOWN) & ~planes
         placed = [self._body(part.body or name) for name, part in config.parts.items() if part.is_placed]
@@ -90,20 +89,13 @@ class Overview:
 
     def _box(self, name: str) -> _Box | None:
         """Return the box that an object is put into, its pivot's range and some of its size; None if it stays."""
-        if name not in self.boxes:
-            self.boxes[name] = None  # for objects on each other in a circle
-            part = self.config.parts[name]
-            if part.is_placed:
-                self.boxes[name] = self._placed_box(name, part)
-        return self.boxes[name]
-
-    def _placed_box(self, name: str, part: ObjectConfig) -> _Box | None:
-        if part.support is None:
+        part = self.config.parts[name]
+        if part.is_placed and part.support is None:
             assert part.region is not None
             assert part.region.corners is not None
             low, high = np.array(part.region.corners, float)
             return low, high
-        if (base := self._support(part)) is None:
+        if not part.is_placed or (base := self._support(part)) is None:
             return None
         low, high = base
         radius, height = self._size(self._body(part.body or name))

@@ -31,11 +31,7 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
     low, high = _corners(nslot)
     middle, half = 0.5 * (low + high), 0.5 * (high - low) + 1.0
     spec.worldbody.add_geom(
-        name=_SLAB,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[*middle, -0.05],
-        size=[*half, 0.05],
-        group=3,
+        name=_SLAB, type=mujoco.mjtGeom.mjGEOM_BOX, pos=[*middle, -0.05], size=[*half, 0.05], group=3
     )
 
 
@@ -60,14 +56,9 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
                 f"({PARKING_FROM:g}, {PARKING_FROM:g}) m, where absent objects are parked. Lower it, or use a box."
             )
         found = found or over.max() < LEVEL
-    return found or _has_slab(mjm, data, low, high)
-
-
-def _has_slab(mjm: mujoco.MjModel, data: mujoco.MjData, low: np.ndarray, high: np.ndarray) -> bool:
-    """Return whether the slab of `add_parking_ground` exists and is large enough."""
     slab = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, _SLAB)
-    if slab < 0:
-        return False
+    if found or slab < 0:
+        return found
     middle, half = data.geom_xpos[slab, :2], mjm.geom_size[slab, :2]
     return bool(np.all(middle - half <= low) and np.all(middle + half >= high))
 

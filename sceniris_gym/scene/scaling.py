@@ -15,13 +15,8 @@ def scale_asset(spec: mujoco.MjSpec, factor: float, where: str) -> None:
         NotSupportedError: It has joints, tendons, height fields or the like, which would need more than a factor.
     """
     moving = [joint for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
-    for kind, elements in (
-        ("joints", moving),
-        ("tendons", spec.tendons),
-        ("height fields", spec.hfields),
-        ("skins", spec.skins),
-        ("flexible parts", spec.flexes),
-    ):
+    soft = {"height fields": spec.hfields, "skins": spec.skins, "flexible parts": spec.flexes}
+    for kind, elements in ({"joints": moving, "tendons": spec.tendons} | soft).items():
         if elements:
             raise NotSupportedError(f"{where}: is for rigid assets, and this one has {kind}. Leave the scale out.")
     for element in (*spec.bodies, *spec.frames, *spec.geoms, *spec.sites, *spec.cameras, *spec.lights):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -13,6 +12,7 @@ from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
 from sceniris_gym.geometry.rotations import product
 from sceniris_gym.geometry.upright_box import upright_box
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigid_part, rigid_thing, settled_with
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
@@ -59,10 +59,8 @@ class _Drop:
         data.qpos[self.held_qpos] = self.home[self.held_qpos]
 
 
-def settle(
-    scene: SceneModel, name: str, num: int, seed: int, progress: Callable[[int, int], object] = lambda done, of: None
-) -> HeapRows:
-    """Settle heaps of a scene.
+def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
+    """Settle heaps of a scene, and tell the progress.
 
     Things are dropped in a random order, each from above the one before, in random orientations. A heap counts if
     everything comes to rest inside the bounds of the container, sinks nowhere deeper than `DEEPEST`, and lies still.
@@ -72,7 +70,6 @@ def settle(
         name: The heap.
         num: Number of heaps.
         seed: Row i depends on the seed and on i alone.
-        progress: Called with the number of heaps done, and that of all.
 
     Raises:
         HeapError: The container does not hold the things.
@@ -88,7 +85,7 @@ def settle(
                 "to rest inside of it. Take things out of the heap, or use smaller ones or a larger container."
             )
         rows.append(row)
-        progress(i + 1, num)
+        tell("heaps", i + 1, num)
     pos, quat = (np.array([row[k] for row in rows]) for k in range(2))
     return HeapRows(heap.of, pos, quat, settled_with(scene, heap, where))
 
@@ -106,19 +103,16 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     held_qpos[mjm.jnt_qposadr[mjm.body_jntadr[things]][:, None] + np.arange(7)] = False
     mjm.dof_armature[held] = _HELD
     mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    data = mujoco.MjData(mjm)
-    mujoco.mj_setConst(mjm, data)
+    mujoco.mj_setConst(mjm, mujoco.MjData(mjm))
     mjm.stat.meaninertia = scene.mjm.stat.meaninertia  # by which the solver decides that it is done
-    data.qpos[:] = scene.home_qpos
-    mujoco.mj_kinematics(mjm, data)
     walls = [b for b in subtree(mjm, body) if b in container]
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
         raise HeapError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
     root = mjm.body_rootid[mjm.geom_bodyid]
-    away = np.linalg.norm(data.geom_xpos - data.xpos[root], axis=1) + mjm.geom_rbound
+    away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound
     sizes = np.array([away[root == thing].max(initial=0.01) for thing in things])
-    return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, *upright_box(mjm, data, geoms), sizes)
+    return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, *upright_box(mjm, scene.home, geoms), sizes)
 
 
 def _row(drop: _Drop, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:

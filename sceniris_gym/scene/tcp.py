@@ -22,9 +22,7 @@ _STRAIGHT, _STILL = math.radians(1.0), 1e-4
 _ONE_AXIS = 1.5
 
 
-def tcp_site(
-    spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: RobotConfig, prefix: str, where: str
-) -> str:
+def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: RobotConfig, where: str) -> str:
     """Return the name of the site that is the tool centre point; one that is not in the model yet is added to it.
 
     Without `tcp` in the scene it is the robot's site 'tcp', which need not exist.
@@ -34,14 +32,13 @@ def tcp_site(
         mjm: The model compiled from it.
         qpos: Its start pose, shape (nq,), in which the closing axis of the fingers is measured.
         config: The robot.
-        prefix: The prefix of the names inside the robot: '' or 'name/'.
         where: The beginning of errors.
 
     Raises:
         UnknownNameError: The robot has no such site or body.
         SceneKeyError: A site would have to be added, and the model cannot be edited.
     """
-    words, where = config.tcp, f"{where}: {config.section}.tcp"
+    words, prefix, where = config.tcp, config.prefix, f"{where}: {config.section}.tcp"
     if words is None:
         return f"{prefix}{SITE}"
     root = mjm.body(config.name).id

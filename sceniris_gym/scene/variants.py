@@ -57,15 +57,11 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
         bodies: The bodies of the variants of one object.
     """
     kinds = geom_classes(mjm)
-    own = [_numbered([kinds[geom] for geom in _geoms(mjm, body)]) for body in bodies]
+    of_bodies = [[kinds[geom] for geom in _geoms(mjm, body)] for body in bodies]
+    own = [[(kind, some[:i].count(kind)) for i, kind in enumerate(some)] for some in of_bodies]  # numbered in its class
     order = list(dict.fromkeys(kind for numbered in own for kind, _ in numbered))
     shared = sorted({*chain(*own)}, key=lambda each: (order.index(each[0]), each[1]))
     return [kind for kind, _ in shared], [[shared.index(each) for each in numbered] for numbered in own]
-
-
-def _numbered(kinds: list[tuple[int, ...]]) -> list[tuple[tuple[int, ...], int]]:
-    """Return each class with the number of geoms before it that have the same."""
-    return [(kind, kinds[:i].count(kind)) for i, kind in enumerate(kinds)]
 
 
 class SharedBodies:
@@ -144,7 +140,14 @@ class SharedBodies:
         unnamed = sorted(self._hulls - {geom.meshname for geom in spec.geoms if geom.contype | geom.conaffinity})
         if not unnamed:
             return
-        body, bit = spec.worldbody.add_body(name=_HULLS), _free_bit(self._full, self._where)
+        used = int(np.bitwise_or.reduce(self._full.geom_conaffinity.astype(np.int64)))
+        bit = next((1 << i for i in range(_CONTACT_BITS) if not used >> i & 1), 0)
+        if not bit:
+            raise SceneKeyError(
+                f"{self._where}: objects with variants need a contact bit of their own, and the geoms of the model "
+                f"have all {_CONTACT_BITS} in their conaffinity. Leave one out."
+            )
+        body = spec.worldbody.add_body(name=_HULLS)
         for mesh in unnamed:
             geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, contype=bit, conaffinity=0, mass=0.0)
             geom.group, geom.rgba = HIDDEN_GROUP, [0.0, 0.0, 0.0, 0.0]
@@ -189,21 +192,4 @@ def check_variants(
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
-    first = int(mjm.body_geomadr[body])
-    return list(range(first, first + int(mjm.body_geomnum[body])))
-
-
-def _free_bit(mjm: mujoco.MjModel, where: str) -> int:
-    """Return a contact bit that no geom reacts to.
-
-    Raises:
-        SceneKeyError: There is none.
-    """
-    used = int(np.bitwise_or.reduce(mjm.geom_conaffinity.astype(np.int64)))
-    bit = next((1 << i for i in range(_CONTACT_BITS) if not used >> i & 1), 0)
-    if not bit:
-        raise SceneKeyError(
-            f"{where}: objects with variants need a contact bit of their own, and the geoms of the model have all "
-            f"{_CONTACT_BITS} in their conaffinity. Leave one out."
-        )
-    return bit
+    return np.flatnonzero(mjm.geom_bodyid == body).tolist()

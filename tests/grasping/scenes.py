@@ -25,7 +25,7 @@ class Scene:
         self.scene: SceneModel = build_model(SceneConfig.load(config))
         self.plan: Plan = build_plan(self.scene)
         self.gripper = Gripper.from_model(self.scene.mjm, robot_arm(self.scene), self.scene.home_qpos, self.plan.pieces)
-        self.thing = Graspable(self.scene, "thing", self.plan.pieces, self.plan.home)
+        self.thing = Graspable(self.scene, "thing", self.plan.pieces, self.plan.scene.home)
 
     def grasp_set(self) -> GraspSet:
         """The grasps of the object."""

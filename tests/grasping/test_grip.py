@@ -25,9 +25,8 @@ def closing(tmp_path_factory: pytest.TempPathFactory):
     objects = {"cube": {"asset": cube, "on": "floor", "reachable": "clear"}}
     model = build_model(SceneConfig.load({**SCENE, "objects": objects, "start": [{"robot": "grasp", "of": "cube"}]}))
     plan = build_plan(model)
-    assert plan.reaching is not None
     one, target = plan.reaching.arms[0], plan.reaching.targets[0]
-    return plan, Fingers(model.mjm, one.arm, one.gripper, plan.home), target.grasp_set.grasps, model.subtree("cube")
+    return plan, Fingers(model.mjm, one.arm, one.gripper, model.home), target.grasp_set.grasps, model.subtree("cube")
 
 
 def test_fingers_close_until_they_are_a_little_inside(closing):

@@ -21,8 +21,9 @@ def test_a_follower_passes_through_what_its_driver_is_drawn_from(tmp_path: Path)
         ({"choice": [0.0, 0.2]}, 0.0, 0.1),
         ({"value": 0.2}, 0.1, 0.1),
     ):
-        ((f,),) = (o.followers for o in build_plan(placed(tmp_path, TIE, {"left": words})).objects)
-        np.testing.assert_allclose((f.low, f.high), (low, high), atol=1e-12)
+        (o,) = build_plan(placed(tmp_path, TIE, {"left": words})).objects
+        (follower,) = o.followers
+        np.testing.assert_allclose(o.spans[follower.adr], (low, high), atol=1e-12)
     steep = TIE.replace(".5", "4")
     (o,) = build_plan(placed(tmp_path, steep, {"*": {"noise": 0.2}})).objects
     np.testing.assert_allclose(o.joint_ranges[0].intervals, [(-0.025, 0.05)], atol=1e-8)

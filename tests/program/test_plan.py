@@ -95,5 +95,5 @@ def test_home_is_the_state_of_mujoco_at_the_start_pose(folder: Path):
     data = mujoco.MjData(scene.mjm)
     mujoco.mj_resetDataKeyframe(scene.mjm, data, scene.mjm.key("home").id)
     mujoco.mj_kinematics(scene.mjm, data)
-    np.testing.assert_allclose(build_plan(scene).home.xpos, data.xpos)
+    np.testing.assert_allclose(scene.home.xpos, data.xpos)
     assert np.isclose(data.body("gadget/a").xpos[2], 0.1 + 0.25)

@@ -65,4 +65,4 @@ def test_a_robot_without_a_tcp_is_refused(folder: Path, cube: str):
 
 def test_a_scene_without_anything_to_reach_has_no_arm_to_prepare(folder: Path, cube: str):
     """Though there is a robot."""
-    assert reaching(crane_scene(crane_mjcf(folder, "idle"), cube, reachable=False)) is None
+    assert not reaching(crane_scene(crane_mjcf(folder, "idle"), cube, reachable=False)).arms

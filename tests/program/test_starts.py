@@ -31,7 +31,6 @@ def test_kinds_have_the_numbers_of_the_plan():
         *(StartPose.HOME, StartPose.PREGRASP, StartPose.STANDING, StartPose.LIFTED, StartPose.HELD),
         *(StartPose.HOME, StartPose.STANDING),
     ]
-    assert plan.reaching is not None
     names = [grasp.name for target in plan.reaching.targets for grasp in target.grasp_set.grasps]
     assert {names[i].split(" ")[0] for i in np.flatnonzero(kinds["grasp"][HANDLE])} == {"grasp_upper_handle"}
     low, high = kinds["arm_range"][HELD].T
@@ -81,7 +80,6 @@ def test_a_tool_without_fingers_is_refused():
     """By the name of its robot."""
     objects = deepcopy(SCENE["objects"])
     plan = plan_of(objects=objects, start=[{"robot": "grasp", "of": "block"}])
-    assert plan.reaching is not None
     gripper = plan.reaching.arms[0].gripper
     object.__setattr__(gripper, "qposadr", np.zeros(0, int))
     with pytest.raises(NotSupportedError, match="tool of 'robot' has no fingers"):

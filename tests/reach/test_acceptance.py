@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.tier import Tier, Verdict
+from sceniris_gym.progress import listening
 from sceniris_gym.reach import acceptance
 from sceniris_gym.reach.acceptance import POSES, measure_false_accepts
 from sceniris_gym.reach.arm import SerialArm
@@ -126,5 +127,6 @@ def test_a_map_that_accepts_next_to_nothing_has_no_share(fine: ReachMap):
 def test_progress_is_told(fine: ReachMap):
     """Set by set."""
     told: list[tuple[str, int, int]] = []
-    measure_false_accepts(fine, "cpu", lambda *step: told.append(step))
+    with listening(lambda *step: told.append(step)):
+        measure_false_accepts(fine, "cpu")
     assert told == [("false accepts", n, 3) for n in (1, 2, 3)]

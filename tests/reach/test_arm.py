@@ -56,7 +56,7 @@ def test_arms_of_the_assets_fit_a_map(name: str):
     assert arm.no_map is None
     np.testing.assert_array_equal(arm.axis_xy, [0.0, 0.0])
     np.testing.assert_array_equal(arm.home, mjm.key("home").qpos[:n])
-    assert arm.free_base == arm.free_wrist == (name == "ur5e")
+    assert arm.turns_freely(0) == arm.turns_freely(-1) == (name == "ur5e")
 
 
 def test_limits_come_from_the_model():
@@ -66,8 +66,8 @@ def test_limits_come_from_the_model():
     np.testing.assert_array_equal(arm.lower, [-np.inf, -2.5, 0.0, -np.inf])
     np.testing.assert_array_equal(arm.upper, [np.inf, 2.5, 0.3, np.inf])
     np.testing.assert_array_equal(arm.slide, [False, False, True, False])
-    assert arm.free_base
-    assert arm.free_wrist
+    assert arm.turns_freely(0)
+    assert arm.turns_freely(-1)
     np.testing.assert_array_equal(arm.qposadr, [7, 8, 9, 10])
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from sceniris_gym.config.tier import Verdict
 from sceniris_gym.errors import ArmError, MapError
+from sceniris_gym.progress import listening
 from sceniris_gym.reach import checkpoint
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.build import build_map, reach_ball, turn_error
@@ -130,8 +131,8 @@ def test_a_build_that_was_stopped_goes_on(built: ReachMap, tmp_path: Path, monke
             if what.startswith(stage):
                 raise KeyboardInterrupt
 
-        with pytest.raises(KeyboardInterrupt):
-            build_map(arm, "cpu", step=STEP, tilt_step=TILT_STEP, state=state, progress=stop)
+        with pytest.raises(KeyboardInterrupt), listening(stop):
+            build_map(arm, "cpu", step=STEP, tilt_step=TILT_STEP, state=state)
     again = build_map(arm, "cpu", step=STEP, tilt_step=TILT_STEP, state=state)
     for name in ReachMap.__dataclass_fields__:
         assert name == "arm" or np.array_equal(getattr(again, name), getattr(built, name)), name
@@ -147,8 +148,8 @@ def test_a_state_of_another_build_is_refused(tmp_path: Path, monkeypatch: pytest
         if what.startswith("grid: neighbours"):
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        build_map(arm, "cpu", step=0.4, tilt_step=1.0, state=state, progress=stop)
+    with pytest.raises(KeyboardInterrupt), listening(stop):
+        build_map(arm, "cpu", step=0.4, tilt_step=1.0, state=state)
     with pytest.raises(MapError, match="the state of a different build"):
         build_map(arm, "cpu", step=0.4, tilt_step=1.0, seed=1, state=state)
     state.write_text("nothing")

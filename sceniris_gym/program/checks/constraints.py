@@ -29,20 +29,23 @@ def check_constraints(plan: Plan) -> None:
         NotSupportedError: A weld, connect or tendon that layouts would break, or that the start pose breaks.
     """
     drawn, where, mjm = _Drawn(plan), plan.scene.config.where, plan.scene.mjm
-    checked = []
     for eq in active_equalities(mjm):
         kind, label = mujoco.mjtEq(int(mjm.eq_type[eq])), f"{where}: {equality_label(mjm, eq)}"
         if bodies := joined_bodies(mjm, eq):
             _check_loop(label, drawn, *bodies)
-            checked.append(eq)
         elif kind == mujoco.mjtEq.mjEQ_TENDON:
             _check_tendons(label, drawn, [int(t) for t in (mjm.eq_obj1id[eq], mjm.eq_obj2id[eq]) if t >= 0])
-            checked.append(eq)
         elif kind in _FLEXES:
             flex = int(mjm.eq_obj1id[eq])
             name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex) or flex
             raise NotSupportedError(f"{label}: flex '{name}' cannot be placed. Take it out, or use rigid bodies.")
-    _check_start(mjm, plan.scene.home_qpos, checked, where)
+    (missed,) = equality_errors(mjm, plan.scene.home_qpos[None])
+    for eq in active_equalities(mjm):
+        if mjm.eq_type[eq] != mujoco.mjtEq.mjEQ_JOINT and missed[eq] > KEPT:
+            raise NotSupportedError(
+                f"{where}: {equality_label(mjm, eq)} is missed by {missed[eq]:.3g} m or rad in the start pose, and "
+                f"should be kept to {KEPT:g}. Correct the keyframe 'home', or take the equality out."
+            )
     for tendon in range(mjm.ntendon):
         _check_spatial(where, drawn, tendon)
 
@@ -59,9 +62,7 @@ class _Drawn:
 
     def __init__(self, plan: Plan) -> None:
         self.mjm, self.owners = plan.scene.mjm, plan.scene.owners
-        addresses = [d.qposadr for o in plan.objects for d in o.joint_ranges]
-        addresses += [f.coupling.adr for o in plan.objects for f in o.followers]
-        self.joints = set(np.flatnonzero(np.isin(self.mjm.jnt_qposadr, addresses)).tolist())
+        self.joints = {joint for o in plan.objects for joint in plan.scene.moving_joints(o.name)}
         placed = {o.bodies[0]: o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
         self.above: list[frozenset[int | str]] = [frozenset()]
         for body in range(1, self.mjm.nbody):
@@ -139,17 +140,6 @@ def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
             f"{where}: tendon '{name}' is spatial and has limits, and drawing {drawn.names(stretched)} changes its "
             f"length. Leave these joints out of the 'joints' of {_quoted(owners)}, or take the limits out."
         )
-
-
-def _check_start(mjm: mujoco.MjModel, home_qpos: np.ndarray, equalities: list[int], where: str) -> None:
-    """Check that the start pose keeps equalities, by MuJoCo's own account."""
-    (missed,) = equality_errors(mjm, home_qpos[None])
-    for eq in equalities:
-        if missed[eq] > KEPT:
-            raise NotSupportedError(
-                f"{where}: {equality_label(mjm, eq)} is missed by {missed[eq]:.3g} m or rad in the start pose, and "
-                f"should be kept to {KEPT:g}. Correct the keyframe 'home', or take the equality out."
-            )
 
 
 def _bodies_of(mjm: mujoco.MjModel, tendon: int) -> list[int]:

@@ -23,14 +23,32 @@ def check_distances(plan: Plan) -> None:
             joint that is drawn too far out.
     """
     placed = {o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
-    for name in plan.slots:
-        if name not in placed:
-            _check_start(plan, name)
+    config = plan.scene.config
+    for name in (name for name in plan.slots if name not in placed):
+        at = plan.scene.home.xpos[plan.scene.bodies[name]]
+        if np.abs(at).max() > MOST_FAR:
+            key, robot = config.key(name), config.all_robots.get(name)
+            if robot is not None:
+                key = f"{robot.section}.base" if robot.in_model is None else robot.key
+            place = ", ".join(f"{x:.4g}" for x in at)
+            raise SceneKeyError(
+                f"{config.where}: {key}: stands at ({place}) m, and should be within {MOST_FAR:g} m of the world's "
+                "origin along each axis: rounding grows with distance. Move the model to the origin."
+            )
     for o in plan.objects:
         _check_region(plan, o, placed)
         if o.kind != ObjectKind.STATIC:
             _check_size(plan, o)
-        _check_draws(plan, o)
+        bound, mjm = BOUNDS["joint"], plan.scene.mjm
+        for drawn in o.joint_ranges:
+            ends = drawn.choice or (drawn.low, drawn.high)
+            if not all(map(bound.holds, ends)):
+                joint = mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == drawn.qposadr)[0])).name
+                raise SceneKeyError(
+                    f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.joints: '{joint}' is drawn between "
+                    f"{min(ends):g} and {max(ends):g}, and {bound.advice}. Correct its limits in the model, or give a "
+                    "'range'."
+                )
     for p, low, high in plan.solids:
         reach = float(np.abs([low, high]).max())
         if reach > MOST_WIDE and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
@@ -41,46 +59,18 @@ def check_distances(plan: Plan) -> None:
             )
 
 
-def _check_start(plan: Plan, name: str) -> None:
-    """Check that an object or a robot that is not placed stands near enough."""
-    config, at = plan.scene.config, plan.home.xpos[plan.scene.bodies[name]]
-    if np.abs(at).max() > MOST_FAR:
-        key, robot = config.key(name), config.all_robots.get(name)
-        if robot is not None:
-            key = f"{robot.section}.base" if robot.in_model is None else robot.key
-        place = ", ".join(f"{x:.4g}" for x in at)
-        raise SceneKeyError(
-            f"{config.where}: {key}: stands at ({place}) m, and should be within {MOST_FAR:g} m of the world's origin "
-            "along each axis: rounding grows with distance. Move the model to the origin."
-        )
-
-
 def _check_size(plan: Plan, o: PlacedObject) -> None:
     """Check that a placed object ends near enough to its own frame, wherever that is at home."""
     where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}"
     if any(p.type == PieceType.PLANE and p.body in o.bodies for p in plan.pieces):
         raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
     for p, *ends in (solid for solid in plan.solids if solid[0].body in o.bodies):
-        reach = float(np.abs(np.subtract(ends, plan.home.xpos[o.bodies[0]])).max())
+        reach = float(np.abs(np.subtract(ends, plan.scene.home.xpos[o.bodies[0]])).max())
         if reach > MOST_FAR:
             raise SceneKeyError(
                 f"{where}: geom '{geom_name(plan.scene.mjm, p.geom)}' reaches {reach:.4g} m from the object's origin, "
                 f"and should end within {MOST_FAR:g} m of it: rounding grows with distance. Correct its position, or "
                 "give its mesh a smaller `scale`."
-            )
-
-
-def _check_draws(plan: Plan, o: PlacedObject) -> None:
-    """Check that the limits between which joints are drawn are those of a mechanism."""
-    bound, mjm = BOUNDS["joint"], plan.scene.mjm
-    for drawn in o.joint_ranges:
-        ends = drawn.choice or (drawn.low, drawn.high)
-        if not all(map(bound.holds, ends)):
-            joint = mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == drawn.qposadr)[0])).name
-            raise SceneKeyError(
-                f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.joints: '{joint}' is drawn between "
-                f"{min(ends):g} and {max(ends):g}, and {bound.advice}. Correct its limits in the model, or give a "
-                "'range'."
             )
 
 
@@ -92,8 +82,8 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
     if o.support is None or o.config.support is None:
         return
     moves = o.support.owner in placed
-    pos = np.zeros(3) if moves else plan.home.xpos[o.support.body]
-    mat = np.eye(3) if moves else plan.home.xmat[o.support.body].reshape(3, 3)
+    pos = np.zeros(3) if moves else plan.scene.home.xpos[o.support.body]
+    mat = np.eye(3) if moves else plan.scene.home.xmat[o.support.body].reshape(3, 3)
     reach = float(np.abs(o.corners @ mat.T + pos).max())
     if reach > MOST_FAR + 1e-6:
         where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.{o.config.support.word}"

@@ -19,8 +19,9 @@ def check_followers(plan: Plan) -> None:
     config, mjm = plan.scene.config, plan.scene.mjm
     for o in plan.objects:
         where, own = f"{config.where}: {config.key(o.name)}.joints", plan.scene.joints(o.name).values()
-        for f in o.followers:
-            c = f.coupling
+        spans = o.spans
+        for c in o.followers:
+            (low, high), (least, most) = spans[c.adr], c.limits
             follower, driver = (mjm.joint(j).name for j in (c.follower, c.driver))
             if c.follower not in own:
                 raise NotSupportedError(
@@ -28,9 +29,9 @@ def check_followers(plan: Plan) -> None:
                     f"not part of '{o.name}'. Make both part of one asset, leave '{driver}' out, or take the equality "
                     "out."
                 )
-            if f.low < c.limits[0] - _ROUNDING or f.high > c.limits[1] + _ROUNDING:
+            if low < least - _ROUNDING or high > most + _ROUNDING:
                 raise SceneKeyError(
-                    f"{where}: {c.label} makes joint '{follower}' follow '{driver}' to positions from {f.low:.4g} to "
-                    f"{f.high:.4g}, which should be inside its limits [{c.limits[0]:g}, {c.limits[1]:g}]. Draw "
-                    f"'{driver}' from a smaller range."
+                    f"{where}: {c.label} makes joint '{follower}' follow '{driver}' to positions from {low:.4g} to "
+                    f"{high:.4g}, which should be inside its limits [{least:g}, {most:g}]. Draw '{driver}' from a "
+                    "smaller range."
                 )

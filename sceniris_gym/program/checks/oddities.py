@@ -95,7 +95,7 @@ def _sunk(plan: Plan) -> Iterator[str]:
     pushed: list[str] = []
     cures: dict[str, None] = {}
     placed = {body for o in plan.objects if o.kind != ObjectKind.STATIC for body in o.bodies}
-    for depth, geoms in _overlaps(mjm, plan.home, [p for p in plan.pieces if p.body not in placed]):
+    for depth, geoms in _overlaps(mjm, plan.scene.home, [p for p in plan.pieces if p.body not in placed]):
         free = [geom for geom in geoms if _can_move(mjm, geom)]
         one, other = geoms if not free or geoms[0] in free else reversed(geoms)
         text = f"{_geom_of(scene, one)} is {1e3 * depth:.3g} mm inside {_geom_of(scene, other)}"

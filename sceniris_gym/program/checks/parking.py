@@ -31,7 +31,11 @@ def check_parking(plan: Plan) -> None:
                 f"{config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, and absent objects are "
                 f"parked {PARKING_SPACING:g} m apart. Use something smaller, or {cure}."
             )
-    corners = _home_corners(plan)
+    corners: dict[str, np.ndarray] = {}  # at home, of all that rises above the ground
+    for p, _, high in plan.solids:
+        if high[2] > LEVEL:
+            name = plan.scene.owners.get(p.body) or str(plan.scene.mjm.body(p.body).name)
+            corners[name] = np.maximum(corners[name], high[:2]) if name in corners else high[:2]
     for o in plan.objects:
         corners[o.name] = _corner(plan, o, corners)
     for name, corner in corners.items():
@@ -42,16 +46,6 @@ def check_parking(plan: Plan) -> None:
                 f"of groups are parked from ({PARKING_FROM:g}, {PARKING_FROM:g}) m on. Bring it and what carries it "
                 "nearer to the world's origin, or use no groups."
             )
-
-
-def _home_corners(plan: Plan) -> dict[str, np.ndarray]:
-    """Return the greatest x and y [m] of each object or body at home, of all of it that rises above the ground."""
-    corners: dict[str, np.ndarray] = {}
-    for p, _, high in plan.solids:
-        if high[2] > LEVEL:
-            name = plan.scene.owners.get(p.body) or str(plan.scene.mjm.body(p.body).name)
-            corners[name] = np.maximum(corners[name], high[:2]) if name in corners else high[:2]
-    return corners
 
 
 def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
@@ -65,16 +59,11 @@ def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.n
         at = np.array(o.config.region.corners[1][:2])
     elif o.support is not None and o.support.owner is not None:
         at = corners.get(o.support.owner, np.full(2, -np.inf))
-    else:
-        at = _far_corner(plan, o)
+    else:  # on a support that stays
+        assert o.ground is not None
+        pos, mat = plan.scene.home.xpos[o.ground], plan.scene.home.xmat[o.ground].reshape(3, 3)
+        at = (o.corners @ mat.T + pos)[:, :2].max(axis=0)
     return at + 2.0 * size
-
-
-def _far_corner(plan: Plan, o: PlacedObject) -> np.ndarray:
-    """Return the greatest x and y [m] of the region of an object on a support that stays."""
-    assert o.ground is not None
-    at, mat = plan.home.xpos[o.ground], plan.home.xmat[o.ground].reshape(3, 3)
-    return (o.corners @ mat.T + at)[:, :2].max(axis=0)
 
 
 def _size(plan: Plan, o: PlacedObject) -> float:
@@ -83,8 +72,7 @@ def _size(plan: Plan, o: PlacedObject) -> float:
     own = [p for p in plan.pieces if p.body in o.bodies]
     if not own:
         return 0.0
-    drawn = {d.qposadr: max(abs(d.low), abs(d.high), *map(abs, d.choice), 0.0) for d in o.joint_ranges}
-    drawn |= {f.coupling.adr: max(abs(f.low), abs(f.high)) for f in o.followers}
+    drawn = {adr: max(map(abs, ends)) for adr, ends in o.spans.items()}
     size = max(float(np.linalg.norm(np.maximum(*np.abs(p.bounds())))) for p in own)
     size += float(np.linalg.norm(mjm.body_pos[o.bodies[1:]], axis=1).sum())
     for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, o.bodies)):

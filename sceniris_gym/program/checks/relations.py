@@ -7,7 +7,6 @@ from sceniris_gym.config.relations import Beside
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.pack.regions import cut_pieces
 from sceniris_gym.program.pack.relations import MOST_SLICES
-from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
 
@@ -36,20 +35,15 @@ def check_relations(plan: Plan) -> None:
                     f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width "
                     "of its own."
                 )
-        _check_pieces(o, f"{plan.scene.config.where}: objects.{o.name}")
-
-
-def _check_pieces(o: PlacedObject, where: str) -> None:
-    """Check that the region of an object has no more pieces than the device has room for."""
-    pieces = cut_pieces(o)
-    points = None if o.config.region is None else o.config.region.points
-    if pieces > MAX_PIECES and points is not None:
-        raise SceneKeyError(
-            f"{where}.region: has {len(points):,} points on several surfaces, {pieces:,} together, and there is room "
-            f"for {MAX_PIECES:,}. Use fewer points, or a part of the support with fewer surfaces."
-        )
-    if pieces > MAX_PIECES:
-        raise SceneKeyError(
-            f"{where}.relations: together cut the region into {pieces} pieces, and there is room for {MAX_PIECES}. Use "
-            f"fewer rings, or wider ones: a thin one makes up to {MOST_SLICES} slices."
-        )
+        pieces, points = cut_pieces(o), None if o.config.region is None else o.config.region.points
+        if pieces > MAX_PIECES and points is not None:
+            raise SceneKeyError(
+                f"{plan.scene.config.where}: objects.{o.name}.region: has {len(points):,} points on several surfaces, "
+                f"{pieces:,} together, and there is room for {MAX_PIECES:,}. Use fewer points, or a part of the "
+                "support with fewer surfaces."
+            )
+        if pieces > MAX_PIECES:
+            raise SceneKeyError(
+                f"{where}: together cut the region into {pieces} pieces, and there is room for {MAX_PIECES}. Use fewer "
+                f"rings, or wider ones: a thin one makes up to {MOST_SLICES} slices."
+            )

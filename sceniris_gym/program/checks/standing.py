@@ -14,7 +14,6 @@ from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight
-from sceniris_gym.program.standing import Stance
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
@@ -60,7 +59,18 @@ def check_standing(plan: Plan) -> None:
                 f"{stance.friction:.3g} and should be {_FRICTION:g} at least. Give one of both more, {_ANYWAY}."
             )
         check_weight(plan.scene.mjm, o.bodies, where)
-        _check_foot(stance, f"{where}: '{o.name}'")
+        margin = max(f.most for f in stance.feet)
+        if margin <= 0.0:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' falls over: its centre of mass is {-1e3 * margin:.3g} mm outside of its foot. "
+                f"Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
+            )
+        if stance.sink > _GIVES:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' sinks into its support by {1e3 * stance.sink:.3g} mm, which should be "
+                f"{1e3 * _GIVES:g} mm at most. Give its geoms a harder 'solref' or 'solimp', or a weight nearer to "
+                f"that of its support, {_ANYWAY}."
+            )
         levels = len(stance.levels)
         if levels > MAX_LEVELS:
             raise SceneKeyError(
@@ -85,28 +95,13 @@ def _check_gravity(scene: SceneModel, where: str) -> None:
         raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
 
 
-def _check_foot(stance: Stance, whose: str) -> None:
-    """Refuse an object whose foot does not hold it in any of its poses, or sinks in."""
-    margin = max(f.most for f in stance.feet)
-    if margin <= 0.0:
-        raise SceneKeyError(
-            f"{whose} falls over: its centre of mass is {-1e3 * margin:.3g} mm outside of its foot. Correct its "
-            f"<inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
-        )
-    if stance.sink > _GIVES:
-        raise SceneKeyError(
-            f"{whose} sinks into its support by {1e3 * stance.sink:.3g} mm, which should be {1e3 * _GIVES:g} mm at "
-            f"most. Give its geoms a harder 'solref' or 'solimp', or a weight nearer to that of its support, {_ANYWAY}."
-        )
-
-
 def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all that is placed held."""
     mjm = plan.scene.mjm
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
     places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
-    joints = sorted({joint for at in places for joint in _yielding(mjm, plan.home, o.ground, at)})
+    joints = sorted({joint for at in places for joint in _yielding(mjm, plan.scene.home, o.ground, at)})
     root, placed = int(mjm.body_rootid[o.ground]), [x.bodies[0] for x in plan.objects if x.kind == ObjectKind.FREE]
     is_loose = mjm.body_dofnum[root] == 6 and root not in placed
     if not joints and not is_loose:
@@ -122,7 +117,7 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     ends = [{r.qposadr: r.intervals[i][i] for r in owner.joint_ranges} for i in (0, -1)]
     for state, at in itertools.product(({}, *ends), places):
         mujoco.mj_resetData(model, data)
-        data.qpos[:], data.ctrl[:] = plan.home.qpos, plan.scene.home_ctrl
+        data.qpos[:], data.ctrl[:] = plan.scene.home.qpos, plan.scene.home_ctrl
         data.qpos[list(state)] = list(state.values())
         mujoco.mj_forward(model, data)
         if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there

@@ -21,7 +21,7 @@ def check_supports(plan: Plan) -> None:
         if o.config.support is None or o.support is None:
             continue
         word, parent, region = o.config.support.word, o.config.support.parent, o.config.region
-        where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.home.xmat[o.support.body][8]
+        where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.scene.home.xmat[o.support.body][8]
         if o.support.is_floor and word == "inside":
             raise SceneKeyError(f"{where}: nothing covers the floor. Write 'on: floor'.")
         if up < UPRIGHT:

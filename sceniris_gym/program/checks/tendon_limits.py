@@ -40,7 +40,11 @@ def check_tendon_limits(plan: Plan) -> None:
     """
     scene, mjm = plan.scene, plan.scene.mjm
     drawn = {d.qposadr: d.intervals for o in plan.objects for d in o.joint_ranges}
-    moving = _moving(plan)
+    # the drawn joint that moves each joint, and the joint's position as a polynomial of that of the drawn one
+    moving = {adr: (adr, np.poly1d([1.0, 0.0])) for adr in drawn}
+    for c in (c for o in plan.objects for c in o.followers):
+        root, position = moving[c.driver_adr]
+        moving[c.adr] = root, np.poly1d((*reversed(c.coef), c.offset))(position - c.origin)
     for tendon in range(mjm.ntendon):
         factors = {int(mjm.jnt_qposadr[j]): factor for j, factor in tendon_joints(mjm, tendon).items()}
         shares, lengths = _shares(factors, moving), {adr: f * scene.home_qpos[adr] for adr, f in factors.items()}
@@ -58,18 +62,6 @@ def check_tendon_limits(plan: Plan) -> None:
                 f"{high:.4g} long, which should be inside its limits [{least:g}, {most:g}]. Draw these joints from "
                 "smaller ranges, or take the limits out."
             )
-
-
-def _moving(plan: Plan) -> dict[int, tuple[int, np.poly1d]]:
-    """Return the drawn joint that moves each joint, and the joint's position as a polynomial of that of the drawn one.
-
-    All joints that differ between layouts are there, by their addresses in qpos.
-    """
-    found = {d.qposadr: (d.qposadr, np.poly1d([1.0, 0.0])) for o in plan.objects for d in o.joint_ranges}
-    for c in (f.coupling for o in plan.objects for f in o.followers):
-        root, position = found[c.driver_adr]
-        found[c.adr] = root, np.poly1d((*reversed(c.coef), c.offset))(position - c.origin)
-    return found
 
 
 def _shares(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.poly1d]]) -> dict[int, np.poly1d]:

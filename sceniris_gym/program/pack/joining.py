@@ -33,11 +33,6 @@ class JoinedSites:
     own: np.ndarray
     turn: float
 
-    @property
-    def sites(self) -> np.ndarray:
-        """Both positions, shape (4,)."""
-        return np.hstack([self.at, self.own])
-
 
 def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
     """Return how an object is joined.
@@ -75,9 +70,9 @@ def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, flo
         body = int(scene.mjm.body_parentid[body])
     placed = next((o for o in plan.objects if o.name == name and o.variants), None)
     mat, pivot = _upright(placed, where) if placed is not None else _at_home(plan, name)
-    back = plan.home.xmat[root].reshape(3, 3).T
-    pos = back @ (plan.home.site_xpos[sites[word]] - plan.home.xpos[root])
-    x = mat @ back @ plan.home.site_xmat[sites[word]].reshape(3, 3)[:, 0]
+    back = plan.scene.home.xmat[root].reshape(3, 3).T
+    pos = back @ (plan.scene.home.site_xpos[sites[word]] - plan.scene.home.xpos[root])
+    x = mat @ back @ plan.scene.home.site_xmat[sites[word]].reshape(3, 3)[:, 0]
     if np.linalg.norm(x[:2]) < _UPRIGHT:
         raise SceneKeyError(
             f"{where}: the x axis of '{word}' is vertical, so it gives no heading. Turn it out of '{name}', "
@@ -99,6 +94,6 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
 def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the same for an object that keeps its pose in the model."""
     root, place = plan.scene.bodies[name], plan.place[plan.slots.index(name)]
-    mat = plan.home.xmat[root].reshape(3, 3)
+    mat = plan.scene.home.xmat[root].reshape(3, 3)
     level = matrix(np.array([math.cos(0.5 * place[3]), 0.0, 0.0, -math.sin(0.5 * place[3])])) @ mat
-    return level, mat.T @ (place[:3] - plan.home.xpos[root])
+    return level, mat.T @ (place[:3] - plan.scene.home.xpos[root])

@@ -22,24 +22,19 @@ def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
     mjm = plan.scene.mjm
     far = MOST_WIDE + PARKING_SPACING * len(plan.slots)
     bound = np.abs(plan.scene.home_qpos)
-    quats = []
-    for kind, adr in zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True):
-        is_free = kind == mujoco.mjtJoint.mjJNT_FREE
-        if is_free:
-            bound[adr : adr + 3] = np.maximum(bound[adr : adr + 3], far)
-        if is_free or kind == mujoco.mjtJoint.mjJNT_BALL:
-            quats.append(int(adr) + (3 if is_free else 0))
-            bound[quats[-1] : quats[-1] + 4] = 1.0
+    is_free, is_ball = (mjm.jnt_type == kind for kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL))
+    places = mjm.jnt_qposadr[is_free][:, None] + np.arange(3)
+    bound[places] = np.maximum(bound[places], far)
+    quats = (mjm.jnt_qposadr + 3 * is_free)[is_free | is_ball]
+    bound[quats[:, None] + np.arange(4)] = 1.0
     for o in plan.objects:
-        for d in o.joint_ranges:
-            bound[d.qposadr] = max(map(abs, d.choice or (d.low, d.high)))
-        for f in o.followers:
-            bound[f.coupling.adr] = max(abs(f.low), abs(f.high))
+        for adr, ends in o.spans.items():
+            bound[adr] = max(map(abs, ends))
     mocap = np.full(mjm.nmocap, 3.0 * far)
     bodies = np.flatnonzero(mjm.body_mocapid >= 0)
     mocap[mjm.body_mocapid[bodies]] += np.abs(mjm.body_pos[bodies]).sum(axis=1)
     return {
         "bound_qpos": (1.0 + _ROUNDING) * bound + _ROUNDING,
         "bound_mocap": mocap,
-        "quat_qposadr": np.array(quats, int),
+        "quat_qposadr": quats,
     }

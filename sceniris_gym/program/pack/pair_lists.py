@@ -36,8 +36,7 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
     before = [np.searchsorted([own[e[0] - part[0][0]] for e in part], np.arange(number + 1)) for own, part in hands]
     robots = [*names, *arm.robots * len(_ARM_LISTS)]
     owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in robots]
-    held = [] if plan.reaching is None else plan.reaching.names
-    for own, name in zip(owners[len(owners) - len(column) :], held, strict=True):
+    for own, name in zip(owners[len(owners) - len(column) :], plan.reaching.names, strict=True):
         own += plan.scene.subtree(name)
     body = [c.body for c in colliders]
     bodies = [

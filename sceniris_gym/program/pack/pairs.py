@@ -59,7 +59,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class ArmPairs:
-    """Pairs of an arm in a grasp, in lists like those of `collider_pairs`; all are empty without reach targets.
+    """Pairs of an arm in a grasp, in lists like those of `collider_pairs`.
 
     Attributes:
         robots: For each reach target, in placement order, the robot that is to reach it.
@@ -158,8 +158,13 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         plan: The plan.
         rules: The rules for its colliders.
     """
-    bodies, standing = [c.body for c in rules.colliders], _standing_clearances(plan)
-    config = plan.scene.config
+    bodies, scene, config = [c.body for c in rules.colliders], plan.scene, plan.scene.config
+    clearances = dict.fromkeys(range(scene.mjm.nbody), 0.0)
+    for name, part in (*config.all_robots.items(), *config.objects.items()):
+        clearances |= dict.fromkeys(scene.subtree(name), part.clearance)
+    left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
+    # of what stands before anything is placed; nothing keeps off markers
+    standing = {body: clearance for body, clearance in clearances.items() if body not in left_out}
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
@@ -180,16 +185,6 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
     return result
 
 
-def _standing_clearances(plan: Plan) -> dict[int, float]:
-    """Return the clearance [m] of each body that stands before anything is placed; nothing keeps off markers."""
-    scene, config = plan.scene, plan.scene.config
-    clearances = dict.fromkeys(range(scene.mjm.nbody), 0.0)
-    for name, part in (*config.all_robots.items(), *config.objects.items()):
-        clearances |= dict.fromkeys(scene.subtree(name), part.clearance)
-    left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
-    return {body: clearance for body, clearance in clearances.items() if body not in left_out}
-
-
 def _marker_bodies(scene: SceneModel) -> set[int]:
     """Return the bodies of all markers."""
     markers = [name for name, part in scene.config.objects.items() if part.kind == "marker"]
@@ -204,8 +199,6 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
         rules: The rules for its colliders.
     """
     reaching, scene, bodies = plan.reaching, plan.scene, [c.body for c in rules.colliders]
-    if reaching is None:
-        return ArmPairs()
     markers, config = _marker_bodies(scene), scene.config
     lifted = {name for start in config.start if start.is_held for name in start.targets(config.groups)}
     numbers = {body: i for i, o in enumerate(plan.objects) for body in o.bodies}
@@ -242,7 +235,7 @@ def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
     pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
     if not rules.is_physics:
         return [pair for pair in pairs if not _touch_at_home(rules, plan, pair)]
-    home = HomeTouch(rules.mjm, plan.home)
+    home = HomeTouch(rules.mjm, plan.scene.home)
     return [part for pair in pairs for part in _as_at_home(rules, plan, home, pair)]
 
 
@@ -253,7 +246,7 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
     """
     near = max(pair.margin, _NEAR)
     geoms = [rules.geoms(collider) for collider in (pair.a, pair.b)]
-    return any(mujoco.mj_geomDistance(rules.mjm, plan.home, g, h, near, None) < near for g, h in product(*geoms))
+    return any(mujoco.mj_geomDistance(rules.mjm, plan.scene.home, g, h, near, None) < near for g, h in product(*geoms))
 
 
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
@@ -273,5 +266,5 @@ def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> li
 
 def _directions(plan: Plan, piece: Piece, direction: np.ndarray) -> np.ndarray:
     """Return a direction of the world at home and the piece's axes, to and fro, in the frame of the piece's body."""
-    found = np.vstack([plan.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
+    found = np.vstack([plan.scene.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
     return np.concatenate([found, -found])

@@ -91,11 +91,9 @@ def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndar
         "body_parent": mjm.body_parentid,
         "body_pos": pos,
         "body_quat": quat,
-        "body_jntadr": mjm.body_jntadr,
         "body_jntnum": num,
         "jnt_slide": mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE,
-        "jnt_pos": mjm.jnt_pos,
         "jnt_axis": axis,
-        "jnt_qposadr": mjm.jnt_qposadr,
+        **{name: getattr(mjm, name) for name in ("body_jntadr", "jnt_pos", "jnt_qposadr")},
         "jnt_qpos0": qpos0,
     }

@@ -16,7 +16,7 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget
+from sceniris_gym.program.reach import ReachingArm, ReachTarget
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
@@ -31,16 +31,14 @@ def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> 
         arm_lists: The fields `pack.objects.ARM_LISTS`, which all arms share.
         device: Warp's name of the device.
     """
-    if plan.reaching is None:
-        return
     arms, names = plan.reaching.arms, [o.name for o in plan.objects]
     late = {target.arm for target in plan.reaching.targets if target.late}
     bases = [names.index(one.robot) if i in late else UNASKED for i, one in enumerate(arms)]
-    shared = _target_arrays(plan, plan.reaching, bases)
+    shared = _target_arrays(plan, bases)
     for i, one in enumerate(arms):
         set_map_and_arm(one, device)
         one.view.number, one.view.last, one.view.base_obj = i, len(arms) - 1, bases[i]
-        own = _arm_fields(plan.scene, plan.home, one)
+        own = _arm_fields(plan.scene, plan.scene.home, one)
         fill_struct(Reach, one.view, {**arm_lists, **shared, **own}, device)
 
 
@@ -58,7 +56,10 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
     view.mapped = one.map is not None
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
     if present:
-        view.hand_pos, view.hand_quat = _in_tcp(home, one.arm.tcp_site, hand[0])
+        site, body = one.arm.tcp_site, hand[0]
+        back = home.site_xmat[site].reshape(3, 3).T
+        view.hand_pos = wp.vec3(*(back @ (home.xpos[body] - home.site_xpos[site])))
+        view.hand_quat = wp.vec4(*product(quaternion(back), home.xquat[body]))
     return {
         "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
         "arm_body": np.array(scene.subtree(one.robot)[1:], int),
@@ -70,16 +71,9 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
     }
 
 
-def _in_tcp(home: mujoco.MjData, site: int, body: int) -> tuple[wp.vec3, wp.vec4]:
-    """Return the pose of a body that moves with the TCP, in the frame of the TCP, a site."""
-    back = home.site_xmat[site].reshape(3, 3).T
-    pos = back @ (home.xpos[body] - home.site_xpos[site])
-    return wp.vec3(*pos), wp.vec4(*product(quaternion(back), home.xquat[body]))
-
-
-def _target_arrays(plan: Plan, reaching: Reaching, bases: list[int]) -> dict[str, np.ndarray]:
+def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
     """Return the arrays that all arms share: reach targets, their grasps, and an empty bank."""
-    targets, rows = reaching.targets, len(reaching.targets)
+    targets, rows = plan.reaching.targets, len(plan.reaching.targets)
     grasps, fields = addressed("reach_grasp", (t.grasp_set.grasps for t in targets))
     numbers = np.full(len(plan.objects), UNASKED)
     numbers[[t.number for t in targets]] = np.arange(rows)

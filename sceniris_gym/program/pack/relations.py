@@ -22,7 +22,8 @@ MOST_SLICES = 256
 
 def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields `rel_*`, and which of them each object has; `joints` as from `joints_of`."""
-    owned = [(o, relation) for o in plan.objects for relation in o.config.relations]
+    owned = [(o, r) for o in plan.objects for r in o.config.relations]
+    sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
     slots = {name: slot for slot, name in enumerate(plan.places)}
     anchors, of_relations = addressed("rel_anchor", ([slots[a] for a in r.anchors] for r in relations))
@@ -39,9 +40,7 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         "rel_bounds": np.array([r.by_bounds for r in relations], int),
         "rel_width": np.array([r.width or -1.0 if isinstance(r, Between) else -1.0 for r in relations], float),
         "rel_gap": np.array([r.gap if isinstance(r, Beside) else 0.0 for r in relations], float),
-        "rel_sites": np.reshape(
-            [joints[o.name].sites if isinstance(r, Joined) else np.zeros(4) for o, r in owned], (-1, 4)
-        ),
+        "rel_sites": np.reshape(sites, (-1, 4)),
         "rel_sideadr": np.array([a for o in plan.objects for a in _side_addresses(o.config.relations)], int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }

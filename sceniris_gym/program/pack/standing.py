@@ -37,9 +37,8 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     corner, of_feet = addressed("foot_corner", foot)
     whole = {id(x) for o, s in zip(objects, found, strict=True) if s.is_whole for mine in o.surfaces for x in mine}
     surfaces = surfaces_of_regions(objects)
-    parts, of_surfaces = addressed(
-        "surface_part", ([_ENDLESS] if id(x) in whole else _convex_parts(x) for x in surfaces)
-    )
+    outlines = ([_ENDLESS] if id(x) in whole else _convex_parts(x) for x in surfaces)
+    parts, of_surfaces = addressed("surface_part", outlines)
     side, of_parts = addressed("part_side", parts)
     radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() if f.margin > 0.0 else 1e30 for f in feet]
     drawn = any(draw.word.field == "body_mass" for draw in plan.scene.draws)

@@ -24,20 +24,15 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
     if not plan.scene.config.start:
         return None
     starts, fields = Starts(), plan_starts(plan, plan_grips(plan))
-    _raise_bounds(plan, fields["draw_range"], bounds)
-    fill_struct(Starts, starts, fields | {"bank_start": np.zeros(0)}, device)
-    return starts
-
-
-def _raise_bounds(plan: Plan, draws: np.ndarray, bounds: np.ndarray) -> None:
-    """Raise bounds to the greatest absolute values of arms, fingers and joints in all starts."""
+    draws = fields["draw_range"]
     adr = [r.qposadr for o in plan.objects for r in o.joint_ranges]
     is_drawn = draws[..., :1] <= draws[..., 1:]
     bounds[adr] = np.maximum(bounds[adr], np.where(is_drawn, np.abs(draws), 0.0).max(axis=(0, 2), initial=0.0))
-    for one in () if plan.reaching is None else plan.reaching.arms:
+    for one in plan.reaching.arms:
         limits = np.abs([one.arm.lower, one.arm.upper])
-        bounds[one.arm.qposadr] = np.maximum(
-            np.where(np.isfinite(limits), limits, np.pi).max(axis=0), bounds[one.arm.qposadr]
-        )
+        most = np.where(np.isfinite(limits), limits, np.pi).max(axis=0)
+        bounds[one.arm.qposadr] = np.maximum(bounds[one.arm.qposadr], most)
         adr, qpos = one.gripper.poses(np.linspace(0.0, 1.0, 17))
         bounds[adr] = np.maximum(bounds[adr], np.abs(qpos).max(axis=0, initial=0.0))
+    fill_struct(Starts, starts, fields | {"bank_start": np.zeros(0)}, device)
+    return starts
