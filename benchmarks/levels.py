@@ -3,13 +3,14 @@
     python -m benchmarks.levels buffer
     python -m benchmarks.levels knobs clutter_extract
     python -m benchmarks.levels steps TabletopReach-v0
+    python -m benchmarks.levels resets TabletopReach-v0
     python -m benchmarks.levels table FOLDER FOLDER
 
 `buffer` times decisions and updates of 4,096 worlds with 10^6 levels, launched one by one and as a graph, and a refresh
 of all weights. `knobs` times a change of all knobs of a scene in all worlds, alike or each in its own way, and the next
-layouts after it. `steps` lets environments with and without levels and knobs take turns of the same random actions.
-`table` prints the successes of trained policies by the number of things in a layout, out of `judged.json` of their
-folders. Each prints lines of JSON.
+layouts after it. `steps` times steps of random actions by turns, with levels and without, `resets` the kernels of
+resets. `table` prints the successes of trained policies by the number of things in a layout, out of `judged.json` of
+their folders. Each prints lines of JSON.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,6 +27,7 @@ import tyro
 import warp as wp
 
 from benchmarks.timing import spread, wait
+from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
@@ -33,6 +36,7 @@ from sceniris_gym.levels.buffer import Episodes, create_buffer, launch_choose, l
 from sceniris_gym.levels.weights import launch_refresh
 from sceniris_gym.program.device import allocate
 from sceniris_gym.training.task_scenes import make_env, scene_of
+from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 _ROUNDS = 21
 
@@ -117,48 +121,113 @@ def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
     print(json.dumps({"scene": scene, "num_envs": num_envs, "knobs": len(rows), **found}))
 
 
-def steps(
-    task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096, rounds: int = 5, episode: int = 100
-) -> None:
-    """Time steps with random actions: plain, a second time plain, with levels, and with levels and all knobs.
+def _switch(envs: SceneVectorEnv) -> Callable[[bool], None]:
+    """Return a function that switches the levels of an environment on or off, with the worlds that wait in between."""
+    randomizer: Any = envs.randomizer
+    sampler, on = randomizer.levels, randomizer._reset
+    wait(envs)
+    randomizer._mask.zero_()
+    sampler.launch_generate = sampler.source.launch_generate  # while it is captured
+    off = LaunchSequence(randomizer._launch_reset, randomizer.device)
+    off()
+    del sampler.launch_generate
+    wait(envs)
 
-    The second plain environment tells how far two of the same differ. `fresh_levels` replays none, so that its layouts
-    are as those without levels. Turns go forwards and backwards.
+    def switch(is_on: bool) -> None:
+        randomizer._reset = on if is_on else off
+        for name, other in (("after_reset", sampler.source.after_reset), ("launch_finish", lambda *_: None)):
+            vars(sampler).pop(name, None)
+            if not is_on:
+                setattr(sampler, name, other)
+
+    return switch
+
+
+def steps(
+    task: tyro.conf.Positional[str],
+    device: str = "cuda:0",
+    num_envs: int = 4096,
+    seconds: float = 60.0,
+    episode: int = 100,
+    warm: int = 120,
+) -> None:
+    """Time steps with random actions, with levels and without, by turns.
+
+    Two environments of one kind differ by up to 3%, whichever comes first. So levels are switched on and off in one and
+    the same environment: one with levels alone, and one with all knobs, too. A turn is 20 steps.
 
     Args:
         task: id of a task of this package
         device: cuda:0, or cpu
         num_envs: worlds
-        rounds: turns of each environment that count; one before them does not
-        episode: control steps of an episode, and of a turn
+        seconds: time of all turns together
+        episode: control steps of an episode
+        warm: steps before the first turn, in which layouts are missed that were not made ahead
     """
-    compiled = compile_scene(scene_of(task, reachable=True), device)
-    both = {"levels": Levels(), "knobs": "*"}
-    words = {"plain": {}, "plain_again": {}, "fresh_levels": {"levels": Levels(replay=0.0)}}
-    words |= {"levels": {"levels": Levels()}, "levels_and_knobs": both}
-    made = {name: make_env(task, num_envs, compiled, max_episode_steps=episode, **w) for name, w in words.items()}
-    random = torch.Generator().manual_seed(0)
-    begun = torch.randint(episode, (num_envs,), generator=random)
-    shape = (episode, *made["plain"].action_space.shape)  # type: ignore[misc]
-    actions = (2.0 * torch.rand(shape, generator=random) - 1.0).to(made["plain"].device)
-    seconds: dict[str, list[float]] = {name: [] for name in made}
-    for envs in made.values():
+    compiled, random = compile_scene(scene_of(task, reachable=True), device), torch.Generator().manual_seed(0)
+    words: dict[str, dict[str, Any]] = {"levels": {}, "levels_and_knobs": {"knobs": "*"}}
+    words = {name: {"levels": Levels(), "max_episode_steps": episode, **more} for name, more in words.items()}
+    made = {name: make_env(task, num_envs, compiled, **more) for name, more in words.items()}
+    shape = (20, *made["levels"].action_space.shape)  # type: ignore[misc]
+    actions = (2.0 * torch.rand(shape, generator=random) - 1.0).to(made["levels"].device)
+    begun, switches = torch.randint(episode, (num_envs,), generator=random), {}
+    for name, envs in made.items():
         envs.reset(seed=0)
         envs.state.elapsed.copy_(begun)
-    for turn in range(rounds + 1):
-        for name, envs in list(made.items())[:: 1 if turn % 2 else -1]:
-            wait(envs)
+        switches[name] = _switch(envs)
+        for k in range(warm):
+            envs.step(actions[k % len(actions)])
+    times: dict[tuple[str, bool], list[float]] = {(name, is_on): [] for name in made for is_on in (True, False)}
+    began = time.perf_counter()
+    while time.perf_counter() - began < seconds:
+        for (name, is_on), spent in list(times.items())[:: 1 if len(times["levels", True]) % 2 else -1]:
+            switches[name](is_on)
+            wait(made[name])
             start = time.perf_counter()
             for action in actions:
-                envs.step(action)
+                made[name].step(action)
+            wait(made[name])
+            spent.append(time.perf_counter() - start)
+    found: dict[str, Any] = {}
+    for name in made:
+        on, off = (np.array(times[name, is_on]) for is_on in (True, False))
+        rows = np.random.default_rng(0).integers(len(on), size=(4000, len(on)))
+        ends = np.quantile(off[rows].sum(axis=1) / on[rows].sum(axis=1), [0.025, 0.975]).round(4).tolist()
+        rate = round(num_envs * on.size * len(actions) / on.sum())
+        found[name] = {"steps_per_second": rate, "of_without": round(off.sum() / on.sum(), 4), "interval": ends}
+    print(json.dumps({"task": task, "num_envs": num_envs, "turns": len(times["levels", True]), **found}))
+
+
+def resets(task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096) -> None:
+    """Time the kernels of a reset of 1% of the worlds, one by one: without levels, with them, and with all knobs, too.
+
+    Layouts are made ahead, as in a training; that is not part of it.
+
+    Args:
+        task: id of a task of this package
+        device: a GPU
+        num_envs: worlds
+    """
+    compiled = compile_scene(scene_of(task, reachable=True), device)
+    words = {"plain": {}, "levels": {"levels": Levels()}, "levels_and_knobs": {"levels": Levels(), "knobs": "*"}}
+    found: dict[str, dict[str, float]] = {}
+    for name, more in words.items():
+        envs: Any = make_env(task, num_envs, compiled, **more)
+        randomizer, each = envs.randomizer, found.setdefault(name, {})
+        envs.reset(seed=0)
+        number = torch.arange(num_envs, device=envs.device) // (num_envs // 100 + 1)
+        for turn in range(_ROUNDS):
+            ended = number == turn  # other worlds each time, whose layouts are ready
             wait(envs)
-            seconds[name].append(time.perf_counter() - start)
-    rates = {name: num_envs * episode / np.array(times[1:]) for name, times in seconds.items()}
-    found = {
-        "steps_per_second": {name: spread(rate, 0) for name, rate in rates.items()},
-        "of_plain": {name: spread(rate / rates["plain"]) for name, rate in rates.items() if name != "plain"},
-    }
-    print(json.dumps({"task": task, "num_envs": num_envs, **found}))
+            wp.copy(randomizer._mask, wp.from_torch(ended))
+            wp.timing_begin()
+            randomizer._launch_reset()
+            for one in wp.timing_end():
+                each[one.name] = each.get(one.name, 0.0) + (1e3 * one.elapsed / (_ROUNDS - 1) if turn else 0.0)
+    total = {name: round(sum(each.values()), 1) for name, each in found.items()}
+    more = {kernel: round(us - found["plain"].get(kernel, 0.0), 1) for kernel, us in found["levels_and_knobs"].items()}
+    largest = dict(sorted(more.items(), key=lambda item: -item[1])[:8])
+    print(json.dumps({"task": task, "num_envs": num_envs, "reset_us": total, "more_us": largest}))
 
 
 def table(folders: tyro.conf.Positional[tuple[Path, ...]]) -> None:
@@ -177,4 +246,4 @@ def table(folders: tyro.conf.Positional[tuple[Path, ...]]) -> None:
 
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({f.__name__: f for f in (buffer, knobs, steps, table)})
+    tyro.extras.subcommand_cli_from_dict({f.__name__: f for f in (buffer, knobs, steps, resets, table)})

@@ -19,6 +19,7 @@ from sceniris_gym.errors import (
     check_type,
     import_extra,
 )
+from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.requested import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene, refuse_starts
 from sceniris_gym.sim.fit import check_model
@@ -86,14 +87,15 @@ class LayoutFunction:
         except ValueError as error:
             raise ArgumentError(f"LayoutFunction: seed, episode and where should be of one shape. {error}") from None
         episode, where = (jnp.broadcast_to(array, lead) for array in (episode.astype(jnp.int32), where))
-        return FreshLayouts(*_vmappable(self)(jnp.broadcast_to(words, (*lead, 2)), episode, where))
+        qpos, pos, quat, status = _vmappable(self)(jnp.broadcast_to(words, (*lead, 2)), episode, where)
+        return FreshLayouts(qpos, pos, quat, status == int(Status.FALLBACK))
 
     def _call(self, words: Any, episode: Any, where: Any) -> list[Any]:
-        """Return the arrays of FreshLayouts for arguments of one leading shape."""
+        """Return poses and statuses of layouts for arguments of one leading shape."""
         _check_device(self.compiled)
         lead, mjm = episode.shape, self.compiled.mjm
         nworld = math.prod(lead)
-        dims = {"qpos_out": (nworld, mjm.nq), "fallback_out": (nworld,)}
+        dims = {"qpos_out": (nworld, mjm.nq), "status_out": (nworld,)}
         dims |= dict.fromkeys(("mocap_pos_out", "mocap_quat_out"), (nworld, mjm.nmocap))
         if nworld not in self._callables:
             self._callables[nworld] = _callable(RequestedLayouts(self.compiled, nworld, self.split))
@@ -284,9 +286,9 @@ def _callable(requested: RequestedLayouts) -> Any:
         qpos_out: wp.array2d[wp.float32],
         mocap_pos_out: wp.array2d[wp.vec3],
         mocap_quat_out: wp.array2d[wp.quat],
-        fallback_out: wp.array[wp.bool],
+        status_out: wp.array[wp.int32],
     ) -> None:
-        requested.launch(seed, episode, mask, qpos_out, mocap_pos_out, mocap_quat_out, fallback_out)
+        requested.launch(seed, episode, mask, qpos_out, mocap_pos_out, mocap_quat_out, status_out)
 
     return wp.jax_callable(launch, num_outputs=4, graph_mode=wp.JaxCallableGraphMode.NONE)
 

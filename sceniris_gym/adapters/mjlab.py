@@ -163,9 +163,7 @@ class PlaceLayouts(ManagerTermBase):
     def _as_layouts(self, ids: dict[int, str]) -> ChosenLayouts:
         """Return the layouts with these ids, by the environments that are to get them; see `choose`."""
         number, generator = self._env.num_envs, self._generator
-        chosen = as_chosen_layouts([ids.get(i) for i in range(number)], number, generator, generator.split)
-        assert chosen is not None
-        return chosen
+        return as_chosen_layouts([ids.get(i) for i in range(number)], number, generator, generator.split)
 
     def _write(self, env_ids: Tensor) -> None:
         origins = self._env.scene.env_origins[env_ids]

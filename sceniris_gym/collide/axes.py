@@ -12,11 +12,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.func
 def absolute(r: wp.mat33) -> wp.mat33:
     """Return the absolute values of the entries of a rotation matrix."""
-    return wp.mat33(
-        wp.abs(r[0, 0]), wp.abs(r[0, 1]), wp.abs(r[0, 2]),
-        wp.abs(r[1, 0]), wp.abs(r[1, 1]), wp.abs(r[1, 2]),
-        wp.abs(r[2, 0]), wp.abs(r[2, 1]), wp.abs(r[2, 2]),
-    )  # fmt: skip
+    return wp.matrix_from_rows(wp.abs(r[0]), wp.abs(r[1]), wp.abs(r[2]))
 
 
 @wp.func
@@ -25,7 +21,7 @@ def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
 
     For the face normals of b, pass (hb, ha), t in the frame of b, and the transpose of f.
     """
-    return wp.max(wp.vec3(wp.abs(t[0]), wp.abs(t[1]), wp.abs(t[2])) - ha - f * hb)
+    return wp.max(wp.abs(t) - ha - f * hb)
 
 
 @wp.func

@@ -44,7 +44,7 @@ def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
 
 
 @wp.func
-def _is_one_inside(program: Program, pair: int, poses: PairPoses) -> bool:
+def is_one_inside(program: Program, pair: int, poses: PairPoses) -> bool:
     """Test whether one collider of a pair lies inside the other."""
     a = program.pair_a[pair]
     b = program.pair_b[pair]
@@ -72,7 +72,7 @@ def encloses(
     """
     inside = int(0)
     for pair in range(pairadr + lane, pairadr + pairnum, wp.block_dim()):
-        if _is_one_inside(program, pair, pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)):
+        if is_one_inside(program, pair, pair_poses(program, pair, own_pos, own_quat, body_pos, body_quat)):
             inside = 1
             break
     return block_any(inside) != 0

@@ -42,7 +42,6 @@ def piece_shape(program: Program, piece: int) -> Shape:
     s.size = program.piece_size[piece]
     s.vertadr = program.piece_vertadr[piece]
     s.vertnum = program.piece_vertnum[piece]
-    s.radius = float(0.0)
     if s.kind == PieceType.SPHERE or s.kind == PieceType.CAPSULE:
         s.radius = s.size[0]
     return s
@@ -180,32 +179,23 @@ def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
 
 @wp.func
 def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
-    """Return the vertices of a simplex that support its nearest point, one after the other, and their number."""
-    count = int(0)
+    """Return the vertices of a simplex that support its nearest point, one after the other, and their number.
+
+    At most three do; what stands behind them has no meaning.
+    """
     a = p0
     b = p1
     c = p2
-    if (bits & 1) != 0:
-        count += 1
-    if (bits & 2) != 0:
-        if count == 0:
-            a = p1
-        count += 1
-    if (bits & 4) != 0:
-        if count == 0:
-            a = p2
-        elif count == 1:
-            b = p2
-        count += 1
-    if (bits & 8) != 0:
-        if count == 0:
-            a = p3
-        elif count == 1:
-            b = p3
-        else:
-            c = p3
-        count += 1
-    return a, b, c, count
+    if (bits & 4) == 0:
+        c = p3
+    if (bits & 2) == 0:
+        b = c
+        c = p3
+    if (bits & 1) == 0:
+        a = b
+        b = c
+        c = p3
+    return a, b, c, (bits & 1) + ((bits >> 1) & 1) + ((bits >> 2) & 1) + (bits >> 3)
 
 
 # One copy for covers, footprints and obstacles rather than one each: with it, and the map asked before the cover, an

@@ -40,6 +40,15 @@ class OverPlane:
     height: float
 
 
+@wp.struct
+class Leaf:
+    """A convex leaf in the frame of its body, within `radius` [m] of the origin of its own frame."""
+
+    shape: Shape
+    pose: Pose
+    radius: float
+
+
 @wp.func
 def pair_poses(
     program: Program,
@@ -112,52 +121,10 @@ def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> Ov
 
 
 @wp.func
-def _shapes_separated(
-    program: Program,
-    pair: int,
-    a: Shape,
-    b: Shape,
-    radius_a: float,
-    radius_b: float,
-    pose_a: Pose,
-    pose_b: Pose,
-    rel: Pose,
-    margin: float,
-) -> bool:
-    """Test whether two shapes, posed in their bodies, are further apart than `margin` [m].
-
-    `rel` is the pose of b's body in a's frame. A negative margin allows penetration: the shapes are then tested where
-    they are, and with b moved by that depth along each separating direction of the pair; one success is enough.
-    """
-    frame = relative(pose_a, compose(rel, pose_b))
-    here = frame.pos
-    num = wp.where(margin < 0.0, program.pair_directionnum[pair], 0)
-    for i in range(1 + num):
-        if i > 0:
-            direction = program.direction[program.pair_directionadr[pair] + i - 1]
-            if 2 * i > num:
-                direction = rel.rot * direction
-            frame.pos = here - margin * (wp.transpose(pose_a.rot) * direction)
-        if near_parts_separated(program.vert, a, b, radius_a, radius_b, frame, wp.max(margin, 0.0)):
-            return True
-    return False
-
-
-@wp.func
-def _pieces_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Test whether two convex pieces are further apart than `margin` [m]; `rel` poses b's body in a's frame."""
-    return _shapes_separated(
-        program,
-        pair,
-        piece_shape(program, a),
-        piece_shape(program, b),
-        program.piece_radius[a],
-        program.piece_radius[b],
-        piece_pose(program, a),
-        piece_pose(program, b),
-        rel,
-        margin,
-    )
+def _piece_leaf(program: Program, piece: int) -> Leaf:
+    """Return a piece as a leaf."""
+    pose = piece_pose(program, piece)
+    return Leaf(shape=piece_shape(program, piece), pose=pose, radius=program.piece_radius[piece])
 
 
 @wp.func
@@ -169,30 +136,34 @@ def _piece_of(program: Program, leaf: int) -> int:
 
 
 @wp.func
-def _leaf_shape(program: Program, leaf: int) -> Shape:
-    """Return the shape of a leaf: that of its piece, or the hull of a triangle's corners."""
+def _leaf(program: Program, leaf: int) -> Leaf:
+    """Return a leaf: its piece, or the hull of a triangle's corners, which has no bound."""
     piece = _piece_of(program, leaf)
     if piece >= 0:
-        return piece_shape(program, piece)
-    return Shape(kind=PieceType.HULL, size=wp.vec3(0.0), vertadr=program.face_vertadr + 3 * leaf, vertnum=3, radius=0.0)
+        return _piece_leaf(program, piece)
+    hull = Shape(kind=PieceType.HULL, size=wp.vec3(0.0), vertadr=program.face_vertadr + 3 * leaf, vertnum=3, radius=0.0)
+    return Leaf(shape=hull, pose=Pose(wp.vec3(0.0), wp.identity(n=3, dtype=float)), radius=1.0e30)
 
 
 @wp.func
-def _leaf_radius(program: Program, leaf: int) -> float:
-    """Return the radius [m] of a sphere around the origin of a leaf's frame that holds it; unbounded for a triangle."""
-    piece = _piece_of(program, leaf)
-    if piece >= 0:
-        return program.piece_radius[piece]
-    return 1.0e30
+def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin: float) -> bool:
+    """Test whether two leaves are further apart than `margin` [m].
 
-
-@wp.func
-def _leaf_pose(program: Program, leaf: int) -> Pose:
-    """Return the pose of a leaf's frame in its body's frame."""
-    piece = _piece_of(program, leaf)
-    if piece >= 0:
-        return piece_pose(program, piece)
-    return Pose(wp.vec3(0.0), wp.identity(n=3, dtype=float))
+    `rel` is the pose of b's body in a's frame. A negative margin allows penetration: the leaves are then tested where
+    they are, and with b moved by that depth along each separating direction of the pair; one success is enough.
+    """
+    frame = relative(a.pose, compose(rel, b.pose))
+    here = frame.pos
+    num = wp.where(margin < 0.0, program.pair_directionnum[pair], 0)
+    for i in range(1 + num):
+        if i > 0:
+            direction = program.direction[program.pair_directionadr[pair] + i - 1]
+            if 2 * i > num:
+                direction = rel.rot * direction
+            frame.pos = here - margin * (wp.transpose(a.pose.rot) * direction)
+        if near_parts_separated(program.vert, a.shape, b.shape, a.radius, b.radius, frame, wp.max(margin, 0.0)):
+            return True
+    return False
 
 
 @wp.func
@@ -208,18 +179,7 @@ def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
             apply(rel, program.face_c[b]),
             margin,
         )
-    return _shapes_separated(
-        program,
-        pair,
-        _leaf_shape(program, a),
-        _leaf_shape(program, b),
-        _leaf_radius(program, a),
-        _leaf_radius(program, b),
-        _leaf_pose(program, a),
-        _leaf_pose(program, b),
-        rel,
-        margin,
-    )
+    return _separated(program, pair, _leaf(program, a), _leaf(program, b), rel, margin)
 
 
 @wp.func
@@ -256,7 +216,7 @@ def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: fl
         over = over_plane(program, poses.a, poses.b, plane)
         return over.height + lowest(program, a, over.normal) <= margin
     b = ~program.node_child[entry[2]]
-    return not _pieces_separated(program, entry[0], a, b, poses.rel, margin)
+    return not _separated(program, entry[0], _piece_leaf(program, a), _piece_leaf(program, b), poses.rel, margin)
 
 
 @wp.func

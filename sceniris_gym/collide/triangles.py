@@ -56,11 +56,13 @@ def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def _segments_within(p: wp.vec3, d1: wp.vec3, q: wp.vec3, d2: wp.vec3, limit_sq: float) -> bool:
-    """Test whether the segments p + [0, 1] d1 and q + [0, 1] d2 are within sqrt(limit_sq) of each other.
+def _segments_within(p: wp.vec3, p1: wp.vec3, q: wp.vec3, q1: wp.vec3, limit_sq: float) -> bool:
+    """Test whether the segments from p to p1 and from q to q1 are within sqrt(limit_sq) of each other.
 
     C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
     """
+    d1 = p1 - p
+    d2 = q1 - q
     r = p - q
     a = wp.dot(d1, d1)
     e = wp.dot(d2, d2)
@@ -151,20 +153,14 @@ def triangles_separated(
         return False
 
     limit_sq = margin * margin
-    a01 = a1 - a0
-    a12 = a2 - a1
-    a20 = a0 - a2
-    b01 = b1 - b0
-    b12 = b2 - b1
-    b20 = b0 - b2
     return not (
-        _segments_within(a0, a01, b0, b01, limit_sq)
-        or _segments_within(a0, a01, b1, b12, limit_sq)
-        or _segments_within(a0, a01, b2, b20, limit_sq)
-        or _segments_within(a1, a12, b0, b01, limit_sq)
-        or _segments_within(a1, a12, b1, b12, limit_sq)
-        or _segments_within(a1, a12, b2, b20, limit_sq)
-        or _segments_within(a2, a20, b0, b01, limit_sq)
-        or _segments_within(a2, a20, b1, b12, limit_sq)
-        or _segments_within(a2, a20, b2, b20, limit_sq)
+        _segments_within(a0, a1, b0, b1, limit_sq)
+        or _segments_within(a0, a1, b1, b2, limit_sq)
+        or _segments_within(a0, a1, b2, b0, limit_sq)
+        or _segments_within(a1, a2, b0, b1, limit_sq)
+        or _segments_within(a1, a2, b1, b2, limit_sq)
+        or _segments_within(a1, a2, b2, b0, limit_sq)
+        or _segments_within(a2, a0, b0, b1, limit_sq)
+        or _segments_within(a2, a0, b1, b2, limit_sq)
+        or _segments_within(a2, a0, b2, b0, limit_sq)
     )

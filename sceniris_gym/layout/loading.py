@@ -8,7 +8,7 @@ from pathlib import Path
 import warp as wp
 
 from sceniris_gym.device.kernel_log import tell_of_compiling
-from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, waves
+from sceniris_gym.layout.reaching import free_grasps, hits, ik, start, waves
 from sceniris_gym.layout.wave import (
     accept,
     ahead,
@@ -37,12 +37,12 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
     frees_grasps = work.search.free.shape[1] > 0
     files = [draw, prefilter, accept, rounds, settle, *([sides, region_pieces, points] if work.related else [])]
     files += [ahead] if work.ahead > 0 else []
+    files += [containment] if work.program.visual else []
     files += [standing] if work.statics is not None else []
-    files += [waves, poses, ik, hits] if staged else []
+    files += [waves, ik, hits] if staged else []
     files += [start_kinds, start] if work.starts is not None else []
     files += [free_grasps] if frees_grasps else []
     own = collision.launched_kernels(work)  # those with a module of their own
-    own += containment.KERNELS if work.program.visual else []
     own += free_grasps.OWN_KERNELS if frees_grasps else []
     return [wp.get_module(file.__name__) for file in files] + [kernel.module for kernel in own]
 

@@ -7,35 +7,10 @@ import warp as wp
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.program.compiled import CompiledScene
 
-wp.set_module_options({"enable_backward": False})
-
-
-@wp.kernel
-def _hand_over(
-    home_qpos: wp.array[float],
-    home_pos: wp.array[wp.vec3],
-    home_quat: wp.array[wp.quat],
-    mask: wp.array[wp.bool],
-    # Layouts in: qpos, mocap_pos, mocap_quat, status
-    layouts: LayoutsView,
-    # Out:
-    qpos_out: wp.array2d[float],
-    pos_out: wp.array2d[wp.vec3],
-    quat_out: wp.array2d[wp.quat],
-    fallback_out: wp.array[wp.bool],
-):
-    worldid, i = wp.tid()
-    asked = mask[worldid]
-    if i == 0:
-        fallback_out[worldid] = asked and layouts.status[worldid] == Status.FALLBACK
-    if i < qpos_out.shape[1]:
-        qpos_out[worldid, i] = layouts.qpos[worldid, i] if asked else home_qpos[i]
-    if i < pos_out.shape[1]:
-        pos_out[worldid, i] = layouts.mocap_pos[worldid, i] if asked else home_pos[i]
-        quat_out[worldid, i] = layouts.mocap_quat[worldid, i] if asked else home_quat[i]
+PARTS = ("qpos", "mocap_pos", "mocap_quat", "status")
+"""The arrays of layouts that are written."""
 
 
 class RequestedLayouts(StaysHere):
@@ -55,8 +30,8 @@ class RequestedLayouts(StaysHere):
     @launching
     def __init__(self, compiled: CompiledScene, nworld: int, split: str = "train") -> None:
         self._generator = LayoutGenerator(compiled, nworld, split=split)
-        layouts = self._generator.layouts
-        self._home = [wp.clone(array[0]) for array in (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)]
+        self._parts = [getattr(self._generator.layouts, name) for name in PARTS]
+        self._start = [wp.clone(part) for part in self._parts]
         self._generator.generate(wp.zeros(nworld, dtype=wp.bool, device=compiled.device))  # records its graph
         wp.synchronize_device(compiled.device)  # the streams of later launches do not wait for this one
 
@@ -70,11 +45,14 @@ class RequestedLayouts(StaysHere):
             mask: Rows that get a layout, shape (nworld,), bool.
             *outputs: Joint positions [m, rad], quaternions wxyz, shape (nworld, nq); positions of mocap bodies [m],
                 shape (nworld, nmocap), vec3; their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap); and
-                the rows whose layout came from the bank, shape (nworld,), bool.
+                the `Status` of each layout, NONE for the start pose, shape (nworld,), int32.
         """
-        generator, view, device = self._generator, self._generator.layouts.view, mask.device
-        seeds = wp.array(ptr=seed.ptr, dtype=wp.uint64, shape=generator.nworld, device=device)
+        generator = self._generator
+        seeds = wp.array(ptr=seed.ptr, dtype=wp.uint64, shape=generator.nworld, device=mask.device)
         generator.launch_reseed(seeds, None, episode)
+        for part, start in zip(self._parts, self._start, strict=True):
+            wp.copy(part, start)
         generator.generate(mask)
-        dim = (generator.nworld, max(outputs[0].shape[1], outputs[1].shape[1], 1))
-        wp.launch(_hand_over, dim, inputs=[*self._home, mask, view], outputs=list(outputs), device=device)
+        for part, output in zip(self._parts, outputs, strict=True):
+            if output.size > 0:  # without mocap bodies layouts have an unused one
+                wp.copy(output, part)

@@ -102,37 +102,13 @@ def score_of(buffer: Buffer, value: float) -> float:
     return (1.0 - value) * wp.where(buffer.score == _LEARNABILITY, value, 1.0)
 
 
-@wp.func
-def _set_fresh_knobs(buffer: Buffer, worldid: int):
-    """Give the next level of a world the knobs of a fresh one: its own, and the present ranges."""
-    buffer.next_probe[worldid] = -1
-    for k in range(buffer.next_knob.shape[1]):
-        buffer.next_knob[worldid, k] = buffer.base_knob[worldid, k]
-    for i in range(buffer.column.shape[0]):
-        buffer.next_knob[worldid, buffer.column[i]] = buffer.present[i]
-
-
-@wp.func
-def _probe_end(buffer: Buffer, worldid: int, u: float):
-    """Move the next level of a world to one end of one range, with a probability."""
-    if u >= buffer.probes:
-        return
-    ends = buffer.column.shape[0]
-    i = wp.min(int(u / buffer.probes * float(ends)), ends - 1)
-    buffer.next_probe[worldid] = i
-    inner = buffer.present[i] - buffer.band[i]
-    far = buffer.next_knob[worldid, buffer.other[i]]
-    buffer.next_knob[worldid, buffer.other[i]] = wp.where(buffer.step[i] > 0.0, wp.max(inner, far), wp.min(inner, far))
-
-
 @wp.kernel
 def _choose(
     mask: wp.array[bool],
     stream: wp.uint32,
     replay: float,
-    # Buffer in: seed, episode, knob, cumulative, base, decision, next_level, base_knob, next_knob, next_probe, column,
-    #   other, present, step, band, probes
-    # Buffer out: age, decision, level, next_level, next_seed, next_episode, next_knob, probe, next_probe
+    # Buffer in: seed, episode, cumulative, base, decision, next_level, next_probe, probes
+    # Buffer out: age, decision, level, next_level, next_seed, next_episode, probe, next_probe
     buffer: Buffer,
 ):
     worldid = wp.tid()
@@ -141,6 +117,7 @@ def _choose(
             return
     buffer.level[worldid] = buffer.next_level[worldid]
     buffer.probe[worldid] = buffer.next_probe[worldid]
+    buffer.next_probe[worldid] = -1
     counter = wp.vec4ui(wp.uint32(buffer.decision[worldid]), stream, wp.uint32(0), wp.uint32(0))
     words = philox(buffer.base[worldid], counter)
     buffer.decision[worldid] = buffer.decision[worldid] + 1
@@ -149,17 +126,16 @@ def _choose(
         buffer.next_level[worldid] = -1
         buffer.next_seed[worldid] = (wp.uint64(words[2]) << wp.uint64(32)) | wp.uint64(words[3])
         buffer.next_episode[worldid] = 0
-        _set_fresh_knobs(buffer, worldid)
-        _probe_end(buffer, worldid, uniform(words[1]))
+        u = uniform(words[1])
+        if u < buffer.probes:
+            ends = buffer.column.shape[0]
+            buffer.next_probe[worldid] = wp.min(int(u / buffer.probes * float(ends)), ends - 1)
         return
     wanted = int((wp.uint64(words[1]) * wp.uint64(total)) >> wp.uint64(32))
     first = wp.lower_bound(buffer.cumulative, wanted + 1)
     buffer.next_level[worldid] = first
     buffer.next_seed[worldid] = buffer.seed[first]
     buffer.next_episode[worldid] = buffer.episode[first]
-    buffer.next_probe[worldid] = -1
-    for k in range(buffer.next_knob.shape[1]):
-        buffer.next_knob[worldid, k] = buffer.knob[first, k]
     buffer.age[first] = 0
 
 
@@ -174,14 +150,14 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay: fl
     """
     nworld, device = buffer.base.shape[0], buffer.base.device
     wp.launch(_choose, nworld, inputs=[mask, wp.uint32(stream), replay], outputs=[buffer], device=device)
+    _launch_set_knobs(buffer, mask)
 
 
 @wp.kernel
 def _forget(
     seeds: wp.array[wp.uint64],
     mask: wp.array[bool],
-    # Buffer in: base_knob, column, present
-    # Buffer out: base, decision, next_level, next_knob, next_probe
+    # Buffer out: base, decision, next_level, next_probe
     buffer: Buffer,
 ):
     worldid = wp.tid()
@@ -189,7 +165,7 @@ def _forget(
         if not mask[worldid]:
             return
     buffer.next_level[worldid] = -1
-    _set_fresh_knobs(buffer, worldid)
+    buffer.next_probe[worldid] = -1
     if seeds:
         buffer.base[worldid] = seeds[worldid]
         buffer.decision[worldid] = 0
@@ -207,6 +183,39 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None)
     """
     device = buffer.base.device
     wp.launch(_forget, buffer.base.shape[0], inputs=[seeds, mask], outputs=[buffer], device=device)
+    _launch_set_knobs(buffer, mask)
+
+
+@wp.kernel
+def _set_knobs(
+    mask: wp.array[bool],
+    # Buffer in: knob, next_level, base_knob, next_probe, column, other, present, step, band
+    # Buffer out: next_knob
+    buffer: Buffer,
+):
+    worldid, k = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    level, end = buffer.next_level[worldid], buffer.next_probe[worldid]
+    if level >= 0:
+        buffer.next_knob[worldid, k] = buffer.knob[level, k]
+        return
+    # a fresh level: those of its world, in the present ranges, one of which may be no wider than a band at its end
+    value = buffer.base_knob[worldid, k]
+    for i in range(buffer.column.shape[0]):
+        if buffer.column[i] == k:
+            value = buffer.present[i]
+    if end >= 0:
+        if buffer.other[end] == k:
+            inner = buffer.present[end] - buffer.band[end]
+            value = wp.where(buffer.step[end] > 0.0, wp.max(inner, value), wp.min(inner, value))
+    buffer.next_knob[worldid, k] = value
+
+
+def _launch_set_knobs(buffer: Buffer, mask: wp.array | None) -> None:
+    """Give the next levels of the masked worlds their knobs, a thread for each number."""
+    wp.launch(_set_knobs, buffer.next_knob.shape, inputs=[mask], outputs=[buffer], device=buffer.base.device)
 
 
 @wp.func

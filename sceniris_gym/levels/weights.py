@@ -47,9 +47,8 @@ def _count(
 
 @wp.kernel
 def _weigh(
-    by_rank: bool,
-    by_score: bool,
-    power: float,
+    rank_power: float,
+    score_power: float,
     # Buffer in: count, better, ages, total_weight, total_age
     # Buffer out: weight, total_weight, total_age
     buffer: Buffer,
@@ -58,12 +57,11 @@ def _weigh(
     number = buffer.count[b]
     if number == 0:
         return
-    best, weight = wp.lower_bound(buffer.better, 1), float(1.0)  # as a share of that of the best bin
-    if by_rank:  # the levels of a bin share their mean rank
-        rank = float(buffer.better[b] - number) + 0.5 * float(number + 1)
-        weight = wp.pow(0.5 * float(buffer.better[best] + 1) / rank, power)
-    if by_score:
-        weight = wp.pow(2.0, power * float(best - b) / _BINS_OF_OCTAVE)
+    # as a share of the weight of the best bin; the levels of a bin share their mean rank
+    best = wp.lower_bound(buffer.better, 1)
+    rank = float(buffer.better[b] - number) + 0.5 * float(number + 1)
+    weight = wp.pow(0.5 * float(buffer.better[best] + 1) / rank, rank_power)
+    weight *= wp.pow(2.0, score_power * float(best - b) / _BINS_OF_OCTAVE)
     buffer.weight[b] = weight
     wp.atomic_add(buffer.total_weight, 0, wp.int64(weight * float(number) / _UNIT))
     wp.atomic_add(buffer.total_age, 0, buffer.ages[b])
@@ -109,7 +107,8 @@ def launch_refresh(buffer: Buffer, levels: Levels) -> None:
     buffer.vacant.fill_(-1)
     wp.launch(_count, capacity, outputs=[buffer], device=device)
     array_scan(buffer.count, buffer.better)
-    inputs = [levels.priority == "rank", levels.priority == "proportional", 1.0 / levels.temperature]
+    power = 1.0 / levels.temperature
+    inputs = [power if levels.priority == "rank" else 0.0, power if levels.priority == "proportional" else 0.0]
     wp.launch(_weigh, BINS, inputs=inputs, outputs=[buffer], device=device)
     wp.launch(_mark_vacant, capacity, outputs=[buffer], device=device)
     array_scan(buffer.cumulative, buffer.cumulative)

@@ -37,23 +37,23 @@ def _sort_by_height(points: wp.array[wp.vec2], num: int):
 
 
 @wp.func
-def _turn_left(corners: wp.array[wp.vec2], first: int, base: int, num: int, p: wp.vec2) -> int:
+def _turn_left(corners: wp.array[wp.vec2], base: int, num: int, p: wp.vec2) -> int:
     """Drop corners from the end, down to number `base`, until the turn to `p` is a left one.
 
     Returns the number of corners that remain.
     """
     left = int(num)
     while left > base + 1:
-        before = corners[first + left - 2]
-        if cross2(corners[first + left - 1] - before, p - before) > 0.0:
+        before = corners[left - 2]
+        if cross2(corners[left - 1] - before, p - before) > 0.0:
             break
         left -= 1
     return left
 
 
 @wp.func
-def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2], first: int) -> int:
-    """Write the convex hull of points, counter-clockwise from the lowest, to `corners` from `first` on.
+def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2]) -> int:
+    """Write the convex hull of points to `corners`, counter-clockwise from the lowest.
 
     Sorts the points in place. They may coincide or lie on lines, as long as they do not all lie on one line. Returns
     the number of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two dimensions",
@@ -63,24 +63,24 @@ def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2],
     _sort_by_height(points, num)
     lowest = points[0]
     highest = points[num - 1]
-    corners[first] = lowest
+    corners[0] = lowest
     count = int(1)
     for i in range(1, num - 1):
         if cross2(highest - lowest, points[i] - lowest) < 0.0:
-            count = _turn_left(corners, first, 0, count, points[i])
-            corners[first + count] = points[i]
+            count = _turn_left(corners, 0, count, points[i])
+            corners[count] = points[i]
             count += 1
-    count = _turn_left(corners, first, 0, count, highest)
-    corners[first + count] = highest
+    count = _turn_left(corners, 0, count, highest)
+    corners[count] = highest
     top = count
     count += 1
     for k in range(1, num - 1):
         i = num - 1 - k
         if cross2(highest - lowest, points[i] - lowest) > 0.0:
-            count = _turn_left(corners, first, top, count, points[i])
-            corners[first + count] = points[i]
+            count = _turn_left(corners, top, count, points[i])
+            corners[count] = points[i]
             count += 1
-    return _turn_left(corners, first, top, count, lowest)
+    return _turn_left(corners, top, count, lowest)
 
 
 @wp.func

@@ -69,13 +69,19 @@ def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) 
 @wp.func
 def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, reach: float) -> ResolvedRelation:
     """Return the strip from `low` to `high` along `along` from `apex`, by `half` to both sides [m], as a region."""
-    return ResolvedRelation(True, 0, apex, 0.0, 0.0, along, low, high, half, reach)
+    s = ResolvedRelation()
+    s.active = True
+    s.apex = apex
+    s.along = along
+    s.low = low
+    s.high = high
+    s.half = half
+    s.reach = reach
+    return s
 
 
 @wp.func
-def _between(
-    width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2], first: int
-) -> ResolvedRelation:
+def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2]) -> ResolvedRelation:
     """Resolve `between`: the hull of the anchors, or a strip if they lie on a line, or a square if at one point."""
     a = int(0)
     b = int(0)
@@ -99,7 +105,7 @@ def _between(
         left = wp.max(left, off)
         right = wp.min(right, off)
     if left - right > _THIN:
-        s.hullnum = convex_hull(points, num, hull, first)
+        s.hullnum = convex_hull(points, num, hull)
     return s
 
 
@@ -136,12 +142,11 @@ def resolve(
     bounds: wp.array[wp.vec4],
     present: wp.array[int],
     hull: wp.array[wp.vec2],
-    first: int,
 ) -> ResolvedRelation:
     """Resolve a relation of an object, given its heading and bounds, to its region in one world.
 
     Absent anchors count as not named; a relation without enough anchors is not active. The corners of a hull are
-    written to `hull` from `first` on.
+    written to `hull`.
     """
     adr = program.rel_anchoradr[rel]
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
@@ -156,7 +161,7 @@ def resolve(
         if width < 0.0:
             size = own.high - own.low
             width = wp.min(size[0], size[1])
-        return _between(width, points, num, hull, first)
+        return _between(width, points, num, hull)
 
     s = ResolvedRelation()
     s.reach = _NO_LIMIT
@@ -190,6 +195,12 @@ def resolve(
 
 
 @wp.func
+def depends_on_heading(program: Program, rel: int) -> bool:
+    """Return True if the region of a relation depends on the heading of the object, not on its bounds alone."""
+    return program.rel_type[rel] == RelationType.BESIDE or program.rel_type[rel] == RelationType.JOINED
+
+
+@wp.func
 def side_num(s: ResolvedRelation) -> int:
     """Return the number of half-planes that bound one piece of a relation; -1 if it is not active."""
     if not s.active:
@@ -209,10 +220,8 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
     for piece in range(pieces):
         adr = first + 4 * piece
         start = s.axis - s.half_angle + slice * float(piece)
-        sides[adr] = everything
-        sides[adr + 1] = everything
-        sides[adr + 2] = everything
-        sides[adr + 3] = everything
+        for k in range(4):
+            sides[adr + k] = everything
         if s.half_angle < _PI or pieces > 1:
             sides[adr] = HalfPlane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
             sides[adr + 1] = HalfPlane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
@@ -229,20 +238,16 @@ def write_sides(
     rel: int,
     s: ResolvedRelation,
     hull: wp.array[wp.vec2],
-    corner: int,
     sides: wp.array[HalfPlane],
     first: int,
 ):
-    """Write the half-planes that bound all pieces of a relation to `sides` from `first` on.
-
-    The corners of its hull start at `corner` in `hull`.
-    """
+    """Write the half-planes that bound all pieces of a relation to `sides` from `first` on."""
     if not s.active:
         return
     if s.hullnum > 0:
         for k in range(s.hullnum):
-            a = hull[corner + k]
-            edge = hull[corner + (k + 1) % s.hullnum] - a
+            a = hull[k]
+            edge = hull[(k + 1) % s.hullnum] - a
             sides[first + k] = HalfPlane(wp.vec2(edge[1], -edge[0]), a, 0.0)
     elif program.rel_type[rel] == RelationType.SECTOR:
         _slice_sides(program, rel, s, sides, first)

@@ -92,19 +92,14 @@ def rest_map(
     terms: list[list[tuple[int, float]]] = [[] for _ in range(nu + na)]
     actuator = np.full(nu + na, -1)
     ctrladr, ctrlnum = actuator_controls(mjm)
-    for i in range(len(ctrladr)):
+    gains, gears = mjm.actuator_gainprm[:, 0], mjm.actuator_gear[actuator_outputs(mjm), 0]
+    holds = (mjm.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (ctrlnum == 1) & (mjm.actuator_actnum <= 1)
+    holds &= (mjm.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE) & (gains * mjm.actuator_biasprm[:, 1] < 0)
+    for i in np.flatnonzero(holds).tolist():
         length = _length_terms(mjm, i)
-        gain, bias0, bias1 = mjm.actuator_gainprm[i, 0], *mjm.actuator_biasprm[i, :2]
-        gear = float(mjm.actuator_gear[actuator_outputs(mjm)[i], 0])
-        holds = (
-            mjm.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-            and mjm.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE
-            and gain * bias1 < 0
-            and ctrlnum[i] == 1
-            and mjm.actuator_actnum[i] <= 1
-        )
-        if not holds or length is None:
+        if length is None:
             continue
+        bias0, bias1 = mjm.actuator_biasprm[i, :2]
         dyntype, inputs = int(mjm.actuator_dyntype[i]), []
         if dyntype in CTRL_HOLDS:
             inputs.append((ctrladr[i], ctrladr[i], mjm.actuator_ctrllimited, mjm.actuator_ctrlrange))
@@ -112,7 +107,7 @@ def rest_map(
             inputs.append((nu + mjm.actuator_actadr[i], i, mjm.actuator_actlimited, mjm.actuator_actrange))
         # control ranges are listed by control, activation ranges by actuator
         for e, which, limited, limits in inputs:
-            law[e], actuator[e], terms[e] = (-bias0 / gain, -bias1 / gain * gear), i, length
+            law[e], actuator[e], terms[e] = (-bias0 / gains[i], -bias1 / gains[i] * gears[i]), i, length
             if limited[which]:
                 lower[e], upper[e] = limits[which]
     flat = [term for row in terms for term in row]

@@ -177,8 +177,8 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     return mask
 
 
-def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str) -> ChosenLayouts | None:
-    """Return the layouts that worlds are to get; None for no choice.
+def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str) -> ChosenLayouts:
+    """Return the layouts that worlds are to get.
 
     Args:
         value: `options["layouts"]`: a layout id for all worlds, a sequence with one for each world (None for its next
@@ -194,8 +194,6 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a knob that the worlds do not have.
     """
-    if value is None:
-        return None
     scene, table = source.layouts.compiled.scene, source.layouts.knobs
     where = f"options['{LAYOUTS}']"
     if isinstance(value, Mapping):

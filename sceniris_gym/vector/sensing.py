@@ -158,12 +158,8 @@ class Sensors:
         low, high = self.sensing.action_delay
         if high == 0:
             return action
-        elapsed = s.elapsed.long()
-        first = (elapsed == 0)[:, None, None]
-        self._actions.copy_(torch.where(first, action[:, None], self._actions))
-        self._actions[self._rows, elapsed % (high + 1)] = action
         delay = (low + (high - low + 1.0) * s.random("sensing: action_delay")).long().clamp(max=high)
-        return self._actions[self._rows, (elapsed - delay) % (high + 1)]
+        return self._kept(self._actions, s, action, delay)
 
     def _noisy(self, s: State, exact: Tensor, seen: Mapping[str, Tensor]) -> Tensor:
         if self.sensing.encoder_bias:
@@ -181,13 +177,9 @@ class Sensors:
         low, high = self.sensing.delay
         if high == 0:
             return now
-        elapsed, first = s.elapsed.long(), s.elapsed == 0
         drawn = (low + s.random(1, high=high - low + 1.0, stream=DELAY)[:, 0].floor()).long().clamp(max=high)
-        self._delay.copy_(torch.where(first, drawn, self._delay))
-        self._past.copy_(torch.where(first[:, None, None], now[:, None], self._past))
-        self._past[self._rows, elapsed % (high + 1)] = now
-        before = self._past[self._rows, (elapsed - self._delay) % (high + 1)]
-        return torch.where(self._late, before, now)
+        self._delay.copy_(torch.where(s.elapsed == 0, drawn, self._delay))
+        return torch.where(self._late, self._kept(self._past, s, now, self._delay), now)
 
     def _dropped(self, s: State, now: Tensor) -> Tensor:
         if self.sensing.dropout == 0.0:
@@ -196,6 +188,14 @@ class Sensors:
         lost = (s.random(self._parts, stream=DROPOUT) < self.sensing.dropout)[:, self._part]
         lost = lost & self._late & ~first[:, None]
         shown = torch.where(lost, self._shown[self._rows, (elapsed - 1) % 2], now)
-        self._shown.copy_(torch.where(first[:, None, None], shown[:, None], self._shown))
-        self._shown[self._rows, elapsed % 2] = shown
-        return shown
+        return self._kept(self._shown, s, shown, 0)
+
+    def _kept(self, ring: Tensor, s: State, now: Tensor, delay: Tensor | int) -> Tensor:
+        """Keep what is `now` in a ring of the latest steps, and return that of `delay` steps ago.
+
+        The first of an episode fills the ring.
+        """
+        elapsed, size = s.elapsed.long(), ring.shape[1]
+        ring.copy_(torch.where((elapsed == 0)[:, None, None], now[:, None], ring))
+        ring[self._rows, elapsed % size] = now
+        return ring[self._rows, (elapsed - delay) % size]

@@ -30,14 +30,14 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
 
 
 def ask(requested: RequestedLayouts, compiled: CompiledScene, mask: list[bool]) -> list[np.ndarray]:
-    """Return the joints, the mocap poses and the flags of layouts of SEEDS and EPISODES."""
+    """Return the joints, the mocap poses and the statuses of layouts of SEEDS and EPISODES."""
     words = np.stack([np.array(SEEDS, object) & 2**32 - 1, np.array(SEEDS, object) >> 32], axis=1).astype(np.uint32)
     nworld, mjm = len(SEEDS), compiled.mjm
     outputs = [
         wp.zeros((nworld, mjm.nq), dtype=float, device="cpu"),
         wp.zeros((nworld, mjm.nmocap), dtype=wp.vec3, device="cpu"),
         wp.zeros((nworld, mjm.nmocap), dtype=wp.quat, device="cpu"),
-        wp.zeros(nworld, dtype=wp.bool, device="cpu"),
+        wp.zeros(nworld, dtype=int, device="cpu"),
     ]
     inputs = ((words, wp.uint32), (EPISODES, wp.int32), (mask, wp.bool))
     requested.launch(*(wp.array(values, dtype=dtype, device="cpu") for values, dtype in inputs), *outputs)
@@ -66,7 +66,7 @@ def test_layouts_are_those_of_a_generator(stand: CompiledScene, split: str):
     for _ in range(2):
         found = ask(requested, stand, [True] * 5)
         assert all(np.array_equal(a, b) for a, b in zip(found[:3], expected, strict=True))
-        assert not found[3].any()
+        assert (found[3] == Status.VALID).all()
         ask(requested, stand, [False, True, True, False, False])
 
 
@@ -75,7 +75,7 @@ def test_the_others_get_the_start_pose(stand: CompiledScene):
     requested = RequestedLayouts(stand, len(SEEDS))
     ask(requested, stand, [True] * 5)
     mask = [True, False, False, True, False]
-    qpos, pos, quat, fallback = ask(requested, stand, mask)
+    qpos, pos, quat, status = ask(requested, stand, mask)
     (made, made_pos, _), _ = made_one_by_one(stand)
     assert np.array_equal(qpos[mask], made[mask]) and np.array_equal(pos[mask], made_pos[mask])
     others = ~np.array(mask)
@@ -83,7 +83,7 @@ def test_the_others_get_the_start_pose(stand: CompiledScene):
     body = np.flatnonzero(stand.mjm.body_mocapid >= 0)
     np.testing.assert_allclose(pos[others, 0], np.tile(stand.mjm.body_pos[body], (3, 1)), atol=1e-7)
     np.testing.assert_allclose(quat[others, 0], np.tile(stand.mjm.body_quat[body], (3, 1)), atol=1e-7)
-    assert not fallback.any()
+    assert (status == np.where(mask, Status.VALID, Status.NONE)).all()
 
 
 def test_layouts_from_the_bank_are_flagged(tmp_path: Path):
@@ -91,7 +91,7 @@ def test_layouts_from_the_bank_are_flagged(tmp_path: Path):
     tray = full_tray(tmp_path)
     assert tray.mjm.nmocap == 0
     expected, from_bank = made_one_by_one(tray)
-    qpos, _, _, fallback = ask(RequestedLayouts(tray, len(SEEDS)), tray, [True] * 5)
+    qpos, _, _, status = ask(RequestedLayouts(tray, len(SEEDS)), tray, [True] * 5)
     assert from_bank.any()
-    assert np.array_equal(fallback, from_bank)
+    assert np.array_equal(status == Status.FALLBACK, from_bank)
     assert np.array_equal(qpos, expected[0])

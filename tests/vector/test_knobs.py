@@ -63,6 +63,9 @@ def test_an_id_with_knobs_is_a_layout_through_every_door(make_env):  # noqa: F81
     wanted, info = envs.reset()
     ids = envs.layout_ids()
     assert [name.count(":") for name in ids] == [4, 4, 3]
+    ended = envs.step(actions(3, ending=(0, 2)))[-1]
+    assert envs.layout_ids(ended["final_info"]) == ids
+    assert envs.layout_ids(ended) == envs.layout_ids() != ids
     other = make_env(3, knobs=[SLIDE, "objects.block.region"])
     assert_equal(other.reset(options={"layouts": ids})[0], wanted)
     assert other.layout_ids() == ids

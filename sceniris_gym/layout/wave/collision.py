@@ -29,6 +29,9 @@ from sceniris_gym.program.device_reach import Reach
 
 wp.set_module_options({"enable_backward": False})
 
+# Blocks that narrow-phase pairs are spread over before a block takes more than one.
+_SPREAD = wp.constant(1024)
+
 
 @wp.func
 def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
@@ -144,17 +147,19 @@ def _test_narrow_pairs(
 ):
     block, lane = wp.tid()
     num = narrow_pair_num(search)
+    # Lanes of a block wait for each other, so that few pairs are spread over some blocks for each multiprocessor.
+    most = wp.clamp(num // _SPREAD + 1, 1, wp.block_dim())
     # Most pairs belong to candidates that are known to collide by now. The others wait until every lane has one.
     waiting = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=int)
-    base = int(block * wp.block_dim())
+    base = int(block * most)
     while base < num or wp.tile_stack_count(waiting) > 0:
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
             c = search.narrow_pair[i][0]
-            pending = base + lane < num and search.cause[c] == Cause.NONE
+            pending = lane < wp.min(most, num - base) and search.cause[c] == Cause.NONE
             if wp.tile_stack_push(waiting, i, pending) < 0 and pending:
                 _mark_overflow(search, c)
-            base += blocks * wp.block_dim()
+            base += blocks * most
         else:
             i, slot = wp.tile_stack_pop(waiting)
             if slot >= 0:

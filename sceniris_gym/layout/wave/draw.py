@@ -145,7 +145,7 @@ def _draw(
     layouts: LayoutsView,
     # Search in: row_world, row_restart, row_first, rows_left, source, rows, opened, row, obj, trial, cause, turn,
     #   heading, point, qpos, body_pos, body_quat
-    # Search out: rows_left, source, rows, rows_before, candidates, cuts, narrow_pairs, enclosed, hands, any_overflowed,
+    # Search out: rows_left, source, rows, rows_before, candidates, cuts, regions, narrow_pairs, hands, any_overflowed,
     #   cause, turn, heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos,
     #   body_quat
     search: Search,

@@ -16,6 +16,8 @@ from sceniris_gym.program.device import Program
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
 _HALF_STEP = wp.constant(2.0**-25)
+# Pieces below this area [m^2] are rounding errors: a line of 1 mm, drawn 40 um wide, has 4e-8.
+_LEAST_AREA = wp.constant(1.0e-10)
 NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 """Sentinel: no piece has positive area."""
 
@@ -70,6 +72,17 @@ def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uin
     which = index % 4
     own = wp.where(which < 2, wp.where(which == 0, u[0], u[1]), wp.where(which == 2, u[2], u[3]))
     return (wp.uint64(wp.cast(arrival_time(own, size), wp.uint32)) << wp.uint64(32)) | wp.uint64(index)
+
+
+@wp.func
+def first_arrival(search: Search, holder: int, n: PointCounter, redraw: int, lane: int, lanes: int) -> wp.uint64:
+    """Return the least arrival key among the pieces of a region: the share of lane `lane` of `lanes`."""
+    best = NO_PIECE
+    for k in range(lane, search.pieces[holder], lanes):
+        size = search.piece_area[holder, k]
+        if size > _LEAST_AREA:
+            best = wp.min(best, arrival_key(n, redraw, search.piece[holder, k], size))
+    return best
 
 
 @wp.func

@@ -72,9 +72,7 @@ def draw_groups(
         # selection sampling: D. Knuth, "The Art of Computer Programming", vol. 2, algorithm 3.4.2 S
         for i in range(num):
             u = uniforms(seed, episode, stream, g, 1 + i // 4)[i % 4]
-            chosen = int(0)
-            if u * float(num - i) < float(left):
-                chosen = int(1)
+            chosen = int(u * float(num - i) < float(left))
             present[program.group_slot[adr + i]] = chosen
             left -= chosen
 

@@ -1,8 +1,8 @@
 """Draw the point of a support that an object is placed at: uniform by area in the region that its relations leave.
 
 Without relations the region is the same in every world, and its triangles are clipped once, on the host. With relations
-`region_pieces.py` clips them in each world and samples a piece by area. This module draws a point of that piece; where
-the point fails the exact test of the relations, another exponential race and another point follow.
+`region_pieces.py` clips them in each world. This module samples a piece by area in an exponential race, and draws a
+point of it; where the point fails the exact test of the relations, another race and another point follow.
 """
 
 import warp as wp
@@ -11,17 +11,16 @@ from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, piece_of, point_counter, point_uniforms
-from sceniris_gym.layout.wave.posing import pose_candidate
-from sceniris_gym.layout.wave.region_pieces import LEAST_AREA, cut_triangle, is_point, posed_triangle
+from sceniris_gym.layout.wave.exponential_race import NO_PIECE, first_arrival, piece_of, point_counter, point_uniforms
+from sceniris_gym.layout.wave.posing import heading_at, pose_candidate
+from sceniris_gym.layout.wave.region_pieces import cut_triangle, is_point, posed_triangle
 from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.footprint import outline_distance
-from sceniris_gym.placement.orientations import facing
-from sceniris_gym.placement.placed import Placed, is_there, placed
+from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
 from sceniris_gym.placement.relations import relation_holds
-from sceniris_gym.program.device import Cause, OrientationType, Program
+from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -74,20 +73,14 @@ def _clears_outline(program: Program, obj: int, tri: int, frame: Pose, own: Plac
 
 @wp.func
 def _point_holds(
-    program: Program,
-    layouts: LayoutsView,
-    search: Search,
-    c: int,
-    row: int,
-    obj: int,
-    tri: int,
-    frame: Pose,
-    own: Placed,
+    program: Program, layouts: LayoutsView, search: Search, c: int, tri: int, frame: Pose, own: Placed
 ) -> bool:
     """Return True if all relations hold exactly at the drawn point, and the pivot is far enough from the outline."""
+    row = search.row[c]
+    obj = search.obj[c]
     worldid = search.row_world[row]
     for i in range(program.obj_relnum[obj]):
-        resolved = search.relations[c, i]
+        resolved = search.relations[search.holder[c], i]
         rel = program.obj_reladr[obj] + i
         if not relation_holds(program, worldid, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
             return False
@@ -118,40 +111,31 @@ def _draw_in_piece(
     at = t.a
     if not is_point(program, tri):
         polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
-        num = cut_triangle(program, search, c, obj, index // triangles, t, polygon)
+        num = cut_triangle(program, search, search.holder[c], obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
-    heading = search.heading[c]
-    if program.obj_orientation[obj] == OrientationType.FACE_TO:
-        target = program.obj_target[obj]
-        if is_there(layouts.present[row], target):
-            place = layouts.place[row, target]
-            heading = turn.yaw + facing(at, wp.vec2(place[0], place[1]))
-    own = placed(at, heading, turn.bounds)
-    if not _point_holds(program, layouts, search, c, row, obj, tri, frame, own):
+    own = placed(at, heading_at(program, layouts, search, c, row, obj, at), turn.bounds)
+    if not _point_holds(program, layouts, search, c, tri, frame, own):
         return False
     _keep_point(program, search, c, obj, tri, frame, at)
     return True
 
 
 @wp.func
-def _repeat_race(
-    program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int, needs: int, lane: int, redraw: int
+def _race(
+    program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int, lane: int, most: int, redraw: int
 ) -> wp.uint64:
-    """Return the arrival key that wins the race of a redraw, for each lane whose candidate needs one.
+    """Return the arrival key that wins the race of a redraw for a lane's candidate, -1 for none.
 
-    A candidate may have hundreds of pieces, so all lanes of the block share its race, one candidate after the other.
+    Only the `most` first lanes have one. A region may have hundreds of pieces, so all lanes of the block share a race,
+    one candidate after the other.
     """
     own = NO_PIECE
-    wanted = wp.tile(wp.where(needs != 0, c, -1))
-    for other in range(wp.block_dim()):
+    wanted = wp.tile(c)
+    for other in range(most):
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
             numbers = point_counter(program, split, layouts, search, racing)
-            best = NO_PIECE
-            for k in range(lane, search.pieces[racing], wp.block_dim()):
-                size = search.piece_area[racing, k]
-                if size > LEAST_AREA:
-                    best = wp.min(best, arrival_key(numbers, redraw, search.piece[racing, k], size))
+            best = first_arrival(search, search.holder[racing], numbers, redraw, lane, wp.block_dim())
             best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
             if lane == other:
                 own = best
@@ -166,25 +150,25 @@ def _draw_points(
     # Layouts in: present, pending_seed, pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_restart, cuts, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat,
-    #   relations, sides, side_num, pieces, piece, piece_area, winner, cut
+    #   relations, sides, side_num, pieces, piece, piece_area, cut, holder
     # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
     search: Search,
 ):
     block, lane = wp.tid()
     num = search.cuts[0]
-    for base in range(block * wp.block_dim(), num, blocks * wp.block_dim()):
-        needs = wp.where(base + lane < num, 1, 0)
+    # Few candidates: a block for each is faster. Many: a lane for each.
+    most = wp.clamp((num + blocks - 1) // blocks, 1, wp.block_dim())
+    for base in range(block * most, num, blocks * most):
+        needs = wp.where(lane < wp.min(most, num - base), 1, 0)
         c = search.cut[wp.min(base + lane, num - 1)]
         row = search.row[c]
         obj = search.obj[c]
-        winner = search.winner[c]
-        if winner == NO_PIECE and needs != 0:
-            search.cause[c] = Cause.EMPTY
-            needs = 0
         redraw = int(0)
         while redraw < _REDRAWS and block_any(needs) != 0:
-            if redraw > 0:
-                winner = _repeat_race(program, split, layouts, search, c, needs, lane, redraw)
+            winner = _race(program, split, layouts, search, wp.where(needs != 0, c, -1), lane, most, redraw)
+            if winner == NO_PIECE and needs != 0:
+                search.cause[c] = Cause.EMPTY
+                needs = 0
             if needs != 0:
                 u = point_uniforms(point_counter(program, split, layouts, search, c), redraw)
                 if _draw_in_piece(program, layouts, search, c, row, obj, piece_of(winner), u):
@@ -196,5 +180,5 @@ def _draw_points(
 
 
 def launch_draw_points(work: Workspace) -> None:
-    """Draw the points of the listed candidates, one lane per candidate."""
+    """Draw the points of the listed candidates."""
     work.launch_blocks(_draw_points, [work.program, work.split, work.size.blocks, work.layouts], work.search)

@@ -16,16 +16,23 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
+def heading_at(
+    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, at: wp.vec2
+) -> float:
+    """Return the heading [rad] of a candidate at a point: the one that was drawn, or towards what it faces."""
+    target = program.obj_target[obj]
+    if program.obj_orientation[obj] == OrientationType.FACE_TO and is_there(layouts.present[row], target):
+        place = layouts.place[row, target]
+        return search.turn[c].yaw + facing(at, wp.vec2(place[0], place[1]))
+    return search.heading[c]
+
+
+@wp.func
 def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
     """Pose the object's bodies with its pivot over the candidate's point."""
     turn = search.turn[c]
-    heading = search.heading[c]
     point = search.point[c]
-    if program.obj_orientation[obj] == OrientationType.FACE_TO:
-        target = program.obj_target[obj]
-        if is_there(layouts.present[row], target):
-            at = layouts.place[row, target]
-            heading = turn.yaw + facing(wp.vec2(point[0], point[1]), wp.vec2(at[0], at[1]))
+    heading = heading_at(program, layouts, search, c, row, obj, wp.vec2(point[0], point[1]))
     pivot = point
     if program.obj_ground[obj] >= 0:
         pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])

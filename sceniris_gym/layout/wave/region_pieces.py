@@ -1,7 +1,7 @@
-"""Clip the support's triangles to each relation, and sample one of the pieces by area.
+"""Clip the support's triangles to each relation, and measure the pieces.
 
 A piece is the part of a triangle inside one convex piece of every relation, a *combination* of them. Its number is
-combination * triangles + triangle. Several lanes share the pieces of a candidate: the fewer the candidates, the more.
+combination * triangles + triangle. Several lanes share the pieces of a region: the fewer the regions, the more.
 """
 
 import warp as wp
@@ -9,7 +9,6 @@ import warp as wp
 from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE, arrival_key, point_counter
 from sceniris_gym.layout.wave.search import Search, Workspace, lanes_for_each
 from sceniris_gym.layout.wave.sides import support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
@@ -17,8 +16,6 @@ from sceniris_gym.program.device import Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Pieces below this area [m^2] are rounding errors: a line of 1 mm, drawn 40 um wide, has 4e-8.
-LEAST_AREA = wp.constant(1.0e-10)
 # A triangle that lies outside of a half-plane by more than this [m] is dropped, and one that lies inside by more is not
 # clipped. It is ten times the rounding error within a few metres; 100 m away, heights round to 0.03 mm, which moves a
 # cut by no more than that.
@@ -128,14 +125,14 @@ def _find_pieces(
     least_parts: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: cuts, row, obj, turn, relations, sides, side_num, pieces, cut
+    # Search in: regions, row, obj, turn, relations, sides, side_num, pieces, region
     # Search out: pieces, piece
     search: Search,
 ):
-    num = search.cuts[0]
+    num = search.regions[0]
     parts = lanes_for_each(lanes, num, least_parts)
     for i in range(wp.tid(), parts * num, lanes):
-        c = search.cut[i // parts]
+        c = search.region[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
         variant = search.turn[c].variant
@@ -153,7 +150,7 @@ def _find_pieces(
 
 
 def launch_find_pieces(work: Workspace) -> None:
-    """List the pieces of the listed candidates that may have positive area."""
+    """List the pieces of all regions that may have positive area."""
     size = work.size
     work.launch(_find_pieces, size.lanes, [work.program, size.lanes, size.parts, work.layouts], work.search)
 
@@ -162,26 +159,23 @@ def launch_find_pieces(work: Workspace) -> None:
 @wp.kernel(grid_stride=False)
 def _measure_pieces(
     program: Program,
-    split: wp.uint32,
     lanes: int,
     least_parts: int,
-    # Layouts in: pending_seed, pending_episode, body_pos, body_quat
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, cuts, row, obj, trial, turn, sides, side_num, pieces, piece, winner, cut
-    # Search out: piece_area, winner
+    # Search in: regions, row, obj, turn, sides, side_num, pieces, piece, region
+    # Search out: piece_area
     search: Search,
 ):
-    num = search.cuts[0]
+    num = search.regions[0]
     parts = lanes_for_each(lanes, num, least_parts)
+    polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
     for i in range(wp.tid(), parts * num, lanes):
-        c = search.cut[i // parts]
+        c = search.region[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
-        numbers = point_counter(program, split, layouts, search, c)
         variant = search.turn[c].variant
         triangles = program.variant_trinum[variant]
-        polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
-        best = NO_PIECE
         for k in range(i % parts, search.pieces[c], parts):
             index = search.piece[c, k]
             tri = program.variant_triadr[variant] + index % triangles
@@ -190,14 +184,9 @@ def _measure_pieces(
                 t = posed_triangle(program, tri, frame)
                 size = area(polygon, cut_triangle(program, search, c, obj, index // triangles, t, polygon))
             search.piece_area[c, k] = size
-            if size > LEAST_AREA:
-                best = wp.min(best, arrival_key(numbers, 0, index, size))
-        if best != NO_PIECE:
-            wp.atomic_min(search.winner, c, best)
 
 
 def launch_measure_pieces(work: Workspace) -> None:
-    """Measure the area of the listed pieces, and run the first exponential race among them."""
+    """Measure the area of the listed pieces."""
     size = work.size
-    inputs = [work.program, work.split, size.lanes, size.parts, work.layouts]
-    work.launch(_measure_pieces, size.lanes, inputs, work.search)
+    work.launch(_measure_pieces, size.lanes, [work.program, size.lanes, size.parts, work.layouts], work.search)

@@ -14,7 +14,7 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
+from sceniris_gym.config.limits import MAX_RELATIONS
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import CountError
 from sceniris_gym.layout.layouts import LayoutsView
@@ -70,8 +70,8 @@ class Search:
     opened: wp.array[int]  # number of candidates of the next wave
     candidates: wp.array[int]
     cuts: wp.array[int]  # number of candidates in `cut`
+    regions: wp.array[int]  # number of candidates in `region`
     narrow_pairs: wp.array[int]
-    enclosed: wp.array[int]
     hands: wp.array[int]  # number of entries in `hand`
     any_overflowed: wp.array[int]  # 1: at least one candidate has `overflowed` set
     # Candidates
@@ -95,19 +95,15 @@ class Search:
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
     relations: wp.array2d[ResolvedRelation]
-    hulls: wp.array2d[wp.vec2]
     sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of its relations
     side_num: wp.array2d[int]  # number of half-planes of each piece of a relation; -1 if the relation is inactive
     pieces: wp.array[int]  # number of pieces of its region that may have positive area
     piece: wp.array2d[int]  # their numbers
     piece_area: wp.array2d[float]  # [m^2]
-    winner: wp.array[wp.uint64]  # arrival key of the piece that wins the first exponential race
     cut: wp.array[int]  # candidates whose region differs from world to world
+    region: wp.array[int]  # those that regions are cut for, one for each region of a row
+    holder: wp.array[int]  # the one of these that has the candidate's region
     narrow_pair: wp.array[wp.vec4i]  # (candidate, pair, node of a, node of b)
-    # Points inside the bounding box of a collider, in the frame of its body; for `geometry: visual`
-    enclosed_candidate: wp.array[int]
-    enclosed_by: wp.array[int]
-    enclosed_point: wp.array[wp.vec3]
 
 
 @wp.func
@@ -143,8 +139,10 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
     trial = search.row_trial[row]
     # the share of the rows that goes on is expected to be that of the last wave
     rows = float(wp.max(search.rows[0], 1))
-    scale = float(busy) * wp.max(float(search.rows_before[0]), rows) / (rows * rows)
-    trials = wp.min(scale * program.obj_effort[obj], float(program.attempts - trial))
+    share = wp.max(float(search.rows_before[0]), rows) / (rows * rows)
+    # no more than there is room for: the count of all candidates would overflow
+    most = wp.min(float(busy) * program.obj_effort[obj], float(search.cause.shape[0]))
+    trials = wp.min(share * most, float(program.attempts - trial))
     wanted = ahead + wp.max(int(trials), 1)
     first = wp.atomic_add(search.opened, 0, wanted)
     num = wp.clamp(search.cause.shape[0] - first, 0, wanted)
@@ -177,8 +175,8 @@ def begin_wave(search: Search):
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.cuts[0] = 0
+    search.regions[0] = 0
     search.narrow_pairs[0] = 0
-    search.enclosed[0] = 0
     search.hands[0] = 0
     search.any_overflowed[0] = 0
 
@@ -215,8 +213,8 @@ class SearchSize:
         rows: Rows beyond one per world, for restarts that run at the same time.
         candidates: Most candidates in a wave.
         busy: Number of candidates that a wave is filled up to with further trials of its rows.
-        narrow_pairs: Capacity of the queue of narrow-phase pairs, or with `geometry: visual` of the queue of points
-            that may be enclosed. With 0 each candidate is tested as a whole.
+        narrow_pairs: Capacity of the queue of narrow-phase pairs, which `geometry: visual` does without. Candidates
+            whose pairs have no room are tested as a whole.
         grasps: Most candidates in a wave of the reach stage, each with a pose of the robot.
         lanes: Lanes of a launch in which lanes work independently.
         parts: Lanes that share the containment test of a candidate, and at least so many share its prefilter and the
@@ -336,7 +334,6 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     related = ncand if compiled.related else 0
     targets = () if compiled.reaching is None else compiled.reaching.targets
     early = sum(len(target.grasp_set.grasps) for target in targets if target.early)
-    visual = compiled.config.geometry == "visual"
     s = Search()
     zeros = partial(allocate, Search, s)
     with wp.ScopedDevice(compiled.device):
@@ -346,7 +343,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
-        zeros(1, "opened candidates cuts narrow_pairs enclosed hands any_overflowed")
+        zeros(1, "opened candidates cuts regions narrow_pairs hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
@@ -354,10 +351,8 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((ncand, early), "free")
         zeros(ncand * early, "hand")
         zeros((related, MAX_RELATIONS), "relations side_num")
-        zeros((related, MAX_RELATIONS * MAX_ANCHORS), "hulls")
         zeros((related, compiled.sides), "sides")
         zeros((related, compiled.pieces), "piece piece_area")
-        zeros(related, "pieces winner cut")
-        zeros(0 if visual else size.narrow_pairs, "narrow_pair")
-        zeros(size.narrow_pairs if visual else 0, "enclosed_candidate enclosed_by enclosed_point")
+        zeros(related, "pieces cut region holder")
+        zeros(0 if compiled.config.geometry == "visual" else size.narrow_pairs, "narrow_pair")
     return s

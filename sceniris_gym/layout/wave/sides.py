@@ -1,6 +1,7 @@
 """Resolve the relations of each candidate in its world, and bound the region that they leave by half-planes.
 
-One lane works on one relation of one candidate. Candidates whose region differs from world to world are listed.
+One lane works on one relation of one candidate. Candidates whose region differs from world to world are listed. Where
+candidates of a row have the same region, it is cut once, for the first of them: their *holder*.
 """
 
 import warp as wp
@@ -9,11 +10,10 @@ from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.placed import placed
-from sceniris_gym.placement.relations import resolve, side_num, write_sides
-from sceniris_gym.program.device import Cause, ObjectKind, Program
+from sceniris_gym.placement.relations import depends_on_heading, resolve, side_num, write_sides
+from sceniris_gym.program.device import Cause, Measure, ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -35,7 +35,7 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: int, row: int, obj: int, frame: Pose):
     """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces."""
     rel = program.obj_reladr[obj] + i
-    hull = search.hulls[c]
+    hull = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
     resolved = resolve(
         program,
         search.row_world[row],
@@ -46,11 +46,27 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
         layouts.bounds[row],
         layouts.present[row],
         hull,
-        i * MAX_ANCHORS,
     )
     search.relations[c, i] = resolved
     search.side_num[c, i] = side_num(resolved)
-    write_sides(program, rel, resolved, hull, i * MAX_ANCHORS, search.sides[c], program.rel_sideadr[rel])
+    write_sides(program, rel, resolved, hull, search.sides[c], program.rel_sideadr[rel])
+
+
+@wp.func
+def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int:
+    """Return the first candidate of a row with the region of candidate `c`.
+
+    Trials of the same stable pose have the same one, unless it depends on their drawn joints or headings.
+    """
+    if program.obj_measured[obj] == Measure.WHOLE:
+        return c
+    for rel in range(program.obj_reladr[obj], program.obj_reladr[obj] + program.obj_relnum[obj]):
+        if depends_on_heading(program, rel):
+            return c
+    holder = search.row_first[row]
+    while search.turn[holder].variant != search.turn[c].variant:
+        holder += 1
+    return holder
 
 
 @wp.kernel(grid_stride=False)
@@ -59,8 +75,8 @@ def _build_sides(
     lanes: int,
     # Layouts in: present, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, candidates, cuts, row, obj, cause, turn, heading, hulls
-    # Search out: cuts, cause, relations, hulls, sides, side_num, pieces, winner, cut
+    # Search in: row_world, row_first, candidates, cuts, regions, row, obj, cause, turn, heading
+    # Search out: cuts, regions, cause, relations, sides, side_num, pieces, cut, region, holder
     search: Search,
 ):
     for k in range(wp.tid(), MAX_RELATIONS * candidate_num(search), lanes):
@@ -68,16 +84,21 @@ def _build_sides(
         i = k % MAX_RELATIONS
         obj = search.obj[c]
         if search.cause[c] == Cause.NONE and program.obj_kind[obj] != ObjectKind.STATIC and program.obj_cutnum[obj] > 0:
+            if i >= wp.max(program.obj_relnum[obj], 1):
+                continue
             row = search.row[c]
             frame = support_pose(program, layouts, row, obj)
             if frame.rot[2, 2] < LEVEL:
                 search.cause[c] = Cause.EMPTY
                 continue
+            holder = _holder(program, search, c, row, obj)
             if i == 0:
-                search.pieces[c] = 0
-                search.winner[c] = NO_PIECE
                 search.cut[wp.atomic_add(search.cuts, 0, 1)] = c
-            if i < program.obj_relnum[obj]:
+                search.holder[c] = holder
+                if holder == c:
+                    search.pieces[c] = 0
+                    search.region[wp.atomic_add(search.regions, 0, 1)] = c
+            if holder == c and program.obj_relnum[obj] > 0:
                 _resolve(program, layouts, search, c, i, row, obj, frame)
 
 

@@ -20,6 +20,8 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
+# A piece that rises above a surface by less than this [m] does not cover it: half of where rays upwards begin.
+_FLUSH = 5.0e-5
 
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
@@ -130,14 +132,21 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
 
 
 def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[int]:
-    """Return the pieces, or colliders of visual geometry, of the parent: any body of it may cover, but no plane."""
+    """Return the pieces, or colliders of visual geometry, that may cover an object: of any body of its parent.
+
+    Planes never do, nor do pieces of the support itself that rise above none of the object's surfaces.
+    """
     if o.cover == Cover.EITHER:
         return []
     assert o.support is not None
     parent = plan.scene.around(o.support)
     if plan.scene.config.geometry == "visual":
         return [i for i, c in enumerate(colliders) if c.body in parent and c.plane < 0]
-    return [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]
+    found = [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]
+    if any(o.name in kind.place for kind in plan.scene.config.start):
+        return found  # a marker may be on a lower surface
+    lowest = min(s.height for surfaces in o.surfaces for s in surfaces) + _FLUSH
+    return [i for i in found if plan.pieces[i].body != o.ground or plan.pieces[i].bounds()[1][2] > lowest]
 
 
 def _measured(plan: Plan, o: PlacedObject) -> Measure:

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from sceniris_gym.layout.wave import search
 from tests.layout.scenes import box_mjcf, collisions, compile_on_cpu, make, valid, write_mjcf
-
-
-@pytest.fixture(autouse=True, params=[0, 1, 4096])
-def room(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Points that may be enclosed are asked about at once, or wait as far as the queue has room."""
-    monkeypatch.setattr(search, "CPU_SIZE", replace(search.CPU_SIZE, narrow_pairs=request.param))
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])

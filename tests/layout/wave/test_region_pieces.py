@@ -134,19 +134,20 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
 @pytest.mark.parametrize("name", LEFT)
 @pytest.mark.parametrize(("lanes", "parts"), [(7, 1), (200, 1), (3, 8), (5000, 8)])
 def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts: int, tmp_path: Path):
-    """The same pieces with the same areas, and the same one of them wins the exponential race."""
+    """The same pieces with the same areas."""
     generator = _generated(name, tmp_path)
     search = generator._work.search
     found: list[Any] = []
     for size in (default_size("cpu"), replace(default_size("cpu"), lanes=lanes, parts=parts)):
         search.cause.zero_()
         search.cuts.zero_()
+        search.regions.zero_()
         work = replace(generator._work, size=size)
         for launch in (launch_build_sides, launch_find_pieces, launch_measure_pieces):
             launch(work)
         listed = np.sort(search.cut.numpy()[: search.cuts.numpy()[0]])
         pieces = [sorted(zip(*_listed(search, c), strict=True)) for c in listed]
-        found.append((listed.tolist(), pieces, search.winner.numpy()[listed].tolist()))
+        found.append((listed.tolist(), pieces))
     assert found[0] == found[1]
     assert len(found[0][0]) == 60
     assert any(found[0][1])

@@ -191,6 +191,17 @@ def test_combs_within_each_other_keep_their_distance(geometry: str, tmp_path: Pa
     assert generator.rejection_counts()["free"]["collision"] > 4
 
 
+def test_an_object_of_great_effort_does_not_overflow_the_count_of_candidates():
+    """Rows that ask for 6.5 billion trials together get as many as there is room for, and the same layouts."""
+    compiled = _compile("mid", "cpu")
+    program = copied(Program, compiled.program)
+    program.obj_effort = wp.full_like(program.obj_effort, 1e5)
+    program.attempts = 1 << 24
+    hard = replace(compiled, program=program)
+    size = replace(SIZES["64-512-100-3"], busy=1 << 16)
+    assert made(hard, size, N) == made(hard, None, N)
+
+
 CUDA = [pytest.param("cuda:0", marks=pytest.mark.cuda)]
 
 

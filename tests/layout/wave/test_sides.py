@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE
 from sceniris_gym.layout.wave.search import Search, Workspace, default_size
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.program.device import Cause
 from tests.layout.related import Shapes, near_middle, related, scene
+from tests.layout.sizes import made
 
 N = 60
 LOW, HIGH = 0.1, 0.3
@@ -33,6 +34,7 @@ def generator(tmp_path: Path) -> LayoutGenerator:
     search.candidates.fill_(N)  # the end of a wave sets it to 0
     search.cause.zero_()
     search.cuts.zero_()
+    search.regions.zero_()
     return generator
 
 
@@ -56,13 +58,11 @@ def test_candidates_on_level_supports_are_listed(generator: LayoutGenerator, lan
     view.body_quat.assign(quats)
     failed = np.arange(N) % 5 == 0
     search.cause.assign(np.where(failed, Cause.COLLISION, Cause.NONE))
-    search.winner.fill_(7)
     launch_build_sides(_with_lanes(generator, lanes))
     level = lean < np.radians(0.1)
     assert _listed(search) == np.flatnonzero(level & ~failed).tolist()
     expected = np.where(failed, Cause.COLLISION, np.where(level, Cause.NONE, Cause.EMPTY))
     assert (search.cause.numpy() == expected).all()
-    assert (search.winner.numpy() == np.where(level & ~failed, np.uint64(NO_PIECE), np.uint64(7))).all()
     assert (search.pieces.numpy()[level & ~failed] == 0).all()
 
 
@@ -86,3 +86,38 @@ def test_half_planes_hold_the_region_of_each_world(generator: LayoutGenerator):
         distance = np.linalg.norm(points - anchors[c], axis=1)
         assert (inside[(distance > LOW) & (distance < HIGH)] >= 1).all()
         assert (inside[(distance < 0.8 * LOW) | (distance > 1.2 * HIGH)] == 0).all()
+
+
+NEAR = {"near": "a", "distance": {"max": HIGH}}
+NEAR_BY_BOUNDS = {**NEAR, "measure": "bounds"}
+DRAWN = {"joints": {"slide": {"range": [0.0, 0.2]}}}
+# a relation of an object, its shape and its other words, and whether candidates of a row share a region
+SHARED: dict[str, tuple[dict[str, Any], str, dict[str, Any], bool]] = {
+    "near": (NEAR, "bar", {}, True),
+    "near by bounds, in stable poses": (NEAR_BY_BOUNDS, "bar", {"orientation": "stable"}, True),
+    "near by bounds, in any pose": (NEAR_BY_BOUNDS, "bar", {"orientation": "any"}, False),
+    "near by bounds, with a drawer": (NEAR_BY_BOUNDS, "drawer", DRAWN, False),
+    "between, as wide as it is, in stable poses": ({"between": ["a", "b"]}, "bar", {"orientation": "stable"}, True),
+    "beside": ({"beside": "a", "side": "left"}, "bar", {}, False),
+}
+
+
+@pytest.mark.parametrize("name", SHARED)
+def test_candidates_of_a_row_share_only_the_region_that_each_would_have(name: str, tmp_path: Path):
+    """Their layouts have the bits of one candidate at a time, for which nothing is shared."""
+    relation, shape, words, is_shared = SHARED[name]
+    shapes = Shapes(tmp_path)
+    own = related(getattr(shapes, shape), relation, **words)
+    compiled = scene({"a": near_middle(shapes.cube), "b": near_middle(shapes.bar, 0.3), "q": own}, attempts=20)
+    size = replace(default_size("cpu"), candidates=20 * N, busy=20 * N)
+    by_region = []
+
+    def launch(work: Workspace) -> None:
+        launch_build_sides(work)
+        by_region.append(len(_listed(work.search)) / max(int(work.search.regions.numpy()[0]), 1))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sceniris_gym.layout.generate.launch_build_sides", launch)
+        together = made(compiled, size, N)
+    assert (max(by_region) > 3) == is_shared
+    assert together == made(compiled, None, N)
