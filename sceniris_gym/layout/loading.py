@@ -8,7 +8,7 @@ from pathlib import Path
 import warp as wp
 
 from sceniris_gym.device.kernel_log import tell_of_compiling
-from sceniris_gym.layout.reaching import free_grasps, hits, ik, start, waves
+from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, waves
 from sceniris_gym.layout.wave import (
     accept,
     ahead,
@@ -39,7 +39,7 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
     files += [ahead] if work.ahead > 0 else []
     files += [containment] if work.program.visual else []
     files += [standing] if work.statics is not None else []
-    files += [waves, ik, hits] if staged else []
+    files += [waves, poses, ik, hits] if staged else []
     files += [start_kinds, start] if work.starts is not None else []
     files += [free_grasps] if frees_grasps else []
     own = collision.launched_kernels(work)  # those with a module of their own

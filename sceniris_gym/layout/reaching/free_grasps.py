@@ -14,11 +14,10 @@ from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import hand_at, open_gripper, take_joints
+from sceniris_gym.layout.reaching.poses import pose_hand
 from sceniris_gym.layout.reaching.search import ReachSearch
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.grasps import passes_map
-from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
@@ -43,13 +42,7 @@ def _pose_hands(
         quat = reach_search.hand_quat[early]
         quat[reach.grasp_body[grasp]] = wp.vec4(1.0, 0.0, 0.0, 0.0)
         qpos = reach_search.hand_qpos[early]
-        take_joints(program, reach.hand_body, program.home_qpos, qpos)
-        open_gripper(reach, grasp, qpos)
-        at, turn = hand_at(reach, grasp, 0.0, pos, quat)
-        pos[reach.hand_body[0]] = at
-        quat[reach.hand_body[0]] = turn
-        for i in range(1, reach.hand_body.shape[0]):
-            pose_body(program, reach.hand_body[i], qpos, pos, quat)
+        pose_hand(program, reach, grasp, 0.0, pos, quat, program.home_qpos, qpos, pos, quat)
 
 
 def launch_pose_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:

@@ -1,14 +1,11 @@
-"""Collision tests of candidates' robots against lists of pairs, one block per candidate."""
+"""Collision tests of posed robots against lists of pairs, one block per candidate."""
 
 import warp as wp
 
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
-from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import pose_for
 from sceniris_gym.layout.reaching.search import (
-    DEFERRED,
     IN_HAND,
     ReachSearch,
     ReachStep,
@@ -37,53 +34,23 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
     return reach.arm_scene[column]
 
 
-@wp.func
-def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
-    """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
-
-    More are tested where some have failed, and where the wave has few rows for the `at_once` candidates that a launch
-    tests as fast as one; all are where rows wait for room, which bounds the number of waves. Other blocks may defer the
-    candidates before it meanwhile, or see them collide.
-    """
-    if reach_search.candidates[0] > reach_search.failed.shape[0]:
-        return False
-    row = reach_search.row[c]
-    earlier = int(0)
-    for other in range(reach_search.first[row], c):
-        failed = reach_search.failed[other]
-        if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
-            earlier += 1
-    return earlier >= wp.max(1 + 8 * reach_search.tried[row], at_once // reach_search.rows[0])
-
-
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test(
     program: Program,
     reach: Reach,
     first: int,
     last: int,
-    posed: bool,
     blocks: int,
-    # Layouts in: qpos, body_pos, body_quat
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, failed, grasp_qpos,
-    #   pregrasp_qpos, qpos, body_pos, body_quat
-    # ReachSearch out: failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
+    # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
     for c in range(block, reach_candidate_num(reach_search), blocks):
-        if not takes_step(reach_search, c, first):
-            continue
-        if not posed:
-            at_once = blocks // 16  # on an H200, 1,000 more take 0.1 ms longer
-            deferred = first == ReachStep.SELF_AT_GRASP and _is_deferred(reach_search, at_once, c)
-            block_sync()  # every lane has read `failed`
-            if deferred:
-                reach_search.failed[c] = wp.static(DEFERRED)
-                continue
         row = reach_search.row[c]
         own_pos = reach_search.body_pos[c]
         own_quat = reach_search.body_quat[c]
@@ -93,8 +60,6 @@ def _test(
         hit = bool(False)
         while step <= last and not hit:
             if takes_step(reach_search, c, step):
-                if not posed:
-                    pose_for(program, reach, layouts, reach_search, c, step, lane)
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
@@ -113,13 +78,11 @@ def _test_containment(
     reach: Reach,
     first: int,
     last: int,
-    posed: bool,
     blocks: int,
-    # Layouts in: qpos, body_pos, body_quat
+    # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos,
-    #   body_quat
-    # ReachSearch out: failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
+    # ReachSearch out: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -133,8 +96,6 @@ def _test_containment(
         inside = bool(False)
         while step <= last and not inside:
             if takes_step(reach_search, c, step):
-                if not posed:
-                    pose_for(program, reach, layouts, reach_search, c, step, lane)
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
@@ -144,24 +105,9 @@ def _test_containment(
 
 
 def launch_test_arm(
-    work: Workspace,
-    reach: Reach,
-    first: ReachStep,
-    last: ReachStep,
-    reach_search: ReachSearch,
-    *,
-    posed: bool = False,
+    work: Workspace, reach: Reach, first: ReachStep, last: ReachStep, reach_search: ReachSearch
 ) -> None:
-    """Pose the robots of candidates, and test them, at the steps from `first` to `last`; defer some before that.
-
-    Args:
-        work: The arrays of the generator.
-        reach: The arm.
-        first: The first step.
-        last: The last step.
-        reach_search: The candidates.
-        posed: They are posed already, and none is deferred.
-    """
+    """Test candidates at the steps from `first` to `last`, all of which have the pose that they are in now."""
     for test in (_test, _test_containment) if work.program.visual else (_test,):
-        inputs = [work.program, reach, int(first), int(last), posed, work.size.blocks, work.layouts]
+        inputs = [work.program, reach, int(first), int(last), work.size.blocks, work.layouts]
         work.launch_blocks(test, inputs, reach_search)

@@ -11,7 +11,6 @@ from sceniris_gym.layout.reaching.search import (
     STARTS,
     ReachSearch,
     ReachStep,
-    begin_reach_wave,
     first_start,
     reach_candidate_num,
     takes_step,
@@ -74,33 +73,8 @@ def _nearest_turns(arm: ArmView, there: vec8, before: vec8):
     return q, near
 
 
-@wp.func
-def _start(reach: Reach, split: wp.uint32, layouts: LayoutsView, search: Search, reach_search: ReachSearch, c: int):
-    """Return the joints that a candidate starts from."""
-    row = reach_search.row[c]
-    column = reach_search.column[row]
-    grasp = reach_search.grasp[c]
-    start = reach_search.start[c]
-    q = vec8()
-    if start == 0:
-        for i in range(MAX_JOINTS):
-            if i < reach.arm.njoint:
-                q[i] = layouts.qpos[row, reach.arm_qposadr[i]]
-    elif reach.mapped != 0 and start <= wp.static(WITNESSES):
-        pos, quat = _target(reach, layouts, row, grasp)
-        q = witness(reach.map, pos, quat, start - 1)
-    else:
-        stream = numbered_stream(split, REACH_STREAM)
-        trial = search.row_restart[row] * layouts.grasp.shape[1] + column
-        draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-        worldid = search.row_world[row]
-        seed = layouts.pending_seed[worldid]
-        q = _drawn(reach.arm, seed, layouts.pending_episode[worldid], stream, trial, draw)
-    return q
-
-
 @wp.kernel(grid_stride=False)
-def _solve(
+def _choose_starts(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
@@ -108,39 +82,71 @@ def _solve(
     layouts: LayoutsView,
     # Search in: row_world, row_restart
     search: Search,
-    # ReachSearch in: column, tier, first, rows_left, source, candidates, row, grasp, start, failed
-    # ReachSearch out: rows_left, source, rows, failed, grasp_qpos, pregrasp_qpos
+    # ReachSearch in: column, tier, first, candidates, row, grasp, start, failed
+    # ReachSearch out: failed, grasp_qpos
     reach_search: ReachSearch,
 ):
-    if wp.tid() == 0:
-        begin_reach_wave(reach_search)
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
         of_grasp = first_start(reach_search, c)
-        if of_grasp >= 0:  # its lane may let it fail here meanwhile, at a later step than those of the grasp
+        if of_grasp >= 0:
             if reach_search.failed[of_grasp] < ReachStep.IK_AT_GRASP:
                 reach_search.failed[c] = reach_search.failed[of_grasp]
         if not takes_step(reach_search, c, ReachStep.IK_AT_GRASP):
             continue
-        q = _start(reach, split, layouts, search, reach_search, c)
+        row = reach_search.row[c]
+        column = reach_search.column[row]
+        grasp = reach_search.grasp[c]
+        start = reach_search.start[c]
+        q = vec8()
+        if start == 0:
+            for i in range(MAX_JOINTS):
+                if i < reach.arm.njoint:
+                    q[i] = layouts.qpos[row, reach.arm_qposadr[i]]
+        elif reach.mapped != 0 and start <= wp.static(WITNESSES):
+            pos, quat = _target(reach, layouts, row, grasp)
+            q = witness(reach.map, pos, quat, start - 1)
+        else:
+            stream = numbered_stream(split, REACH_STREAM)
+            trial = search.row_restart[row] * layouts.grasp.shape[1] + column
+            draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
+            worldid = search.row_world[row]
+            seed = layouts.pending_seed[worldid]
+            q = _drawn(reach.arm, seed, layouts.pending_episode[worldid], stream, trial, draw)
+        reach_search.grasp_qpos[c] = q
+
+
+@wp.kernel(grid_stride=False)
+def _solve(
+    reach: Reach,
+    step: int,
+    lanes: int,
+    # Layouts in: body_pos, body_quat
+    layouts: LayoutsView,
+    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos
+    # ReachSearch out: failed, grasp_qpos, pregrasp_qpos
+    reach_search: ReachSearch,
+):
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if not takes_step(reach_search, c, step):
+            continue
         pos, quat = _target(reach, layouts, reach_search.row[c], reach_search.grasp[c])
-        step = int(ReachStep.IK_AT_GRASP)
-        while step <= ReachStep.IK_AT_PREGRASP and takes_step(reach_search, c, step):
-            found = refine(reach.arm, pos, quat, q, wp.static(ITERATIONS))
-            passed = accepted(found)
-            if step == ReachStep.IK_AT_GRASP:
-                q = found.q
-                reach_search.grasp_qpos[c] = q
-                pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
-            else:
-                before, near = _nearest_turns(reach.arm, q, found.q)
-                reach_search.pregrasp_qpos[c] = before
-                passed = passed and near
-            if not passed:
-                reach_search.failed[c] = step
-            step += 1
+        if step == ReachStep.IK_AT_PREGRASP:
+            pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
+        found = refine(reach.arm, pos, quat, reach_search.grasp_qpos[c], wp.static(ITERATIONS))
+        passed = accepted(found)
+        if step == ReachStep.IK_AT_PREGRASP:
+            q, near = _nearest_turns(reach.arm, reach_search.grasp_qpos[c], found.q)
+            reach_search.pregrasp_qpos[c] = q
+            passed = passed and near
+        else:
+            reach_search.grasp_qpos[c] = found.q
+        if not passed:
+            reach_search.failed[c] = step
 
 
-def launch_ik(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+def launch_ik(work: Workspace, reach: Reach, clear: bool, reach_search: ReachSearch) -> None:
     """Solve for the joints of the candidates' grasps, and for the tier `clear` for those of their pre-grasps."""
     lanes = work.size.lanes
-    work.launch(_solve, lanes, [reach, work.split, lanes, work.layouts, work.search], reach_search)
+    work.launch(_choose_starts, lanes, [reach, work.split, lanes, work.layouts, work.search], reach_search)
+    for step in (ReachStep.IK_AT_GRASP, ReachStep.IK_AT_PREGRASP) if clear else (ReachStep.IK_AT_GRASP,):
+        work.launch(_solve, lanes, [reach, int(step), lanes, work.layouts], reach_search)

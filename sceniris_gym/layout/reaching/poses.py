@@ -1,11 +1,18 @@
-"""Poses of a candidate's robot in its grasp or pre-grasp: the hand alone, or all of it."""
+"""Poses of a candidate's robot in its grasp or pre-grasp: the hand alone, or all of it. One lane per candidate."""
 
 import warp as wp
 
-from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE, ReachSearch, ReachStep
+from sceniris_gym.layout.reaching.search import (
+    DEFERRED,
+    PREGRASP_DISTANCE,
+    ReachSearch,
+    ReachStep,
+    reach_candidate_num,
+    takes_step,
+)
+from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.placement.grasps import tcp_of
 from sceniris_gym.placement.kinematics import follow_joint, pose_body
 from sceniris_gym.program.device import Program
@@ -48,11 +55,27 @@ def set_gripper(reach: Reach, share: float, qpos: wp.array[float]):
 
 
 @wp.func
-def hand_at(reach: Reach, grasp: int, back: float, target_pos: wp.array[wp.vec3], target_quat: wp.array[wp.vec4]):
-    """Return the pose of the hand's first body at a grasp of a posed target, or `back` [m] along the approach axis."""
+def pose_hand(
+    program: Program,
+    reach: Reach,
+    grasp: int,
+    back: float,
+    target_pos: wp.array[wp.vec3],
+    target_quat: wp.array[wp.vec4],
+    from_qpos: wp.array[float],
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+):
+    """Pose the hand at a grasp of a posed target, or `back` [m] along the approach axis."""
+    take_joints(program, reach.hand_body, from_qpos, qpos)
+    open_gripper(reach, grasp, qpos)
     pos, quat = tcp_of(reach, grasp, target_pos, target_quat)
-    pos = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
-    return pos, wp.normalize(mul_quat(quat, reach.hand_quat))
+    root = reach.hand_body[0]
+    body_pos[root] = pos - back * z_axis(quat) + rot_vec_quat(reach.hand_pos, quat)
+    body_quat[root] = wp.normalize(mul_quat(quat, reach.hand_quat))
+    for i in range(1, reach.hand_body.shape[0]):
+        pose_body(program, reach.hand_body[i], qpos, body_pos, body_quat)
 
 
 @wp.func
@@ -63,67 +86,87 @@ def in_base(reach: Reach, layouts: LayoutsView, row: int, pos: wp.vec3, quat: wp
 
 
 @wp.func
-def place_arm(reach: Reach, layouts: LayoutsView, row: int, joints: vec8, reach_search: ReachSearch, c: int):
-    """Give a candidate joints of its arm, and the base where its row has it."""
+def pose_arm(
+    program: Program,
+    reach: Reach,
+    layouts: LayoutsView,
+    row: int,
+    joints: vec8,
+    qpos: wp.array[float],
+    body_pos: wp.array[wp.vec3],
+    body_quat: wp.array[wp.vec4],
+):
+    """Pose a robot with these joints of its arm, its base where the row has it; `qpos` has its other joints."""
     for i in range(MAX_JOINTS):
         if i < reach.arm.njoint:
-            reach_search.qpos[c, reach.arm_qposadr[i]] = joints[i]
-    reach_search.body_pos[c, reach.base_body] = layouts.body_pos[row, reach.base_body]
-    reach_search.body_quat[c, reach.base_body] = layouts.body_quat[row, reach.base_body]
+            qpos[reach.arm_qposadr[i]] = joints[i]
+    body_pos[reach.base_body] = layouts.body_pos[row, reach.base_body]
+    body_quat[reach.base_body] = layouts.body_quat[row, reach.base_body]
+    for i in range(reach.arm_body.shape[0]):
+        pose_body(program, reach.arm_body[i], qpos, body_pos, body_quat)
 
 
 @wp.func
-def pose_in_order(
-    program: Program, bodies: wp.array[int], first: int, reach_search: ReachSearch, c: int, lane: int, lanes: int
-):
-    """Pose bodies of a candidate from number `first` of a list on; it has parents before children.
+def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
+    """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
 
-    A lane does so alone, or the lanes of a block together: all bodies at once, again and again, each time of which the
-    next in a chain becomes final.
+    More are tested where some have failed, and where the wave has few rows for the `at_once` candidates that a launch
+    tests as fast as one; all are where rows wait for room, which bounds the number of waves. Other lanes may defer the
+    candidates before it meanwhile.
     """
-    num = bodies.shape[0]
-    for _ in range(wp.where(lanes > 1, num - first, 1)):
-        if lanes > 1:
-            block_sync()
-        for i in range(first + lane, num, lanes):
-            pose_body(program, bodies[i], reach_search.qpos[c], reach_search.body_pos[c], reach_search.body_quat[c])
-    if lanes > 1:
-        block_sync()
-
-
-@wp.func
-def pose_for(
-    program: Program, reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, c: int, step: int, lane: int
-):
-    """Pose the robot of a candidate for a step and those that follow, the hand alone before there are joints.
-
-    All lanes of a block call it together. Steps that have the pose of the one before them change nothing.
-    """
-    if (
-        step == ReachStep.HAND_AND_TARGET
-        or step == ReachStep.SCENE_AT_GRASP
-        or step == ReachStep.SCENE_AT_PREGRASP
-        or step == ReachStep.TARGET_AT_PREGRASP
-    ):
-        return
+    if reach_search.candidates[0] > reach_search.failed.shape[0]:
+        return False
     row = reach_search.row[c]
-    grasp = reach_search.grasp[c]
-    block_sync()  # no lane reads the pose before
-    if lane == 0:
+    earlier = int(0)
+    for other in range(reach_search.first[row], c):
+        failed = reach_search.failed[other]
+        if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
+            earlier += 1
+    return earlier >= wp.max(1 + 8 * reach_search.tried[row], at_once // reach_search.rows[0])
+
+
+@wp.kernel(grid_stride=False)
+def _pose(
+    program: Program,
+    reach: Reach,
+    step: int,
+    at_once: int,
+    lanes: int,
+    # Layouts in: qpos, body_pos, body_quat
+    layouts: LayoutsView,
+    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, failed, grasp_qpos,
+    #   pregrasp_qpos, qpos, body_pos, body_quat
+    # ReachSearch out: failed, qpos, body_pos, body_quat
+    reach_search: ReachSearch,
+):
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if not takes_step(reach_search, c, step):
+            continue
+        row = reach_search.row[c]
+        grasp = reach_search.grasp[c]
+        from_qpos = layouts.qpos[row]
+        qpos = reach_search.qpos[c]
+        pos = reach_search.body_pos[c]
+        quat = reach_search.body_quat[c]
         if step < ReachStep.IK_AT_GRASP:
-            take_joints(program, reach.hand_body, layouts.qpos[row], reach_search.qpos[c])
             back = wp.where(step == ReachStep.HAND_AT_GRASP, 0.0, wp.static(PREGRASP_DISTANCE))
-            pos, quat = hand_at(reach, grasp, back, layouts.body_pos[row], layouts.body_quat[row])
-            reach_search.body_pos[c, reach.hand_body[0]] = pos
-            reach_search.body_quat[c, reach.hand_body[0]] = quat
-        else:
-            take_joints(program, reach.arm_body, layouts.qpos[row], reach_search.qpos[c])
-            joints = reach_search.pregrasp_qpos[c]
-            if step == ReachStep.SELF_AT_GRASP:
-                joints = reach_search.grasp_qpos[c]
-            place_arm(reach, layouts, row, joints, reach_search, c)
-        open_gripper(reach, grasp, reach_search.qpos[c])
-    if step < ReachStep.IK_AT_GRASP:
-        pose_in_order(program, reach.hand_body, 1, reach_search, c, lane, wp.block_dim())
-    else:
-        pose_in_order(program, reach.arm_body, 0, reach_search, c, lane, wp.block_dim())
+            target_pos = layouts.body_pos[row]
+            pose_hand(program, reach, grasp, back, target_pos, layouts.body_quat[row], from_qpos, qpos, pos, quat)
+            continue
+        joints = reach_search.pregrasp_qpos[c]
+        if step == ReachStep.SELF_AT_GRASP:
+            if _is_deferred(reach_search, at_once, c):
+                reach_search.failed[c] = wp.static(DEFERRED)
+                continue
+            joints = reach_search.grasp_qpos[c]
+        take_joints(program, reach.arm_body, from_qpos, qpos)
+        open_gripper(reach, grasp, qpos)
+        pose_arm(program, reach, layouts, row, joints, qpos, pos, quat)
+
+
+def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
+    """Pose the robot of each candidate as a step tests it, the hand alone before there are joints. Defer some."""
+    lanes = work.size.lanes
+    # on an H200 1,000 more take 0.1 ms longer; with starts hardly any first joints fail
+    at_once = work.size.blocks // (2 if work.starts is None else 16)
+    work.launch(_pose, lanes, [work.program, reach, int(step), at_once, lanes, work.layouts], reach_search)

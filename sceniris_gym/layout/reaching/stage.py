@@ -13,9 +13,10 @@ from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_test_hands
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
+from sceniris_gym.layout.reaching.poses import launch_pose
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
-from sceniris_gym.layout.reaching.start import TRIALS, launch_pose_start, launch_queue_starts
-from sceniris_gym.layout.reaching.waves import launch_accept, launch_open_rows, launch_open_wave
+from sceniris_gym.layout.reaching.start import TRIALS, launch_accept_starts, launch_pose_start, launch_queue_starts
+from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import Reach
@@ -72,16 +73,25 @@ class ReachStage:
         """Open candidates, run their steps, and keep the first candidate of each row that passes."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
+        launch_look_up(work, reach, search)
         if clear:
-            launch_test_arm(work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AND_TARGET, search)
-        launch_ik(work, reach, search)
-        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.TARGET_AT_PREGRASP, search)
-        launch_accept(work, reach, search)
+            self._test(reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP)
+            self._test(reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET)
+        launch_ik(work, reach, clear, search)
+        self._test(reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP if clear else ReachStep.SELF_AT_GRASP)
+        if clear:
+            self._test(reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP)
+        launch_accept_grasps(work, reach, search)
+
+    def _test(self, reach: Reach, first: ReachStep, last: ReachStep) -> None:
+        """Pose the robot of each candidate, and test it at the steps that have this pose."""
+        launch_pose(self._work, reach, first, self.search)
+        launch_test_arm(self._work, reach, first, last, self.search)
 
     def _start_wave(self, reach: Reach) -> None:
         """Pose candidates of starts, test them, and keep the first of each row that passes."""
         work, search = self._work, self.search
-        launch_open_wave(work, reach, search, of_starts=True)
+        launch_open_wave(work, reach, search)
         launch_pose_start(work, reach, search)
-        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search, posed=True)
-        launch_accept(work, reach, search, of_starts=True)
+        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search)
+        launch_accept_starts(work, reach, search)

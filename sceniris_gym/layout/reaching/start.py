@@ -11,18 +11,21 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat
 from sceniris_gym.device.random import START_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import in_base, open_gripper, place_arm, pose_in_order, set_gripper, take_joints
+from sceniris_gym.layout.reaching.poses import in_base, open_gripper, pose_arm, set_gripper, take_joints
 from sceniris_gym.layout.reaching.search import (
     IN_HAND,
     ReachSearch,
     ReachStep,
     begin_reach_wave,
+    queue_row,
     queue_target,
     reach_candidate_num,
 )
+from sceniris_gym.layout.reaching.waves import first_passed, keep_grasp
 from sceniris_gym.layout.wave.rounds import NEVER, row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
-from sceniris_gym.program.device import Program
+from sceniris_gym.placement.kinematics import write_root
+from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import StartPose, Starts, is_drawn
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -177,8 +180,7 @@ def _pose(
         reach_search.grasp_qpos[c] = joints
         if pose >= StartPose.STANDING:
             set_gripper(reach, starts.grip_share[grasp], qpos)
-        place_arm(reach, layouts, row, joints, reach_search, c)
-        pose_in_order(program, reach.arm_body, 0, reach_search, c, 0, 1)
+        pose_arm(program, reach, layouts, row, joints, qpos, reach_search.body_pos[c], reach_search.body_quat[c])
         if pose >= StartPose.LIFTED:
             _carry(program, reach, starts, layouts, row, reach_search, c)
 
@@ -188,3 +190,50 @@ def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) 
     lanes = work.size.lanes
     inputs = [work.program, reach, work.starts, work.split, lanes, work.layouts, work.search]
     work.launch(_pose, lanes, inputs, reach_search)
+
+
+@wp.kernel(grid_stride=False)
+def _accept(
+    program: Program,
+    reach: Reach,
+    lanes: int,
+    # Layouts in: row_rejections
+    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, grasp_qpos, pregrasp_qpos, row_rejections
+    layouts: LayoutsView,
+    # Search in: best, row_world
+    # Search out: best
+    search: Search,
+    # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
+    #   grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos, body_quat
+    # ReachSearch out: number, tried, furthest, queue, rows_left, candidates
+    reach_search: ReachSearch,
+):
+    if wp.tid() == 0:
+        reach_search.candidates[0] = 0  # of the next wave
+    for i in range(wp.tid(), reach_search.rows[0], lanes):
+        row = reach_search.queue[reach_search.source[0], i]
+        column = reach_search.column[row]
+        found = first_passed(reach_search, row)
+        if found >= 0:
+            take_joints(program, reach.arm_body, reach_search.qpos[found], layouts.qpos[row])
+            if reach_search.tier[row, column] == wp.static(IN_HAND):
+                obj = reach.reach_obj[column]
+                pos = reach_search.body_pos[found, program.obj_body[obj]]
+                quat = reach_search.body_quat[found, program.obj_body[obj]]
+                write_root(program, obj, pos, quat, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
+                keep_grasp(reach, layouts, reach_search, row, column, found)
+        elif reach_search.number[row] < reach_search.total[row]:
+            queue_row(reach_search, row)
+        else:
+            layouts.row_rejections[row, reach.reach_obj[column], Cause.BLOCKED] += 1
+            worldid = search.row_world[row]
+            search.best[worldid] = -1 - search.best[worldid]
+
+
+def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Keep the first candidate of each row that passed. A row without one goes on; out of trials, it has failed.
+
+    The bodies of a row stay posed as they were placed.
+    """
+    lanes = work.size.lanes
+    work.launch(_accept, lanes, [work.program, reach, lanes], work.layouts, work.search, reach_search)

@@ -9,22 +9,22 @@ import warp as wp
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.poses import take_joints
 from sceniris_gym.layout.reaching.search import (
     DEFERRED,
-    IN_HAND,
     MOST_AT_ONCE,
     STARTS,
     ReachSearch,
     ReachStep,
+    begin_reach_wave,
     queue_row,
     queue_target,
+    reach_candidate_num,
+    takes_step,
 )
 from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.placement.grasps import first_accepted, passes_map
-from sceniris_gym.placement.kinematics import write_root
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import Starts, reaches
@@ -158,33 +158,13 @@ def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -
     work.launch(_open_rows, work.nrow, inputs, work.layouts, work.search, reach_search)
 
 
-@wp.func
-def _is_in_map(
-    reach: Reach, starts: Starts, layouts: LayoutsView, search: Search, row: int, column: int, grasp: int
-) -> bool:
-    """Return True if the arm's map accepts a grasp of a row's target, and the start of its world counts it."""
-    body_pos = layouts.body_pos[row]
-    body_quat = layouts.body_quat[row]
-    base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-    passes = passes_map(reach, column, grasp, base, body_pos, body_quat)
-    if passes and starts.pose.shape[0] > 0:
-        kind = layouts.start[search.row_world[row]]
-        if reaches(starts, kind, column):
-            passes = starts.grasp[kind, grasp]
-    return passes
-
-
 @wp.kernel(grid_stride=False)
 def _open_candidates(
     reach: Reach,
-    starts: Starts,
-    of_starts: bool,
     busy: int,
     lanes: int,
-    # Layouts in: start, grasp, body_pos, body_quat
+    # Layouts in: grasp
     layouts: LayoutsView,
-    # Search in: row_world
-    search: Search,
     # ReachSearch in: column, number, total, tried, queue, rows_left, source, candidates
     # ReachSearch out: first, trials, candidates, row, grasp, start, failed
     reach_search: ReachSearch,
@@ -205,28 +185,59 @@ def _open_candidates(
         reach_search.first[row] = first
         reach_search.trials[row] = trials
         for t in range(trials):
-            start = (number + t) % wp.static(STARTS)
-            grasp = _first_grasp(reach, layouts, row, column) + (number + t) // wp.static(STARTS)
+            start = number + t
             reach_search.row[first + t] = row
-            reach_search.grasp[first + t] = grasp
-            reach_search.start[first + t] = start
+            reach_search.grasp[first + t] = _first_grasp(reach, layouts, row, column) + start // wp.static(STARTS)
+            reach_search.start[first + t] = start % wp.static(STARTS)
             reach_search.failed[first + t] = ReachStep.PASSED
-            if start == 0 and not of_starts:
-                if not _is_in_map(reach, starts, layouts, search, row, column, grasp):
-                    reach_search.failed[first + t] = ReachStep.MAP
 
 
-def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch, *, of_starts: bool = False) -> None:
-    """Open candidates of the queued rows, more per row if few rows are left, and look up their grasps in the arm's map.
+@wp.kernel(grid_stride=False)
+def _look_up(
+    reach: Reach,
+    starts: Starts,
+    lanes: int,
+    # Layouts in: start, body_pos, body_quat
+    layouts: LayoutsView,
+    # Search in: row_world
+    search: Search,
+    # ReachSearch in: column, tier, rows_left, source, candidates, row, grasp, start, failed
+    # ReachSearch out: rows_left, source, rows, failed
+    reach_search: ReachSearch,
+):
+    if wp.tid() == 0:
+        begin_reach_wave(reach_search)
+    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+        if takes_step(reach_search, c, ReachStep.MAP):
+            row = reach_search.row[c]
+            body_pos = layouts.body_pos[row]
+            body_quat = layouts.body_quat[row]
+            base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
+            column = reach_search.column[row]
+            grasp = reach_search.grasp[c]
+            passes = passes_map(reach, column, grasp, base, body_pos, body_quat)
+            if passes and starts.pose.shape[0] > 0:
+                kind = layouts.start[search.row_world[row]]
+                if reaches(starts, kind, column):
+                    passes = starts.grasp[kind, grasp]
+            if not passes:
+                reach_search.failed[c] = ReachStep.MAP
 
-    Candidates `of_starts` have no grasps to look up.
-    """
-    inputs = [reach, work.kinds, of_starts, work.size.busy, work.size.lanes, work.layouts, work.search]
-    work.launch(_open_candidates, work.size.lanes, inputs, reach_search)
+
+def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Open candidates of the queued rows, more per row if few rows are left."""
+    size = work.size
+    work.launch(_open_candidates, size.lanes, [reach, size.busy, size.lanes, work.layouts], reach_search)
+
+
+def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Look up the grasps of candidates in the arm's map, and among those that count for starts."""
+    lanes = work.size.lanes
+    work.launch(_look_up, lanes, [reach, work.kinds, lanes, work.layouts, work.search], reach_search)
 
 
 @wp.func
-def _keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
+def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
     """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
     clear = reach_search.tier[row, column] == Tier.CLEAR
@@ -237,7 +248,7 @@ def _keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, r
 
 
 @wp.func
-def _first_passed(reach_search: ReachSearch, row: int) -> int:
+def first_passed(reach_search: ReachSearch, row: int) -> int:
     """Return the first of a row's candidates that passed; else move on to the starts after them, and return -1."""
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
@@ -271,36 +282,18 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
     return Cause.NO_IK
 
 
-@wp.func
-def _take_start(program: Program, reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, c: int):
-    """Move the robot of a row to where a candidate has it, and what it holds along with it.
-
-    The bodies of the row stay posed as they were placed.
-    """
-    take_joints(program, reach.arm_body, reach_search.qpos[c], layouts.qpos[row])
-    column = reach_search.column[row]
-    if reach_search.tier[row, column] == wp.static(IN_HAND):
-        obj = reach.reach_obj[column]
-        pos = reach_search.body_pos[c, program.obj_body[obj]]
-        quat = reach_search.body_quat[c, program.obj_body[obj]]
-        write_root(program, obj, pos, quat, layouts.qpos[row], layouts.mocap_pos[row], layouts.mocap_quat[row])
-        _keep_grasp(reach, layouts, reach_search, row, column, c)
-
-
 @wp.kernel(grid_stride=False)
 def _accept(
-    program: Program,
     reach: Reach,
-    of_starts: bool,
     lanes: int,
     # Layouts in: present, grasp, row_rejections, variant, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, grasp_qpos, pregrasp_qpos, row_rejections
+    # Layouts out: grasp, grasp_qpos, pregrasp_qpos, row_rejections
     layouts: LayoutsView,
     # Search in: ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
-    #   grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos, body_quat
+    #   grasp, start, failed, grasp_qpos, pregrasp_qpos
     # ReachSearch out: arm, column, number, total, tried, furthest, queue, rows_left, candidates
     reach_search: ReachSearch,
 ):
@@ -309,20 +302,14 @@ def _accept(
     for i in range(wp.tid(), reach_search.rows[0], lanes):
         row = reach_search.queue[reach_search.source[0], i]
         column = reach_search.column[row]
-        worldid = search.row_world[row]
-        found = _first_passed(reach_search, row)
-        if found >= 0 and of_starts:
-            _take_start(program, reach, layouts, reach_search, row, found)
-        elif found >= 0:
-            _keep_grasp(reach, layouts, reach_search, row, column, found)
+        found = first_passed(reach_search, row)
+        if found >= 0:
+            keep_grasp(reach, layouts, reach_search, row, column, found)
             _move_to(reach, layouts, search, reach_search, row, column + 1)
-        elif search.best[worldid] < search.row_restart[row]:
+        elif search.best[search.row_world[row]] < search.row_restart[row]:
             search.waiting[row] = False  # an earlier restart of its world is done
         elif reach_search.number[row] < reach_search.total[row]:
             queue_row(reach_search, row)
-        elif of_starts:
-            layouts.row_rejections[row, reach.reach_obj[column], Cause.BLOCKED] += 1
-            search.best[worldid] = -1 - search.best[worldid]
         else:
             layouts.row_rejections[row, reach.reach_obj[column], _reject_cause(reach, reach_search, row)] += 1
             search.waiting[row] = False
@@ -331,10 +318,6 @@ def _accept(
                 _move_to(reach, layouts, search, reach_search, following, 0)
 
 
-def launch_accept(work: Workspace, reach: Reach, reach_search: ReachSearch, *, of_starts: bool = False) -> None:
-    """Keep the first candidate of each row that passed. A row without one continues; out of candidates, it has failed.
-
-    Those `of_starts` take the robot of their row to its start.
-    """
-    inputs = [work.program, reach, of_starts, work.size.lanes, work.layouts, work.search]
-    work.launch(_accept, work.size.lanes, inputs, reach_search)
+def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
+    """Keep candidates that passed. A row without one continues with its next starts; out of starts, it has failed."""
+    work.launch(_accept, work.size.lanes, [reach, work.size.lanes], work.layouts, work.search, reach_search)

@@ -11,13 +11,10 @@ import warp as wp
 from scipy import stats
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching import ik
-from sceniris_gym.layout.reaching.search import STARTS, ReachSearch
+from sceniris_gym.layout.reaching.search import STARTS
 from sceniris_gym.layout.reaching.waves import launch_open_wave
-from sceniris_gym.layout.wave.search import Search
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL, ArmView, arm_view, as_vec8, vec8
 from tests.layout.grasped import arm_mjcf, cluttered, is_clear, taken, waiting
@@ -31,30 +28,16 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return cluttered(tmp_path_factory.mktemp(request.param), request.param)
 
 
-@wp.kernel(enable_backward=False)
-def _begin(
-    reach: Reach,
-    split: wp.uint32,
-    layouts: LayoutsView,
-    search: Search,
-    reach_search: ReachSearch,
-    joints_out: wp.array[vec8],
-):
-    c = wp.tid()
-    joints_out[c] = ik._start(reach, split, layouts, search, reach_search, c)
-
-
 def _starts(compiled: CompiledScene, split: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return the starts of the first grasp of N worlds, (N, STARTS, 6), and the layouts' joints of the arm, (N, 6)."""
     generator, stage = waiting(compiled, N, busy=STARTS * N, grasps=STARTS * N)
     reach, search, view = stage._arms[0][0], stage.search, generator.layouts.view
     launch_open_wave(generator._work, reach, search)
-    joints = wp.zeros(STARTS * N, dtype=vec8, device="cpu")
-    inputs = [reach, wp.uint32(split), view, generator._work.search, search]
-    wp.launch(_begin, dim=STARTS * N, inputs=inputs, outputs=[joints], device="cpu")
+    inputs = [reach, wp.uint32(split), 1, view, generator._work.search]
+    wp.launch(ik._choose_starts, dim=1, inputs=inputs, outputs=[search], device="cpu")
     order = search.first.numpy()[:, None] + np.arange(STARTS)
     assert (search.start.numpy()[order] == np.arange(STARTS)).all()
-    return joints.numpy()[order, :6], generator.layouts.qpos.numpy()[:, reach.arm_qposadr.numpy()]
+    return search.grasp_qpos.numpy()[order, :6], generator.layouts.qpos.numpy()[:, reach.arm_qposadr.numpy()]
 
 
 def test_the_first_start_is_the_pose_of_the_layout_and_others_are_random(compiled: CompiledScene):

@@ -11,8 +11,7 @@ import pytest
 
 from sceniris_gym.grasping.grasps import Grasp
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.reaching.hits import launch_test_arm
-from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
+from sceniris_gym.layout.reaching.poses import OPENING_MARGIN, launch_pose
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE, ReachStep
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.program.compiled import CompiledScene
@@ -33,7 +32,7 @@ def _passed(generator: LayoutGenerator, stage: ReachStage) -> Iterator[tuple[int
 
     The MjData is the same one each time.
     """
-    with patch("sceniris_gym.layout.reaching.stage.launch_accept", lambda *_: None):
+    with patch("sceniris_gym.layout.reaching.stage.launch_accept_grasps", lambda *_: None):
         stage._wave(*stage._arms[0])
     search, compiled, layouts = stage.search, generator.compiled, generator.layouts
     assert compiled.reaching is not None
@@ -77,7 +76,7 @@ def test_the_hand_alone_stands_where_solved_joints_bring_it(compiled: CompiledSc
     generator, stage = waiting(compiled, N, busy=24 * N, grasps=24 * N)
     candidates = [(c, data.qpos.copy()) for c, data, _ in _passed(generator, stage)]
     search, reach, mjm = stage.search, stage._arms[0][0], compiled.mjm
-    launch_test_arm(generator._work, reach, step, step, search)
+    launch_pose(generator._work, reach, step, search)
     starts, solved, checked = search.start.numpy(), search.grasp_qpos.numpy(), 0
     fingers = [mjm.body(f"picker/{side}").id for side in ("left", "right")]
     site, arm, data = mjm.site("picker/tcp").id, reach.arm_qposadr.numpy(), mujoco.MjData(mjm)

@@ -149,8 +149,9 @@ def test_objects_out_of_reach_are_refused(tmp_path: Path):
     assert info.value.name == "far"
 
 
-_OF_IK = ["_solve", "_test 6-10", "_accept"]
-_OF_CLEAR = ["_test 1-3", "_solve", "_test 6-10", "_accept"]
+_OF_IK = ["_look_up", "_choose_starts", "_solve", "_pose", "_test 6-6", "_accept"]
+_OF_CLEAR = ["_look_up", "_pose", "_test 1-1", "_pose", "_test 2-3"]
+_OF_CLEAR += ["_choose_starts", "_solve", "_solve", "_pose", "_test 6-7", "_pose", "_test 8-10", "_accept"]
 
 
 @pytest.mark.parametrize(("tier", "steps"), [("ik", _OF_IK), ("clear", _OF_CLEAR), (None, [])])
