@@ -217,8 +217,9 @@ def resets(task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
         envs.reset(seed=0)
         number = torch.arange(num_envs, device=envs.device) // (num_envs // 100 + 1)
         for turn in range(_ROUNDS):
+            ended = number == turn  # other worlds each time, whose layouts are ready
             wait(envs)
-            wp.copy(randomizer._mask, wp.from_torch(number == turn))  # other worlds each time, whose layouts are ready
+            wp.copy(randomizer._mask, wp.from_torch(ended))
             wp.timing_begin()
             randomizer._launch_reset()
             for one in wp.timing_end():

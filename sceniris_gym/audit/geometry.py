@@ -151,16 +151,15 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
-def _mesh(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
+def _mesh(mjm: mujoco.MjModel, mesh: int, *, hull: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and triangles of a mesh, or of the hull with which MuJoCo collides it.
+
+    A mesh with `maxhullvert` has a hull of fewer vertices.
+    """
     vertadr, faceadr = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
     vertices = mjm.mesh_vert[vertadr : vertadr + mjm.mesh_vertnum[mesh]].astype(float)
-    faces = mjm.mesh_face[faceadr : faceadr + mjm.mesh_facenum[mesh]].astype(int)
-    return vertices, faces
-
-
-def _mesh_hull(mjm: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the hull with which MuJoCo collides; a mesh with `maxhullvert` has one of fewer vertices."""
-    vertices, _ = _mesh(mjm, mesh)
+    if not hull:
+        return vertices, mjm.mesh_face[faceadr : faceadr + mjm.mesh_facenum[mesh]].astype(int)
     graphadr = mjm.mesh_graphadr[mesh]
     if graphadr >= 0:
         numvert = mjm.mesh_graph[graphadr]
@@ -180,9 +179,7 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return Solid(geom, Form.POLYHEDRON, *convex_hull(_BOX_CORNERS * size), 0.0, size)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = mjm.geom_dataid[geom]
-        surface = _mesh_hull(mjm, mesh) if hull else _mesh(mjm, mesh)
-        return Solid(geom, Form.POLYHEDRON, *surface, 0.0, size)
+        return Solid(geom, Form.POLYHEDRON, *_mesh(mjm, mjm.geom_dataid[geom], hull=hull), 0.0, size)
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return Solid(geom, Form.ROUNDED, np.zeros((1, 3)), no_faces, float(size[0]), size)
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:

@@ -222,24 +222,19 @@ def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np
 
 def _in_region(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig, points: np.ndarray) -> np.ndarray:
     """Return a mask of the points (n, 2) of a surface in the object's region; `bounds` (4,) are of the support."""
-    if part.region is not None and part.region.points is not None:
-        return _at_one_of(part.region.points, points)
-    return inside(_cropped(area, bounds, part), points)
-
-
-def _cropped(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig) -> shapely.Geometry:
-    """Return the part of a surface in the object's region; `bounds` (4,) are of the whole support."""
     if (region := part.region) is None:
-        return area
+        return inside(area, points)
+    if region.points is not None:
+        return _at_one_of(region.points, points)
     if region.polygon is not None:
-        return shapely.intersection(area, shapely.Polygon(region.polygon))
+        return inside(shapely.intersection(area, shapely.Polygon(region.polygon)), points)
     if region.box is not None:
         (x0, y0), (x1, y1) = region.box
     else:
         assert region.fraction is not None
         left, low, right, high = bounds
         (x0, y0), (x1, y1) = ((left + (right - left) * x, low + (high - low) * y) for x, y in region.fraction)
-    return shapely.intersection(area, shapely.box(x0, y0, x1, y1))
+    return inside(shapely.intersection(area, shapely.box(x0, y0, x1, y1)), points)
 
 
 def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:

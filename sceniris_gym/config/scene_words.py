@@ -27,10 +27,8 @@ DEFAULT_BANK = 64
 
 
 def _count_or_auto(value: Any) -> Any:
-    if isinstance(value, str) and value != AUTO:
-        raise wrong(f"should be a whole number or '{AUTO}'", value, [AUTO])
     if value != AUTO and (isinstance(value, bool) or not isinstance(value, int)):
-        raise wrong(f"should be a whole number or '{AUTO}'")
+        raise wrong(f"should be a whole number or '{AUTO}'", value if isinstance(value, str) else "", [AUTO])
     if value != AUTO and not 1 <= value <= MOST_ATTEMPTS:
         raise wrong("should be at least 1" if value < 1 else f"should be at most {MOST_ATTEMPTS}")
     return value

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 
-@dataclass(frozen=True)
-class BoxTree:
-    """Nodes of one tree, the root first. A right child directly follows its left sibling.
+def build_tree(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Build the tree over leaf boxes [m], shape (n, 3) each, split at the median along the longest axis.
 
-    Attributes:
-        center, half: Boxes [m], shape (n, 3).
-        child: Index of the left child, or ~leaf, shape (n,).
+    Returns:
+        Its nodes, the root first, a right child directly after its left sibling: centres and halves of their boxes [m],
+        shape (m, 3) each, and the number of the left child of each, or ~leaf, shape (m,).
     """
-
-    center: np.ndarray
-    half: np.ndarray
-    child: np.ndarray
-
-
-def build_tree(lower: np.ndarray, upper: np.ndarray) -> BoxTree:
-    """Build the tree over leaf boxes [m], shape (n, 3) each, split at the median along the longest axis."""
     middle = 0.5 * (lower + upper)
     order = np.arange(len(lower))
     start, stop = np.array([0]), np.array([len(lower)])
@@ -50,4 +39,4 @@ def build_tree(lower: np.ndarray, upper: np.ndarray) -> BoxTree:
         half = start[inner] + size[inner] // 2
         start, stop = np.stack([start[inner], half], axis=1).ravel(), np.stack([half, stop[inner]], axis=1).ravel()
     low, high = np.concatenate(lows), np.concatenate(highs)
-    return BoxTree(0.5 * (low + high), 0.5 * (high - low), np.concatenate(children))
+    return 0.5 * (low + high), 0.5 * (high - low), np.concatenate(children)

@@ -111,10 +111,9 @@ def _collider(
     key: tuple[int, int, int], nodes: int, lower: np.ndarray, upper: np.ndarray, leaves: np.ndarray
 ) -> Collider:
     """Return the collider of a body, class and plane, whose leaves have these boxes [m], shape (n, 3), and numbers."""
-    tree = build_tree(lower - _GROW, upper + _GROW)
-    number = leaves[np.where(tree.child < 0, ~tree.child, 0)]
-    child = np.where(tree.child < 0, ~number, tree.child + nodes)
-    return Collider(*key, nodes, tree.center, tree.half, child)
+    center, half, child = build_tree(lower - _GROW, upper + _GROW)
+    number = leaves[np.where(child < 0, ~child, 0)]
+    return Collider(*key, nodes, center, half, np.where(child < 0, ~number, child + nodes))
 
 
 def collider_arrays(colliders: list[Collider]) -> dict[str, np.ndarray]:

@@ -20,9 +20,8 @@ Box = tuple[np.ndarray, np.ndarray]
 """Centre and half extents [m], shape (3,) each; half extents of 0 mean that there is no inner box."""
 
 
-def no_inner_box() -> Box:
-    """Return the box of a piece that has no room for one."""
-    return np.zeros(3), np.zeros(3)
+NO_INNER_BOX = np.zeros(3), np.zeros(3)
+"""The box of a piece that has no room for one."""
 
 
 def inner_box(piece: Piece) -> Box:
@@ -38,13 +37,13 @@ def inner_box(piece: Piece) -> Box:
         PieceType.CYLINDER: np.array([math.sqrt(0.5) * sx, math.sqrt(0.5) * sx, sy]),
         PieceType.CAPSULE: np.array([corner * sx, corner * sx, sy + corner * sx]),
     }.get(piece.type)
-    return no_inner_box() if half is None else _box(-half, half)
+    return NO_INNER_BOX if half is None else _box(-half, half)
 
 
 def _hull_inner_box(piece: Piece) -> Box:
     """Return the box of a hull: it begins in the middle with the bounds' proportions; its sides move out in turn."""
     if piece.mesh is None:
-        return no_inner_box()
+        return NO_INNER_BOX
     triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
@@ -58,7 +57,7 @@ def _hull_inner_box(piece: Piece) -> Box:
     sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]
     best = int(np.argmax(sizes))
     if sizes[best] <= 0.0:
-        return no_inner_box()
+        return NO_INNER_BOX
     room = sizes[best] * (upper - lower)
     low, high = middles[best] - room, middles[best] + room
     for share in _SHARES:
@@ -73,4 +72,4 @@ def _hull_inner_box(piece: Piece) -> Box:
 
 def _box(low: np.ndarray, high: np.ndarray) -> Box:
     half = 0.5 * (high - low) - _INSIDE
-    return (0.5 * (low + high), half) if half.min() >= _LEAST_HALF else no_inner_box()
+    return (0.5 * (low + high), half) if half.min() >= _LEAST_HALF else NO_INNER_BOX

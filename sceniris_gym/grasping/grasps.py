@@ -281,7 +281,7 @@ def _clipped(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_widt
     local = local[(low[:, 0] <= half_width) & (high[:, 0] >= -half_width) & (low[:, 2] <= tip)]
     points = [local, *(_crossings(local, 0, x) for x in (-half_width, half_width))]
     if np.isfinite(tip):
-        points += [_crossings(local, 2, tip), *(_pierced(local, x, tip) for x in (-half_width, half_width))]
+        points += [_crossings(each, 2, tip) for each in points]  # of the triangle, and of its sections with the sides
     corners = np.concatenate(points, axis=1)
     slack = 1e-9
     inside = (np.abs(corners[..., 0]) <= half_width + slack) & (corners[..., 2] <= tip + slack)
@@ -297,20 +297,8 @@ def _crossings(triangles: np.ndarray, axis: int, value: float) -> np.ndarray:
     other = np.roll(triangles, -1, axis=1)
     a, b = triangles[..., axis] - value, other[..., axis] - value
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.where(a * b < 0.0, a / (a - b), np.nan)
+        t = np.where(a * b <= 0.0, a / (a - b), np.nan)
     return triangles + t[..., None] * (other - triangles)
-
-
-def _pierced(triangles: np.ndarray, x: float, z: float) -> np.ndarray:
-    """Return where triangles meet the line of two coordinates, shape (n, 1, 3); nan where they do not."""
-    a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    dx, dz = x - a[:, 0], z - a[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        det = u[:, 0] * v[:, 2] - v[:, 0] * u[:, 2]
-        s, t = (dx * v[:, 2] - v[:, 0] * dz) / det, (u[:, 0] * dz - dx * u[:, 2]) / det
-        hit = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
-        at = a + s[:, None] * u + t[:, None] * v
-    return np.where(hit[:, None], at, np.nan)[:, None]
 
 
 def _extents(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import copyreg
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,9 +55,7 @@ _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # Causes that end a layout without further attempts.
 _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
 # The columns of the bank.
-_BANK = ("qpos", "mocap_pos", "mocap_quat", "present")
-_REACH_BANK = ("grasp", "grasp_qpos", "pregrasp_qpos")
-_START_BANK = ("start",)
+_BANK = ("qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos", "start")
 # The entries of a file of the cache beside the scene.
 _KEY, _WARNINGS = "key", "warnings"
 
@@ -149,8 +147,8 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
         raise SceneKeyError(f"{compiled.config.where}: start.{kind}: {reason}")
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
-    bank: dict[str, np.ndarray] = dict(zip((*_BANK, *_REACH_BANK, *_START_BANK), columns, strict=True))
-    program = _with_rows(Program, compiled.program, bank, _BANK, compiled.device)
+    bank: dict[str, np.ndarray] = dict(zip(_BANK, columns, strict=True))
+    program = _with_rows(Program, compiled.program, bank, compiled.device)
     program.bank_ntrain = len(train.found)
     # these two set how much is tried at once, and change no layout
     made, first = train.made + evaluation.made, train.first + evaluation.first
@@ -158,14 +156,11 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
     program.obj_effort = wp.array(1.0 + rejected / made, dtype=float, device=compiled.device)
     if compiled.starts is not None:
-        starts = _with_rows(Starts, compiled.starts, bank, _START_BANK, compiled.device)
-        compiled = replace(compiled, starts=starts)
+        compiled = replace(compiled, starts=_with_rows(Starts, compiled.starts, bank, compiled.device))
     if compiled.reaching is None:
         return replace(compiled, program=program)
-    arms = tuple(
-        replace(one, view=_with_rows(Reach, one.view, bank, _REACH_BANK, compiled.device))
-        for one in compiled.reaching.arms
-    )
+    arms = compiled.reaching.arms
+    arms = tuple(replace(one, view=_with_rows(Reach, one.view, bank, compiled.device)) for one in arms)
     return replace(compiled, program=program, reaching=replace(compiled.reaching, arms=arms))
 
 
@@ -206,7 +201,7 @@ class _Probe:
             self.generator.generate()
             drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
             valid = layouts.status.numpy() == Status.VALID
-            rows = [getattr(layouts, name).numpy()[valid] for name in (*_BANK, *_REACH_BANK, *_START_BANK)]
+            rows = [getattr(layouts, name).numpy()[valid] for name in _BANK]
             self.found += zip(*rows, strict=True)
             of_kind = layouts.start.numpy() == np.arange(self.starts.shape[1])[:, None]
             self.starts += [of_kind.sum(axis=1), (of_kind & valid).sum(axis=1)]
@@ -245,10 +240,11 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     warn(FallbackWarning(config.where, share, name, cause, cures, held))
 
 
-def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], names: Sequence[str], device: str) -> Any:
-    """Return a copy of a device struct whose fields `bank_*` hold these rows."""
+def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], device: str) -> Any:
+    """Return a copy of a device struct whose fields `bank_*` hold their rows of the bank."""
     other = copied(declared, instance)
-    fill_struct(declared, other, {f"bank_{name}": bank[name] for name in names}, device)
+    rows = {f"bank_{name}": column for name, column in bank.items() if f"bank_{name}" in declared.vars}
+    fill_struct(declared, other, rows, device)
     return other
 
 
@@ -288,7 +284,6 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
     if placed < _CROWD:
         return None
     area = sum(surface.outline.area for surface in one.surfaces[0])
-    assert one.config is not None
     assert one.config.support is not None
     return (
         f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects; "

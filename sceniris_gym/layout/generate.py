@@ -107,7 +107,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
         self.layouts = Layouts.create(compiled, nworld, **words)
         kinds = () if compiled.starts is None else compiled.config.start
-        self._has_markers, draws_joints = any(kind.place for kind in kinds), any(kind.joints for kind in kinds)
+        draws_joints = any(kind.joints for kind in kinds)
+        at_marker = np.zeros((1, 0)) if compiled.starts is None else compiled.starts.marker.numpy() >= 0
+        self._at_markers = int(np.flatnonzero(at_marker.any(axis=0)).max(initial=-1)) + 1
         by_world = ("draw_range",) if draws_joints else ()
         program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld, by_world)
         self._usual_range = wp.clone(program.draw_range) if draws_joints else None
@@ -214,8 +216,8 @@ class LayoutGenerator(Fixed, LayoutSource):
             launch_find_pieces(work)
             launch_measure_pieces(work)
             launch_draw_points(work)
-        if self._has_markers:
-            launch_put_at_markers(work)
+        if self._at_markers > 0:
+            launch_put_at_markers(work, self._at_markers)
         launch_prefilter(work)
         launch_test_collisions(work)
         if work.program.visual:
@@ -232,7 +234,8 @@ class LayoutGenerator(Fixed, LayoutSource):
 
         So a batch grows step by step: groups leave objects out, and each call adds some. A row is a pure function of
         scene, split, its seed and episode, and its layout. Where nothing fits the row is that of `layouts`, with the
-        status KEPT. Targets that are not added may lose their grasps.
+        status KEPT. Targets that are not added may lose their grasps. Ids are those of `layouts`, and do not name what
+        was added.
 
         Args:
             layouts: As many layouts of this scene, on its device, such as a result of `generate` or of this method.

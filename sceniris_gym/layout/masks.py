@@ -23,7 +23,7 @@ def as_mask(mask: Any, nworld: int, device: Any, name: str = "mask") -> wp.array
         MaskTypeError: Not one of these arrays, or not an array of booleans.
         MaskError: Wrong shape.
     """
-    _check_mask(mask, nworld, name)
+    check_mask(mask, nworld, name)
     return _to_device(mask, wp.bool, device)
 
 
@@ -33,7 +33,7 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
     Raises:
         MaskTypeError, MaskError: As `as_mask`.
     """
-    _check_mask(mask, nworld, name)
+    check_mask(mask, nworld, name)
     if _kind(mask) == "torch":
         mask = mask.detach().cpu().numpy()
     elif _kind(mask) == "warp":
@@ -42,7 +42,8 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
     return np.array(mask)
 
 
-def _check_mask(mask: Any, nworld: int, name: str) -> None:
+def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
+    """Refuse what `as_mask` does not take, by the same errors."""
     if _kind(mask) is None:
         raise MaskTypeError(f"{name} should be a boolean numpy array, torch tensor or Warp array, got {type(mask)}.")
     if str(mask.dtype) not in ("bool", "torch.bool") and mask.dtype is not wp.bool:

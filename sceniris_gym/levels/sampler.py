@@ -85,9 +85,18 @@ class LevelSampler(LayoutSource):
             success: 1 for worlds that succeeded, else 0, shape (nworld,), float32.
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
-        on = self.layouts.view
-        told = on.seed, on.episode, success, on.knob, finished, on.status
-        launch_update(self._buffer, Episodes(self.level, *told, self.probe))
+        layouts = self.layouts.view
+        episodes = Episodes(
+            self.level,
+            layouts.seed,
+            layouts.episode,
+            success,
+            layouts.knob,
+            mask=finished,
+            status=layouts.status,
+            probe=self.probe,
+        )
+        launch_update(self._buffer, episodes)
 
     def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""

@@ -107,7 +107,8 @@ def launch_refresh(buffer: Buffer, levels: Levels) -> None:
     buffer.vacant.fill_(-1)
     wp.launch(_count, capacity, outputs=[buffer], device=device)
     array_scan(buffer.count, buffer.better)
-    inputs = [(levels.priority == name) / levels.temperature for name in ("rank", "proportional")]
+    power = 1.0 / levels.temperature
+    inputs = [power if levels.priority == "rank" else 0.0, power if levels.priority == "proportional" else 0.0]
     wp.launch(_weigh, BINS, inputs=inputs, outputs=[buffer], device=device)
     wp.launch(_mark_vacant, capacity, outputs=[buffer], device=device)
     array_scan(buffer.cumulative, buffer.cumulative)

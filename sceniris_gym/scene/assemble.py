@@ -262,8 +262,17 @@ def attach(
             f"{where}: an asset should have a body below its worldbody; found none. 'sceniris-gym import' makes "
             "assets of meshes and of USD files."
         )
-    if len(tops) > 1:
-        _check_rigid(tops, name, where)
+    loose = [body.name for body in tops if body.mocap or any(joint.type == FREE for joint in body.joints)]
+    if len(tops) > 1 and loose:
+        jointed = {body.name: sum(joint.type != FREE for joint in body.find_all("joint")) for body in tops}
+        robot = max(jointed, key=jointed.__getitem__)
+        things = ", ".join(f"{body}: {{on: floor}}" for body in loose if body != robot)
+        use = f"robot: {{in_model: {robot}}}, objects: {{{things}}}"
+        raise SceneKeyError(
+            f"{where}: an asset should have one body below its worldbody, or several that stay together; found "
+            f"{[body.name for body in tops]}, of which {loose} move freely. Use the file as the scene's 'model', and "
+            f"its bodies by name: {use if jointed[robot] else f'objects.{name}: {{body: {loose[0]}}}'}."
+        )
     for element in (*(world.geoms if tops else planes), *world.sites, *world.cameras, *world.lights):
         child.delete(element)  # a floor or a light for viewing the asset on its own
     child.option, child.visual = spec.option, spec.visual  # the scene's apply; equal ones raise no warning
@@ -278,21 +287,6 @@ def attach(
     root = spec.worldbody.add_body(name=name, pos=frame.pos, quat=frame.quat)
     spec.attach(child, prefix=f"{name}/", frame=root.add_frame())
     return root
-
-
-def _check_rigid(tops: list[mujoco.MjsBody], name: str, where: str) -> None:
-    """Check that several bodies below the worldbody can be parts of one thing."""
-    loose = [body.name for body in tops if body.mocap or any(joint.type == FREE for joint in body.joints)]
-    if loose:
-        jointed = {body.name: sum(joint.type != FREE for joint in body.find_all("joint")) for body in tops}
-        robot = max(jointed, key=jointed.__getitem__)
-        things = ", ".join(f"{body}: {{on: floor}}" for body in loose if body != robot)
-        use = f"robot: {{in_model: {robot}}}, objects: {{{things}}}"
-        raise SceneKeyError(
-            f"{where}: an asset should have one body below its worldbody, or several that stay together; found "
-            f"{[body.name for body in tops]}, of which {loose} move freely. Use the file as the scene's 'model', and "
-            f"its bodies by name: {use if jointed[robot] else f'objects.{name}: {{body: {loose[0]}}}'}."
-        )
 
 
 def _keep_files_apart(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str) -> None:

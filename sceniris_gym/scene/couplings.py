@@ -87,7 +87,13 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
     for eq in active_equalities(mjm):
         if mjm.eq_type[eq] != mujoco.mjtEq.mjEQ_JOINT:
             continue
-        coupling = _coupling(mjm, eq)
+        follower, driver = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
+        held = driver < 0
+        start, origin = mjm.qpos0[mjm.jnt_qposadr[[follower, follower if held else driver]]].tolist()
+        offset, a1, a2, a3, a4 = mjm.eq_data[eq, :5].tolist()
+        coef = (0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4)
+        label, driver = equality_label(mjm, eq), None if held else driver
+        coupling = _made(mjm, label, follower, driver, origin, start + offset, coef)
         other = found.setdefault(coupling.follower, coupling)
         if other is not coupling:
             raise SceneKeyError(
@@ -207,15 +213,6 @@ def _farthest(within, start: float, end: float) -> float:
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if within(middle) else (good, middle)
     return good
-
-
-def _coupling(mjm: mujoco.MjModel, eq: int) -> Coupling:
-    follower, driver = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
-    held = driver < 0
-    start, origin = mjm.qpos0[mjm.jnt_qposadr[[follower, follower if held else driver]]].tolist()
-    offset, a1, a2, a3, a4 = mjm.eq_data[eq, :5].tolist()
-    coef = (0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4)
-    return _made(mjm, equality_label(mjm, eq), follower, None if held else driver, origin, start + offset, coef)
 
 
 def _made(

@@ -28,9 +28,13 @@ def without_broken(config: SceneConfig) -> SceneConfig:
         broken = {}
         for i, member in enumerate(members):
             tell("files of a folder", i + 1, len(members))
-            reason = _reason(config, name, member)
-            if reason:
-                broken[member] = reason
+            alone = mujoco.MjSpec()
+            try:
+                attach_variants(alone, name, {member: config.objects[member]}, config.where, bodies=True)
+                mjm = compile_spec(alone, f"{config.where}: objects.{member}.asset")
+                check_variants(alone, mjm, {name: (member,)}, config.where)
+            except ScenirisError as error:
+                broken[member] = str(error)
         where = f"{config.where}: objects.{name}.asset"
         if len(broken) == len(members):
             raise SceneFileError(f"{where}: no file of the folder can be a variant. The first: {broken[members[0]]}")
@@ -41,15 +45,3 @@ def without_broken(config: SceneConfig) -> SceneConfig:
             warnings.warn(ModelWarning(message), stacklevel=3)
             left_out += broken
     return config.without(left_out) if left_out else config
-
-
-def _reason(config: SceneConfig, name: str, member: str) -> str:
-    """Return the error about a variant in a scene of its own; nothing if it is sound."""
-    alone = mujoco.MjSpec()
-    try:
-        attach_variants(alone, name, {member: config.objects[member]}, config.where, bodies=True)
-        mjm = compile_spec(alone, f"{config.where}: objects.{member}.asset")
-        check_variants(alone, mjm, {name: (member,)}, config.where)
-    except ScenirisError as error:
-        return str(error)
-    return ""

@@ -41,24 +41,20 @@ def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
             raise SceneKeyError(f"{where}: model: option {name}: {found} {advice}. Correct it in the MJCF file.")
     for name in (name for name in dir(mjm) if not name.startswith("_")):
         values = getattr(mjm, name)
-        if isinstance(values, np.ndarray) and values.dtype.kind == "f" and values.size:
-            _check_field(mjm, where, name, values)
-
-
-def _check_field(mjm: mujoco.MjModel, where: str, name: str, values: np.ndarray) -> None:
-    wrong, advice = np.isnan(values), "should be a number"
-    if (kind := _BOUNDED.get(name)) is not None and not wrong.any():
-        bound = BOUNDS[kind]
-        wrong, advice = (values < bound.low) | (values > bound.high), bound.advice
-    if wrong.any():
-        at, spot = tuple(np.argwhere(wrong)[0]), ""
-        if name == "key_qpos":
-            joint = int(np.searchsorted(mjm.jnt_qposadr, at[1], side="right")) - 1
-            spot = f" (qpos[{at[1]}], joint '{mjm.joint(joint).name or joint}')"
-        raise SceneKeyError(
-            f"{where}: model: {name} of {_element(mjm, name, int(at[0]))}: {values[at]:g} {advice}{spot}. "
-            "Correct it in the MJCF file."
-        )
+        if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
+            continue
+        wrong, advice = np.isnan(values), "should be a number"
+        if (bound := BOUNDS.get(_BOUNDED.get(name, ""))) is not None and not wrong.any():
+            wrong, advice = (values < bound.low) | (values > bound.high), bound.advice
+        if wrong.any():
+            at, spot = tuple(np.argwhere(wrong)[0]), ""
+            if name == "key_qpos":
+                joint = int(np.searchsorted(mjm.jnt_qposadr, at[1], side="right")) - 1
+                spot = f" (qpos[{at[1]}], joint '{mjm.joint(joint).name or joint}')"
+            raise SceneKeyError(
+                f"{where}: model: {name} of {_element(mjm, name, int(at[0]))}: {values[at]:g} {advice}{spot}. "
+                "Correct it in the MJCF file."
+            )
 
 
 def _element(mjm: mujoco.MjModel, field: str, index: int) -> str:

@@ -52,7 +52,10 @@ class Overview:
 
     def camera(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the pose of a camera that sees all of it: position (3,) [m] and axes (3, 3): right, up, backward."""
-        slides = any(self._is_drawer(part) for part in self.config.objects.values())
+        carriers = [
+            self._body(part.support.parent) for part in self.config.objects.values() if part.support is not None
+        ]
+        slides = np.isin(self.mjm.jnt_bodyid[self.mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE], carriers).any()
         steep = _INTO_DRAWERS if slides else _ELSEWHERE
         backward = [np.array([x, y, steep * np.hypot(x, y)]) for x, y in _HEADINGS]
         points = self.seen()
@@ -140,12 +143,6 @@ class Overview:
     def _corners(self, geom: int) -> np.ndarray:
         box = box_corners(self.mjm.geom_aabb[geom, :3], self.mjm.geom_aabb[geom, 3:])
         return box @ self.data.geom_xmat[geom].reshape(3, 3).T + self.data.geom_xpos[geom]
-
-    def _is_drawer(self, part: ObjectConfig) -> bool:
-        """Return whether an object is put on something that slides out."""
-        body = -1 if part.support is None else self._body(part.support.parent)
-        joints = np.flatnonzero(self.mjm.jnt_bodyid == body)
-        return bool(body > 0 and np.any(self.mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE))
 
     def _body(self, name: str) -> int:
         return mujoco.mj_name2id(self.mjm, mujoco.mjtObj.mjOBJ_BODY, name)

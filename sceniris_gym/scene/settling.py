@@ -78,13 +78,16 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
     drop = _prepare(scene, heap, where)
     rows = []
     for i in range(num):
-        row = _row(drop, np.random.default_rng([seed, i]))
-        if row is None:
+        rng = np.random.default_rng([seed, i])
+        data = next((found for _ in range(_TRIES) if (found := _dropped(drop, rng)) is not None), None)
+        if data is None:
             raise HeapError(
                 f"{where}: '{heap.fill}' does not hold {len(heap.of)} things: in {_TRIES} tries they did not all come "
                 "to rest inside of it. Take things out of the heap, or use smaller ones or a larger container."
             )
-        rows.append(row)
+        mat, back = data.xmat[drop.body].reshape(3, 3), np.array([1.0, -1.0, -1.0, -1.0]) * data.xquat[drop.body]
+        quats = np.array([product(back, data.xquat[thing]) for thing in drop.things])
+        rows.append(((data.xpos[drop.things] - data.xpos[drop.body]) @ mat, quats))
         tell("heaps", i + 1, num)
     pos, quat = (np.array([row[k] for row in rows]) for k in range(2))
     return HeapRows(heap.of, pos, quat, settled_with(scene, heap, where))
@@ -113,18 +116,6 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound
     sizes = np.array([away[root == thing].max(initial=0.01) for thing in things])
     return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, *upright_box(mjm, scene.home, geoms), sizes)
-
-
-def _row(drop: _Drop, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return poses of the things in the filled body, shapes (nthing, 3) and (nthing, 4), or None."""
-    for _ in range(_TRIES):
-        data = _dropped(drop, rng)
-        if data is not None:
-            mat = data.xmat[drop.body].reshape(3, 3)
-            back = np.array([1.0, -1.0, -1.0, -1.0]) * data.xquat[drop.body]
-            quat = np.array([product(back, data.xquat[thing]) for thing in drop.things])
-            return (data.xpos[drop.things] - data.xpos[drop.body]) @ mat, quat
-    return None
 
 
 def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:

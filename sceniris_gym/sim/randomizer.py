@@ -152,6 +152,7 @@ class ResetRandomizer(Fixed, StaysHere):
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
+        needs = list(needs)
         self.fields.drawer.use_knobs(self.layouts.knobs)
         self._update, self.split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
@@ -164,7 +165,7 @@ class ResetRandomizer(Fixed, StaysHere):
         simulation = Simulation(
             compiled, model, data, self.split, self.fields.rest, self._update, origins=origins, variants=variants
         )
-        self.replacer, whole = Replacer(simulation, self.layouts, graph=graph), write == "all"
+        self.replacer, whole = Replacer(simulation, self.layouts, alone=not needs, graph=graph), write == "all"
         self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.replacer.number)
         self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
@@ -229,7 +230,8 @@ class ResetRandomizer(Fixed, StaysHere):
         level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
         function of scene, split, seed, episode, number of the redraw since the reset (`replacer.number`) and state.
         Where nothing fits, the world keeps its state, `replacer.status` is `Status.KEPT`, and `replacer.kept` counts
-        it. `data.contact` is that of the last step, unless `needs` has "contacts".
+        it. Positions and orientations in space of the objects are brought up to date; those of all bodies only along
+        with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
 
         Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
 

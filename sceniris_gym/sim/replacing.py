@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
+from functools import partial
 
+import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
@@ -36,20 +39,23 @@ class Replacer:
     Args:
         simulation: The worlds.
         layouts: The layouts that the worlds were reset to.
+        alone: Bring the poses of the redrawn bodies up to date, and not all that is computed from the state.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
+        mask: The worlds of the latest redraw, shape (nworld,), bool; `launch` takes it as it is.
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
         kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
         prepared: The launches of each set of objects that was redrawn, by their names as they were given.
     """
 
-    def __init__(self, simulation: Simulation, layouts: Layouts, *, graph: bool) -> None:
-        self._simulation, self._layouts, self._graph = simulation, layouts, graph
+    def __init__(self, simulation: Simulation, layouts: Layouts, *, alone: bool = False, graph: bool) -> None:
+        self._simulation, self._layouts, self._alone, self._graph = simulation, layouts, alone, graph
+        self._where = f"{simulation.compiled.config.where}: replace"  # attributes of a config take 10 us
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         nworld, self._device = simulation.data.nworld, simulation.data.qpos.device
-        self._mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)
+        self.mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)
         self.number, self.status, self.kept = self._counts = RedrawCounts.zeros(nworld, self._device)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
@@ -63,15 +69,14 @@ class Replacer:
             ArgumentTypeError, UnknownNameError: See `chosen_objects`.
             ArgumentError: See there; or a first call inside of a capture.
         """
-        compiled = self._simulation.compiled
-        where = f"{compiled.config.where}: replace"
-        key = as_names(objects, f"{where}: objects")
+        key = as_names(objects, f"{self._where}: objects")
         if key not in self.prepared:
-            names = chosen_objects(compiled, key, where)
+            names = chosen_objects(self._simulation.compiled, key, self._where)
             if self._device.is_capturing:
-                raise ArgumentError(f"{where}: call it once with these objects before the capture, as it compiles.")
+                cure = "call it once with these objects before the capture, as it compiles."
+                raise ArgumentError(f"{self._where}: {cure}")
             self.prepared[key] = self._prepare(names)
-        fill_mask(mask, self._mask)
+        fill_mask(mask, self.mask)
         self.prepared[key]()
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
@@ -89,15 +94,40 @@ class Replacer:
         writer = StateWriter(mjm, d, redraw.placed, simulation.rest, bodies=bodies.tolist(), origins=simulation.origins)
         moved = np.unique(mjm.body_treeid[bodies]) if sleeps(simulation.model) else np.zeros(0, int)
         trees = wp.array(moved[moved >= 0], dtype=int, ndim=1, device=device)
+        refresh = simulation.refresh
+        if self._alone:
+            refresh = partial(mjw.kinematics, *_views_of(simulation.model, d, bodies))
 
         def launches() -> None:
             if reader is not None:
-                reader.launch(self._mask)
-            redraw.launch(state, self._mask, self._counts, simulation.origins)
+                reader.launch(self.mask)
+            redraw.launch(state, self.mask, self._counts, simulation.origins)
             poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             if trees.shape[0] > 0:
-                wp.launch(_wake, (d.nworld, trees.shape[0]), [self._mask, trees], [d.tree_awake], device=device)
-            simulation.refresh()
+                wp.launch(_wake, (d.nworld, trees.shape[0]), [self.mask, trees], [d.tree_awake], device=device)
+            refresh()
 
         return LaunchSequence(launches, device, graph=self._graph)
+
+
+def _views_of(m: mjw.Model, d: mjw.Data, bodies: np.ndarray) -> tuple[mjw.Model, mjw.Data]:
+    """Return views of a Model and its Data by which `mjw.kinematics` poses these bodies, their geoms and their sites.
+
+    Geoms and sites between those of the bodies are among them.
+    """
+    part, data, device = copy.copy(m), copy.copy(d), d.qpos.device
+    branches = np.split(m.body_branches.numpy(), m.body_branch_start.numpy()[1:-1])
+    branches = [branch for branch in branches if np.isin(branch, bodies).any()]
+    part.nbranch = len(branches)
+    part.body_branches = wp.array(np.concatenate(branches), dtype=int, device=device)
+    part.body_branch_start = wp.array(np.cumsum([0, *map(len, branches)]), dtype=int, device=device)
+    for kind in ("geom", "site"):
+        ids = np.flatnonzero(np.isin(getattr(m, f"{kind}_bodyid").numpy(), bodies))
+        setattr(part, f"n{kind}", int(np.ptp(ids)) + 1 if len(ids) else 0)
+        if len(ids):
+            chosen = slice(int(ids[0]), int(ids[-1]) + 1)
+            setattr(part, f"{kind}_bodyid", getattr(m, f"{kind}_bodyid")[chosen])
+            for view, name in ((part, "pos"), (part, "quat"), (data, "xpos"), (data, "xmat")):
+                setattr(view, f"{kind}_{name}", getattr(view, f"{kind}_{name}")[:, chosen])
+    return part, data

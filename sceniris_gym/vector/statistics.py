@@ -52,7 +52,10 @@ class EpisodeStatistics:
             elapsed: Steps of the episode, shape (num_envs,).
         """
         if self.names == COUNTS:
-            self._make_room(outcome.terms)
+            self.names = (*COUNTS, *outcome.terms)
+            with torch.inference_mode(False):  # tensors made under inference mode could not be written to outside of it
+                self._running = self._sums.new_zeros(len(outcome.terms), self._sums.shape[1])
+                self._sums = torch.cat([self._sums, self._running])
         self._running.add_(outcome.gained)
         done = outcome.done
         self.finished = counted = done & ~self._ended
@@ -98,10 +101,3 @@ class EpisodeStatistics:
     def clear(self) -> None:
         """Set the sums to 0; episodes that are under way count in full when they finish."""
         self._sums.zero_()
-
-    def _make_room(self, terms: tuple[str, ...]) -> None:
-        self.names = (*COUNTS, *terms)
-        # tensors made under inference mode could not be written to outside of it
-        with torch.inference_mode(False):
-            self._running = self._sums.new_zeros(len(terms), self._sums.shape[1])
-            self._sums = torch.cat([self._sums, self._running])

@@ -54,9 +54,16 @@ class TaskWorlds:
     ) -> None:
         physics: dict[str, Any] = {name: getattr(task, name) for name in ("needs", "substeps", "options")}
         self.batch = Batch(compiled.scene, num_envs, compiled.device, **room, **physics, graph=graph)
-        words["layout_source"] = layout_source(compiled, num_envs) if layout_source else None
-        more: dict[str, Any] = {"needs": task.needs, "fields": self.batch.fields, "graph": graph, **words}
-        self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, **more)
+        self.randomizer = ResetRandomizer(
+            compiled,
+            self.batch.model,
+            self.batch.data,
+            layout_source=layout_source(compiled, num_envs) if layout_source else None,
+            needs=task.needs,
+            fields=self.batch.fields,
+            graph=graph,
+            **words,
+        )
         self.state = State(self.batch, self.randomizer.layouts, self.randomizer.split, self.randomizer.variant)
         self.statistics = EpisodeStatistics(num_envs, self.state.device)
         self._task, self._compiled, self._is_checked = task, compiled, False

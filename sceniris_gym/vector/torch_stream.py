@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from functools import cache
 
 import torch
 import warp as wp
@@ -16,4 +17,10 @@ def on_torch_stream(device: wp.Device) -> AbstractContextManager:
     # Warp knows a capture by its Stream object, so a caller's capture on this stream needs the same object
     if device.stream.cuda_stream == stream.cuda_stream:
         return nullcontext()
-    return wp.ScopedStream(wp.stream_from_torch(stream), sync_enter=False)
+    return wp.ScopedStream(_as_warp_stream(stream), sync_enter=False)
+
+
+@cache
+def _as_warp_stream(stream: torch.cuda.Stream) -> wp.Stream:
+    """Return a stream of torch, which keeps those of its pools for ever, as one of Warp."""
+    return wp.stream_from_torch(stream)

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from sceniris_gym.geometry.box_tree import BoxTree
+from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, _RowsOfWorlds
@@ -21,7 +21,7 @@ def _documented(cls: type) -> list[str]:
     return [name.strip() for line in listed for name in line.split(",")]
 
 
-@pytest.mark.parametrize("cls", [BoxTree, Piece, PlacedObject, Plan, SceneModel, SupportSurface, CompiledScene])
+@pytest.mark.parametrize("cls", [Collider, Piece, PlacedObject, Plan, SceneModel, SupportSurface, CompiledScene])
 def test_a_docstring_lists_the_fields_in_their_order(cls: type):
     """All of them, and no other."""
     assert _documented(cls) == [field.name for field in dataclasses.fields(cls)]

@@ -87,10 +87,31 @@ def test_only_the_named_objects_move_and_they_are_free(mid: CompiledScene):
         for name in ("qpos", "qvel", "mocap_pos"):
             changed = (before[name] != after[name]).reshape((NWORLD, -1)).any(axis=1)
             np.testing.assert_array_equal(changed, HALF & (name != "mocap_pos" or names[0] == "cabinet"))
-        fresh = randomizer.data.xpos.numpy().copy()
-        mjw.kinematics(randomizer.model, randomizer.data)
-        np.testing.assert_array_equal(fresh, randomizer.data.xpos.numpy())
     np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 3 * HALF)
+
+
+@pytest.mark.oldest
+def test_what_moves_is_posed_in_space_and_all_bodies_with_needs(mid: CompiledScene):
+    """Bodies, geoms and sites of the objects; without needs all others are as the last step left them."""
+    mjm, names = mid.mjm, ("cabinet", "banana")
+    bodies = np.array([body for name in names for body in mid.scene.subtree(name)])
+    moved = {"x": np.isin(np.arange(mjm.nbody), bodies), "xi": np.isin(np.arange(mjm.nbody), bodies)}
+    moved |= {f"{kind}_x": np.isin(getattr(mjm, f"{kind}_bodyid"), bodies) for kind in ("geom", "site")}
+    for needs in ((), ("velocity",)):
+        randomizer = randomizer_of(mid, needs=needs)
+        data = randomizer.data
+        before = {name: getattr(data, f"{name}pos").numpy().copy() for name in moved}
+        randomizer.replace(names)
+        after = {name: getattr(data, f"{name}pos").numpy().copy() for name in moved}
+        turned = {name: getattr(data, f"{name}mat").numpy().copy() for name in moved}
+        mjw.kinematics(randomizer.model, data)
+        for name, chosen in moved.items():
+            fresh = chosen | bool(needs)
+            np.testing.assert_array_equal(after[name][:, fresh], getattr(data, f"{name}pos").numpy()[:, fresh])
+            np.testing.assert_array_equal(turned[name][:, fresh], getattr(data, f"{name}mat").numpy()[:, fresh])
+            assert (after[name] != before[name])[:, chosen].any()
+        if not needs:
+            np.testing.assert_array_equal(after["x"][:, ~moved["x"]], before["x"][:, ~moved["x"]])
 
 
 def test_the_same_state_seed_and_number_give_the_same_places(mid: CompiledScene):

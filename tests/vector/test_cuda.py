@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import pytest
 import torch
@@ -9,11 +11,13 @@ import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.levels import Levels, Ranges
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import Reach
 
 pytestmark = pytest.mark.cuda
+SLIDE = "objects.cabinet.joints.slide"
 
 
 def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):
@@ -98,6 +102,29 @@ def test_torch_waits_for_nothing_in_a_step(cuda_scene, mode):
             envs.statistics.latest()
     finally:
         torch.cuda.set_sync_debug_mode("default")
+
+
+def test_levels_with_knobs_are_the_layouts_of_their_ids(cuda_scene):
+    """Fresh and replayed, made ahead; torch waits for nothing while they are chosen."""
+    words: dict[str, Any] = {"scene": cuda_scene, "knobs": "*", "max_episode_steps": 3}
+    levels = Levels("failure", replay=0.5, every=1, capacity=64, ranges=Ranges({SLIDE: [0.05, 0.06]}, episodes=4))
+    envs, plain = SceneVectorEnv(Hold, 4, **words, levels=levels), SceneVectorEnv(Hold, 4, **words)
+    envs.reset(seed=5)
+    action, seen = torch.zeros(4, 5, device=envs.device), []
+    for _ in range(3):
+        envs.step(action)
+    for _ in range(8):
+        torch.cuda.set_sync_debug_mode("error")
+        try:
+            for _ in range(3):
+                *_, info = envs.step(action)
+        finally:
+            torch.cuda.set_sync_debug_mode("default")
+        plain.reset(options={"layouts": envs.layout_ids()})
+        found, wanted = (wp.to_torch(each.randomizer.layouts.qpos) for each in (envs, plain))
+        assert torch.equal(found, wanted)
+        seen += info["layout_level"].tolist()
+    assert len({level for level in seen if level >= 0}) > 3
 
 
 @pytest.mark.slow

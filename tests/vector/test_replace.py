@@ -6,7 +6,7 @@ import gymnasium
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentTypeError
+from sceniris_gym.errors import ArgumentTypeError, MaskError, MaskTypeError
 from tests.vector.stepping import actions, assert_equal, state
 
 SOME = torch.tensor([False, True, False, True])
@@ -21,6 +21,9 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
         with pytest.raises(ArgumentTypeError, match="replace: objects should be a name or several"):
             envs.randomizer.replace(wrong)
     _, info = envs.reset(seed=2)
+    for mask, error in ((torch.ones(4), MaskTypeError), (torch.ones(3, dtype=torch.bool), MaskError)):
+        with pytest.raises(error, match="mask should"):
+            envs.replace("block", mask)
     assert "layout_redraw" not in info
     envs.step(actions(4))
     before, block = state(envs), envs.state.pose("block").clone()
@@ -43,8 +46,8 @@ def test_a_snapshot_has_the_number_of_redraws(make_env):
     envs.reset(seed=2)
     envs.replace("block")
     kept, found = envs.snapshot(), []
-    for _ in range(2):
-        envs.replace("block", SOME.numpy())
+    for mask in (SOME, SOME.numpy()):
+        envs.replace("block", mask)
         found.append(envs.state.pose("block").clone())
         envs.reset(options={"state": kept})
     torch.testing.assert_close(found[0], found[1], rtol=0.0, atol=0.0)

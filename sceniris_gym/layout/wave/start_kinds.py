@@ -71,6 +71,7 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) 
 def _put_at_markers(
     program: Program,
     starts: Starts,
+    end: int,
     lanes: int,
     # Layouts in: start, present, place
     layouts: LayoutsView,
@@ -79,8 +80,10 @@ def _put_at_markers(
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
-        row = search.row[c]
         obj = search.obj[c]
+        if obj >= end:
+            continue
+        row = search.row[c]
         marker = starts.marker[layouts.start[search.row_world[row]], obj]
         if marker < 0:
             continue
@@ -92,7 +95,7 @@ def _put_at_markers(
         pose_candidate(program, layouts, search, c, row, obj)
 
 
-def launch_put_at_markers(work: Workspace) -> None:
-    """Move the candidates of this wave that their kind of start places at a marker there."""
+def launch_put_at_markers(work: Workspace, end: int) -> None:
+    """Move the candidates of this wave that their kind of start places at a marker, all of objects before `end`."""
     lanes = work.size.lanes
-    work.launch(_put_at_markers, lanes, [work.program, work.starts, lanes, work.layouts], work.search)
+    work.launch(_put_at_markers, lanes, [work.program, work.starts, end, lanes, work.layouts], work.search)

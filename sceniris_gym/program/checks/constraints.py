@@ -34,7 +34,16 @@ def check_constraints(plan: Plan) -> None:
         if bodies := joined_bodies(mjm, eq):
             _check_loop(label, drawn, *bodies)
         elif kind == mujoco.mjtEq.mjEQ_TENDON:
-            _check_tendons(label, drawn, [int(t) for t in (mjm.eq_obj1id[eq], mjm.eq_obj2id[eq]) if t >= 0])
+            tendons = [int(t) for t in (mjm.eq_obj1id[eq], mjm.eq_obj2id[eq]) if t >= 0]
+            names = " and ".join(f"'{mjm.tendon(t).name}'" for t in tendons)
+            moving = frozenset[int | str]().union(*(drawn.stretching(t) for t in tendons))
+            joints = drawn.names(moving)
+            what = f"joints {joints}" if joints else "the poses of " + _quoted({str(name) for name in moving})
+            if moving:
+                raise NotSupportedError(
+                    f"{label} of tendon {names} would be broken by drawing {what}. Leave that out of the scene file, "
+                    "or couple the joints by <equality><joint>, which layouts follow."
+                )
         elif kind in _FLEXES:
             flex = int(mjm.eq_obj1id[eq])
             name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex) or flex
@@ -106,19 +115,6 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
         f"{label} ties body '{first}' to body '{second}', and drawing {drawn.names(apart)} would break it. Leave these "
         f"joints out of the 'joints' of '{drawn.owner(a)}', or take the equality out."
     )
-
-
-def _check_tendons(label: str, drawn: _Drawn, tendons: list[int]) -> None:
-    """Check the equality of one or two tendons."""
-    names = " and ".join(f"'{drawn.mjm.tendon(t).name}'" for t in tendons)
-    moving = frozenset[int | str]().union(*(drawn.stretching(t) for t in tendons))
-    joints = drawn.names(moving)
-    what = f"joints {joints}" if joints else "the poses of " + _quoted({str(name) for name in moving})
-    if moving:
-        raise NotSupportedError(
-            f"{label} of tendon {names} would be broken by drawing {what}. Leave that out of the scene file, or couple "
-            "the joints by <equality><joint>, which layouts follow."
-        )
 
 
 def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:

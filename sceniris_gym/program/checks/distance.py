@@ -36,18 +36,27 @@ def check_distances(plan: Plan) -> None:
                 "origin along each axis: rounding grows with distance. Move the model to the origin."
             )
     for o in plan.objects:
+        where = f"{config.where}: {config.key(o.name)}"
         _check_region(plan, o, placed)
-        if o.kind != ObjectKind.STATIC:
-            _check_size(plan, o)
+        if o.name in placed and any(p.type == PieceType.PLANE and p.body in o.bodies for p in plan.pieces):
+            raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
+        for p, *ends in (solid for solid in plan.solids if o.name in placed and solid[0].body in o.bodies):
+            # it ends near enough to its own frame, wherever that is at home
+            reach = float(np.abs(np.subtract(ends, plan.scene.home.xpos[o.bodies[0]])).max())
+            if reach > MOST_FAR:
+                raise SceneKeyError(
+                    f"{where}: geom '{geom_name(plan.scene.mjm, p.geom)}' reaches {reach:.4g} m from the object's "
+                    f"origin, and should end within {MOST_FAR:g} m of it: rounding grows with distance. Correct its "
+                    "position, or give its mesh a smaller `scale`."
+                )
         bound, mjm = BOUNDS["joint"], plan.scene.mjm
         for drawn in o.joint_ranges:
             ends = drawn.choice or (drawn.low, drawn.high)
             if not all(map(bound.holds, ends)):
                 joint = mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == drawn.qposadr)[0])).name
                 raise SceneKeyError(
-                    f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.joints: '{joint}' is drawn between "
-                    f"{min(ends):g} and {max(ends):g}, and {bound.advice}. Correct its limits in the model, or give a "
-                    "'range'."
+                    f"{where}.joints: '{joint}' is drawn between {min(ends):g} and {max(ends):g}, and {bound.advice}. "
+                    "Correct its limits in the model, or give a 'range'."
                 )
     for p, low, high in plan.solids:
         reach = float(np.abs([low, high]).max())
@@ -56,21 +65,6 @@ def check_distances(plan: Plan) -> None:
                 f"{plan.scene.config.where}: geom '{geom_name(plan.scene.mjm, p.geom)}': reaches {reach:.4g} m from "
                 f"the world's origin, and should end within {MOST_WIDE:g} m along each axis: rounding grows with "
                 "distance. Use a plane, or smaller geoms."
-            )
-
-
-def _check_size(plan: Plan, o: PlacedObject) -> None:
-    """Check that a placed object ends near enough to its own frame, wherever that is at home."""
-    where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}"
-    if any(p.type == PieceType.PLANE and p.body in o.bodies for p in plan.pieces):
-        raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
-    for p, *ends in (solid for solid in plan.solids if solid[0].body in o.bodies):
-        reach = float(np.abs(np.subtract(ends, plan.scene.home.xpos[o.bodies[0]])).max())
-        if reach > MOST_FAR:
-            raise SceneKeyError(
-                f"{where}: geom '{geom_name(plan.scene.mjm, p.geom)}' reaches {reach:.4g} m from the object's origin, "
-                f"and should end within {MOST_FAR:g} m of it: rounding grows with distance. Correct its position, or "
-                "give its mesh a smaller `scale`."
             )
 
 

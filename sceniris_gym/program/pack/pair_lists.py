@@ -34,10 +34,9 @@ def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray
     starts, of_starts = addressed("broad", firsts)
     hands = zip(arm.owners, firsts[len(firsts) - 3 * len(column) :], strict=False)
     before = [np.searchsorted([own[e[0] - part[0][0]] for e in part], np.arange(number + 1)) for own, part in hands]
-    robots = [*names, *arm.robots * len(_ARM_LISTS)]
-    owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in robots]
-    for own, name in zip(owners[len(owners) - len(column) :], plan.reaching.names, strict=True):
-        own += plan.scene.subtree(name)
+    owners = [o.bodies for o in plan.objects] + [plan.scene.subtree(name) for name in (*names, *arm.robots * 3)]
+    held = zip(arm.robots, plan.reaching.names, strict=True)
+    owners += [plan.scene.subtree(robot) + plan.scene.subtree(name) for robot, name in held]
     body = [c.body for c in colliders]
     bodies = [
         (body[p.a], body[p.b], (body[p.a] in own) + 2 * (body[p.b] in own), colliders[p.b].plane)

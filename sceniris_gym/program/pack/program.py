@@ -9,7 +9,7 @@ import numpy as np
 
 from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.geometry.colliders import Collider
-from sceniris_gym.geometry.inner_boxes import inner_box, no_inner_box
+from sceniris_gym.geometry.inner_boxes import NO_INNER_BOX, inner_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.program.pack.layout_bounds import layout_bounds
@@ -58,7 +58,7 @@ def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[s
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
     """Return the fields `piece_*`, `inner_*` and `vert`; where faces are tested, pieces need no inner boxes."""
     vert, fields = addressed("piece_vert", (p.vertices for p in pieces))
-    boxes = [no_inner_box() if visual else inner_box(p) for p in pieces]
+    boxes = [NO_INNER_BOX if visual else inner_box(p) for p in pieces]
     return {
         **columns("piece", pieces, type=1, body=1, pos=3, quat=4, size=3, radius=1),
         **fields,

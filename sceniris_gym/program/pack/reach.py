@@ -14,9 +14,8 @@ from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
-from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.reach import ReachingArm, ReachTarget
+from sceniris_gym.program.reach import ReachingArm
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
@@ -78,11 +77,14 @@ def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
     numbers = np.full(len(plan.objects), UNASKED)
     numbers[[t.number for t in targets]] = np.arange(rows)
     numbers[[base for base in bases if base != UNASKED]] = BASE
-    spans = np.concatenate([np.zeros((0, 2), int), *_spans(plan.objects, targets, fields["reach_graspadr"])])
+    spans = [np.zeros((len(o.variants), 2), int) for o in plan.objects]
+    for target, first in zip(targets, fields["reach_graspadr"], strict=True):
+        spans[target.number] = np.array(target.grasp_set.spans) + [int(first), 0]
+    variants = np.concatenate([np.zeros((0, 2), int), *spans])  # address and number of the grasps of each
     return {
         "obj_reach": numbers,
-        "variant_graspadr": spans[:, 0],
-        "variant_graspnum": spans[:, 1],
+        "variant_graspadr": variants[:, 0],
+        "variant_graspnum": variants[:, 1],
         "reach_obj": np.array([t.number for t in targets], int),
         "reach_slot": np.array([plan.slots.index(t.name) for t in targets], int),
         **columns("reach", targets, arm=1, late=1, early=1, tier=1),
@@ -96,11 +98,3 @@ def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
         "bank_grasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
         "bank_pregrasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
     }
-
-
-def _spans(objects: list[PlacedObject], targets: tuple[ReachTarget, ...], adr: np.ndarray) -> list[np.ndarray]:
-    """Return the (address, number) of the grasps of each variant of each object; (0, 0) for other objects."""
-    spans = [np.zeros((len(o.variants), 2), int) for o in objects]
-    for target, first in zip(targets, adr, strict=True):
-        spans[target.number] = np.array(target.grasp_set.spans) + [int(first), 0]
-    return spans

@@ -25,6 +25,7 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
     owned = [(o, r) for o in plan.objects for r in o.config.relations]
     sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
+    sides = [sum(map(_sides, o.config.relations[:i])) for o in plan.objects for i in range(len(o.config.relations))]
     slots = {name: slot for slot, name in enumerate(plan.places)}
     anchors, of_relations = addressed("rel_anchor", ([slots[a] for a in r.anchors] for r in relations))
     frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
@@ -41,7 +42,7 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         "rel_width": np.array([r.width or -1.0 if isinstance(r, Between) else -1.0 for r in relations], float),
         "rel_gap": np.array([r.gap if isinstance(r, Beside) else 0.0 for r in relations], float),
         "rel_sites": np.reshape(sites, (-1, 4)),
-        "rel_sideadr": np.array([a for o in plan.objects for a in _side_addresses(o.config.relations)], int),
+        "rel_sideadr": np.array(sides, int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
 
@@ -75,10 +76,6 @@ def region_pieces(relation: Relation) -> int:
 def most_sides(plan: Plan) -> int:
     """Return the greatest number of half-planes around the pieces of one object's relations."""
     return max((sum(map(_sides, o.config.relations)) for o in plan.objects), default=0)
-
-
-def _side_addresses(relations: tuple[Relation, ...]) -> list[int]:
-    return [sum(map(_sides, relations[:i])) for i in range(len(relations))]
 
 
 def _sides(relation: Relation) -> int:

@@ -22,9 +22,9 @@ def _random_colliders(sizes: list[int]) -> list[Collider]:
     colliders, nodes, draws = [], 0, np.random.default_rng(3)
     for body, size in enumerate(sizes):
         middle, half = draws.normal(size=(size, 3)), draws.uniform(0.0, 0.3, (size, 3))
-        tree = build_tree(middle - half, middle + half)
-        child = np.where(tree.child < 0, tree.child, tree.child + nodes)
-        colliders.append(Collider(body, 0, -1, nodes, tree.center, tree.half, child))
+        center, half, child = build_tree(middle - half, middle + half)
+        child = np.where(child < 0, child, child + nodes)
+        colliders.append(Collider(body, 0, -1, nodes, center, half, child))
         nodes += len(child)
     return colliders
 
