@@ -75,7 +75,7 @@ class Episodes(NamedTuple):
         level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32. Rows with -2
             do not count.
         seed: Its seed, shape (n,), uint64.
-        episode: Its episode, shape (n,), int32.
+        episode: Its episode, shape (n,), int32. Rows below 0 do not count.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
         knob: Numbers of its knobs, shape (n, nvalue), float32; None if there are none.
         mask: Rows that count, shape (n,), bool; None is all.
@@ -253,7 +253,7 @@ def _update(
         if buffer.score == _GIVEN:
             return
     place = level[row]
-    if place < -1:
+    if place < -1 or episode[row] < 0:
         return
     if place >= 0 and place < buffer.seed.shape[0]:
         if buffer.seed[place] == seed[row] and buffer.episode[place] == episode[row]:

@@ -137,7 +137,7 @@ class LevelSampler(LayoutSource):
                 with -2, layouts from the bank, do not count. None inserts as many levels as there is room for, as
                 `insert` does.
             seed: `layout_seed` of the same info, shape (n,).
-            episode: `layout_episode`, shape (n,).
+            episode: `layout_episode`, shape (n,). Rows below 0 do not count.
             score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
                 successes are counted: 1 for a success, 0 for a failure.
             knobs: `layout_knobs` of the same info; None has those of the scene file.

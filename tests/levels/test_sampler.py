@@ -109,6 +109,14 @@ def test_many_levels_are_inserted_at_once(make_env):  # noqa: F811
     assert np.isin(levels.sample(20)["seed"], seeds).all()
 
 
+def test_levels_of_no_episode_are_left_out(make_env):  # noqa: F811
+    """Worlds would play the next episode of their seed in their place, under a wrong name."""
+    levels = make_env(2, levels=Levels("given", capacity=8)).randomizer.levels
+    levels.insert(np.array([5, 6, 7]), np.array([0, -1, 3]), np.full(3, 0.5))
+    kept = levels.state()
+    assert sorted(kept["seed"][kept["age"] >= 0]) == [5, 7]
+
+
 def test_a_level_beyond_the_buffer_is_inserted(make_env):  # noqa: F811
     """No memory beyond the buffer is read."""
     levels = make_env(2, levels=Levels("given", capacity=64)).randomizer.levels
