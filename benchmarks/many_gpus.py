@@ -183,7 +183,7 @@ def report(folder: Path) -> None:
     figure, axes = plt.subplots(figsize=(5, 3.5), layout="constrained")
     axes.plot(numbers, numbers, color="0.7", label="as many times the steps as GPUs")
     axes.plot(numbers, [row["ratio"] for row in rows], "o-", label="measured")
-    axes.set(xlabel="GPUs", ylabel="steps/s of training, of one GPU", xticks=numbers)
+    axes.set(xlabel="GPUs", ylabel="steps/s of training over those of one GPU", xticks=numbers)
     axes.legend(frameon=False)
     figure.savefig(folder / "many_gpus.png", dpi=150)
     print(json.dumps(rows))
