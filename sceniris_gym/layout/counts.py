@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, SupportsIndex
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import CountError
@@ -13,7 +13,7 @@ MOST_WORLDS = 1 << 24
 """Upper limit of worlds in a batch: far more than fit on any GPU with a scene of a few objects."""
 
 
-def as_shape(shape: int | Sequence[int], name: str) -> tuple[int, ...]:
+def as_shape(shape: SupportsIndex | Sequence[SupportsIndex], name: str) -> tuple[int, ...]:
     """Return a shape, given as a sequence or as the length of its only axis.
 
     Raises:

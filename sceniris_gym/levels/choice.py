@@ -44,8 +44,11 @@ class Ranges:
 
     def __post_init__(self) -> None:
         check_type(self.start, Mapping, "Ranges: start")
-        if not (self.start and 0 < self.step <= 1 and 0 <= self.probe <= 1 and 0 <= self.low <= self.high <= 1):
-            raise ArgumentError("Ranges: start should name a knob; step above 0, probe, low <= high should be 0 to 1.")
+        if not self.start:
+            raise ArgumentError("Ranges: start should name a knob.")
+        _check_shares(self, "step", "probe", "low", "high")
+        if self.step == 0.0 or self.low > self.high:
+            raise ArgumentError(f"Ranges: step should be above 0, and low at most high, got {self}.")
         as_count(self.episodes, "Ranges: episodes", most=_MOST)
 
 
@@ -89,12 +92,18 @@ class Levels:
             raise UnknownNameError("score", str(self.score), "Levels", SCORES)
         if self.priority not in PRIORITIES:
             raise UnknownNameError("priority", str(self.priority), "Levels", PRIORITIES)
-        for name in ("replay", "staleness", "rate"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ArgumentError(f"Levels: {name} should be from 0 to 1, got {getattr(self, name)}.")
-        if not self.temperature > 0.0:
-            raise ArgumentError(f"Levels: temperature should be above 0, got {self.temperature}.")
+        _check_shares(self, "replay", "staleness", "rate")
+        if not isinstance(self.temperature, int | float) or not self.temperature > 0.0:
+            raise ArgumentError(f"Levels: temperature should be above 0, got {self.temperature!r}.")
         as_count(self.capacity, "Levels: capacity", most=_MOST)
         as_count(self.every, "Levels: every", most=_MOST)
         if self.ranges is not None:
             check_type(self.ranges, Ranges, "Levels: ranges")
+
+
+def _check_shares(choice: Ranges | Levels, *names: str) -> None:
+    """Check that attributes are numbers from 0 to 1."""
+    for name in names:
+        value = getattr(choice, name)
+        if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+            raise ArgumentError(f"{type(choice).__name__}: {name} should be from 0 to 1, got {value!r}.")

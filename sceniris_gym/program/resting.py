@@ -103,8 +103,7 @@ def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list
 def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
     """Yield states that the joints of an object are drawn in, their ends among them.
 
-    They are on a grid, or at random where there are many. All of them are in one MjData, as making many
-    takes long.
+    They are on a grid, or at random where there are many. All of them are in one MjData, as making many takes long.
     """
     levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in d.intervals]) for d in o.joint_ranges]
     if not levels:

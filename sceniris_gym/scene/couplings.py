@@ -92,8 +92,8 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
         start, origin = mjm.qpos0[mjm.jnt_qposadr[[follower, follower if held else driver]]].tolist()
         offset, a1, a2, a3, a4 = mjm.eq_data[eq, :5].tolist()
         coef = (0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4)
-        label, driver = equality_label(mjm, eq), None if held else driver
-        coupling = _made(mjm, label, follower, driver, origin, start + offset, coef)
+        label = equality_label(mjm, eq)
+        coupling = _made(mjm, label, follower, None if held else driver, origin, start + offset, coef)
         other = found.setdefault(coupling.follower, coupling)
         if other is not coupling:
             raise SceneKeyError(

@@ -147,7 +147,9 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     draw = FieldDraw(name, word, config, kept, word.first + np.arange(count), numbers, choice)
     ends = _ends(draw, values)
     every, least, most = np.broadcast_arrays(ends, word.least, word.most)
-    for k in np.argwhere((every < least) | (every > most))[:1, -1]:
+    outside = np.argwhere((every < least) | (every > most))
+    if len(outside):
+        k = outside[0, -1]
         found, bounds = f"{every[..., k].min():g} to {every[..., k].max():g}", f"{least.flat[k]:g} to {most.flat[k]:g}"
         part = f" of component {k + 1}" if isinstance(word.least, tuple) else ""
         _refuse(f"{where}.{config.form}", f"its values{part} would be from {found} and should be from {bounds}.")

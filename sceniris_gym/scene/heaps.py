@@ -68,7 +68,7 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
         whole = rows.pos.shape[1:] == (len(names), 3) and rows.quat.shape == (*rows.pos.shape[:2], 4)
         sound = whole and len(rows.pos) > 0 and np.isfinite(rows.pos).all()
         if not sound or not np.abs(np.linalg.norm(rows.quat, axis=-1) - 1.0).max(initial=0.0) < 1e-3:
-            raise ValueError("poses of another shape, or none")
+            raise ValueError(path)
     except UNREADABLE:
         raise HeapError(f"{where}.rows: '{path}' holds no settled heaps. {mend}") from None
     if rows.names != heap.of:

@@ -122,7 +122,8 @@ class ModelFields:
             if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
                 self._derived = derived_tables(self._scene.mjm, self._nworld)
             if not self._has_gains and not self._nominal.keys().isdisjoint(GAINS):
-                self._has_gains, laws = True, np.repeat(self.rest.law.numpy(), self._nworld, axis=0)
+                self._has_gains = True
+                laws = np.repeat(self.rest.law.numpy(), self._nworld, axis=0)
                 self.rest.law = wp.array(laws, dtype=wp.vec2, ndim=2)
         return self._known[name]
 

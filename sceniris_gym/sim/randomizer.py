@@ -165,7 +165,8 @@ class ResetRandomizer(Fixed, StaysHere):
         simulation = Simulation(
             compiled, model, data, self.split, self.fields.rest, self._update, origins=origins, variants=variants
         )
-        self.replacer, whole = Replacer(simulation, self.layouts, alone=not needs, graph=graph), write == "all"
+        self.replacer = Replacer(simulation, self.layouts, alone=not needs, graph=graph)
+        whole = write == "all"
         self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.replacer.number)
         self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)

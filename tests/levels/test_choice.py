@@ -16,7 +16,9 @@ from sceniris_gym.levels import Levels, Ranges
         ({"replay": 1.5}, ArgumentError, "replay should be from 0 to 1"),
         ({"staleness": -0.1}, ArgumentError, "staleness should be from 0 to 1"),
         ({"rate": float("nan")}, ArgumentError, "rate should be from 0 to 1"),
+        ({"replay": "half"}, ArgumentError, "replay should be from 0 to 1, got 'half'"),
         ({"temperature": 0.0}, ArgumentError, "temperature should be above 0"),
+        ({"temperature": "hot"}, ArgumentError, "temperature should be above 0, got 'hot'"),
         ({"capacity": 0}, CountError, "at least 1"),
         ({"every": 0.5}, CountError, "integer"),
         ({"ranges": {"groups.clutter.count": [1, 2]}}, ArgumentTypeError, "ranges should be a Ranges"),
@@ -34,3 +36,12 @@ def test_ranges_without_a_knob_are_refused():
         Ranges({})
     with pytest.raises(ArgumentTypeError, match="start should be a Mapping"):
         Ranges(["groups.clutter.count"])  # type: ignore[arg-type]
+
+
+def test_numbers_of_ranges_are_checked():
+    """Shares are from 0 to 1, and the lower one is not above the upper one."""
+    start = {"groups.clutter.count": [1, 2]}
+    with pytest.raises(ArgumentError, match="step should be from 0 to 1, got 'wide'"):
+        Ranges(start, step="wide")  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="low at most high"):
+        Ranges(start, low=0.8)

@@ -49,7 +49,7 @@ def test_ranges_widen_with_success_and_narrow_with_failure(reach_scene):  # noqa
     assert resumed is not None
     resumed.restore(kept)
     np.testing.assert_array_equal(resumed.ranges[SLIDE], levels.ranges[SLIDE])
-    with pytest.raises(ArgumentError, match="step above 0"):
+    with pytest.raises(ArgumentError, match="step should be above 0"):
         Ranges(start, step=0.0)
 
 
