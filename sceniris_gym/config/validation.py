@@ -243,12 +243,19 @@ def _check_starts(scene: SceneWords, where: str) -> None:
         for name in start.targets(scene.groups):
             _check_target(scene, start, name, at)
         for name, marker in start.place.items():
+            _refuse_variants(scene, name, f"{at}.place")
             _check_place(scene, name, marker, f"{at}.place")
         for key in start.joints:
             name, _, joint = key.rpartition("/")
             if not name or not joint:
                 raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
+            _refuse_variants(scene, name, f"{at}.joints")
             _check_present(name, scene.objects, scene.owners, f"{at}.joints")
+
+
+def _refuse_variants(scene: SceneWords, name: str, where: str) -> None:
+    if name in scene.variants:
+        raise SceneKeyError(f"{where}: '{name}' has variants, so only 'of' may name it. Name another object.")
 
 
 def _check_present(name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:

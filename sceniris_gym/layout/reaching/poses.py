@@ -78,8 +78,8 @@ def pose_in_order(
 ):
     """Pose bodies of a candidate from number `first` of a list on; it has parents before children.
 
-    A lane does so alone, or the lanes of a block together: all bodies at once, again and again, each time of which the
-    next in a chain becomes final.
+    A lane does so alone, or the lanes of a block together: they pose all bodies at once, as often as there are bodies,
+    and each time one more body of a chain gets its pose.
     """
     num = bodies.shape[0]
     for _ in range(wp.where(lanes > 1, num - first, 1)):
