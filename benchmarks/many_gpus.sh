@@ -2,10 +2,15 @@
 # Measure training and data sets on 1, 2, 4 and 8 GPUs of this host: benchmarks/many_gpus.sh FOLDER [LAYOUTS [WHERE]].
 #
 # FOLDER gets a JSON file of each measurement, many_gpus.json with all of them, and a plot. LAYOUTS are those of a data
-# set of `mid` (100,000,000, which take 12 GB in WHERE, a folder of the temporary files). A tenth of them is made by one
-# process as well, and by all GPUs with one process killed half-way and then resumed: the rows are to be the same.
+# set of `mid` (100,000,000, which take 12 GB in WHERE, by default a temporary folder that is removed at the end). A tenth
+# of them is made by one process as well, and by all GPUs with one process killed half-way and then resumed: the rows are
+# to be the same.
 set -euo pipefail
-folder=$1 layouts=${2:-100000000} where=${3:-$(mktemp -d)}
+folder=$1 layouts=${2:-100000000} where=${3:-}
+if [ -z "$where" ]; then
+  where=$(mktemp -d)
+  trap 'rm -rf "$where"' EXIT
+fi
 gpus=$(nvidia-smi --list-gpus | wc -l)
 few=$((layouts / 10))
 mkdir -p "$folder"

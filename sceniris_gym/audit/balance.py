@@ -13,6 +13,7 @@ from sceniris_gym.config.objects import ObjectConfig
 
 LOW = 5e-4  # m; what is this near to the lowest point touches the support, also as a curved foot rocks by 2.5 degrees
 EDGE = 1e-4  # m; a centre of mass this far outside of a patch is still over it
+_APART = 5e-3  # m; what carries a thing ends this far above what is seen of it, at most: 1.8 mm with shipped ones
 _ENDLESS = shapely.box(-1e4, -1e4, 1e4, 1e4)
 
 
@@ -96,14 +97,15 @@ class BalanceAudit:
         at = standing.in_frame(carrier.body, poses, center[:, None])[:, 0, :2]
         lowest = np.min([points[:, :, 2].min(1) for points in ground], axis=0)
         over = np.zeros(len(center), bool)
+        height = 2 * HEIGHT_TOLERANCE if self._scene.config.geometry == "physics" else _APART
         for surface in standing.surfaces("in", carrier):
             off = np.abs(lowest - surface.height - standing.gap(name, carrier))
-            level = np.flatnonzero(off <= 2 * HEIGHT_TOLERANCE)
+            level = np.flatnonzero(off <= height)
             area = _ENDLESS if standing.is_plane(carrier) else surface.area
             touching = [shapely.intersection(_feet(points[level], lowest[level]), area) for points in ground]
             pieces = [shapely.geometrycollections(list(piece)) for piece in zip(*touching, strict=True)]
             patch = shapely.convex_hull(np.array(pieces, object))
-            over[level] = shapely.distance(patch, shapely.points(at[level])) <= EDGE
+            over[level] |= shapely.distance(patch, shapely.points(at[level])) <= EDGE
         return over
 
 

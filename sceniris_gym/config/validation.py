@@ -10,6 +10,7 @@ from sceniris_gym.config.heaps import PLACING
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.start import StartConfig
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
 
@@ -157,31 +158,35 @@ def _check_groups(scene: SceneWords, where: str) -> None:
             if group in scene.variants:
                 path, cure = f"objects.{group}", "Give all variants a support or a 3D region."
             raise SceneKeyError(f"{where}: {path}: '{name}' stays where the model has it and cannot be absent. {cure}")
-    absent = scene.absent
     for name, part in scene.parts.items():
-        at, support = f"{where}: {scene.key(name)}", part.support
-        owner = support.parent.split("/")[0] if support is not None else FLOOR
-        if support is not None and owner in absent:
+        _check_absent(scene, scene.key(name), part, where)
+
+
+def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -> None:
+    """Check that an object can be placed in worlds without some members of groups."""
+    support, absent = part.support, scene.absent
+    owner = support.parent.split("/")[0] if support is not None else FLOOR
+    if support is not None and owner in absent:
+        raise SceneKeyError(
+            f"{where}: {key}.{support.word}: '{owner}' may be absent, as it is in the group "
+            f"'{absent[owner]}'. Nothing can be placed on such an object: name another support."
+        )
+    if part.joined_to in scene.variants:
+        raise SceneKeyError(
+            f"{where}: {key}.relations: '{part.joined_to}' has variants, whose sites are in different places. Join it "
+            "to an object without variants."
+        )
+    for path, other in part.references:
+        if other in absent and absent[other] in scene.variants:
             raise SceneKeyError(
-                f"{at}.{support.word}: '{owner}' may be absent, as it is in the group '{absent[owner]}'. Nothing can "
-                "be placed on such an object: name another support."
+                f"{where}: {key}.{path}: '{other}' is one of several variants. Name the object, '{absent[other]}'."
             )
-        if part.joined_to in scene.variants:
+        if other in absent and scene.groups[absent[other]].missing == "refuse":
             raise SceneKeyError(
-                f"{at}.relations: '{part.joined_to}' has variants, whose sites are in different places. Join it to an "
-                "object without variants."
+                f"{where}: {key}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
+                "Name another object, or write 'missing: drop' in the group: the reference is then left out where "
+                "the object is absent."
             )
-        for key, other in part.references:
-            if other in absent and absent[other] in scene.variants:
-                raise SceneKeyError(
-                    f"{at}.{key}: '{other}' is one of several variants. Name the object, '{absent[other]}'."
-                )
-            if other in absent and scene.groups[absent[other]].missing == "refuse":
-                raise SceneKeyError(
-                    f"{at}.{key}: '{other}' may be absent, as it is in the group '{absent[other]}'. Name another "
-                    "object, or write 'missing: drop' in the group: the reference is then left out where the object "
-                    "is absent."
-                )
 
 
 def _check_heaps(scene: SceneWords, where: str) -> None:
@@ -236,30 +241,21 @@ def _check_starts(scene: SceneWords, where: str) -> None:
         if start.of is not None and start.of not in scene.variants:
             _check_present(start.of, [*scene.objects, *scene.variants], scene.absent, f"{at}.of")
         for name in start.targets(scene.groups):
-            if not scene.objects[name].reachable:
-                raise SceneKeyError(f"{at}.of: '{name}' should be 'reachable', as an arm is to be there at the start.")
-            if start.is_held and scene.objects[name].kind != "free":
-                raise SceneKeyError(f"{at}: '{name}' is no free object, so it cannot be held in the air.")
-            for other, words in scene.objects.items():
-                if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
-                    raise SceneKeyError(f"{at}: '{other}' stands on '{name}', which should stay where it is.")
-        markers = [name for name, part in scene.objects.items() if part.kind == "marker"]
+            _check_target(scene, start, name, at)
         for name, marker in start.place.items():
-            _check_present(name, scene.objects, scene.absent, f"{at}.place")
-            if marker not in markers:
-                raise UnknownNameError("marker", marker, f"{at}.place", markers)
-            _check_present(marker, scene.objects, scene.absent, f"{at}.place")
-            placed, support = scene.objects[name].is_placed, scene.objects[name].support
-            if not placed or support is None or support != scene.objects[marker].support:
-                raise SceneKeyError(
-                    f"{at}.place: '{name}' should be placed on what its marker '{marker}' is on: give both the same "
-                    "support."
-                )
+            _refuse_variants(scene, name, f"{at}.place")
+            _check_place(scene, name, marker, f"{at}.place")
         for key in start.joints:
             name, _, joint = key.rpartition("/")
             if not name or not joint:
                 raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
+            _refuse_variants(scene, name, f"{at}.joints")
             _check_present(name, scene.objects, scene.owners, f"{at}.joints")
+
+
+def _refuse_variants(scene: SceneWords, name: str, where: str) -> None:
+    if name in scene.variants:
+        raise SceneKeyError(f"{where}: '{name}' has variants, so only 'of' may name it. Name another object.")
 
 
 def _check_present(name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
@@ -268,3 +264,28 @@ def _check_present(name: str, objects: Iterable[str], absent: Container[str], wh
         raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
     if name in absent:
         raise SceneKeyError(f"{where}: '{name}' may be absent, as one of a group or of variants. Name another object.")
+
+
+def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
+    """Check an object that an arm is at."""
+    if not scene.objects[name].reachable:
+        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', as an arm is to be there at the start.")
+    if start.is_held and scene.objects[name].kind != "free":
+        raise SceneKeyError(f"{where}: '{name}' is no free object, so it cannot be held in the air.")
+    for other, words in scene.objects.items():
+        if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
+            raise SceneKeyError(f"{where}: '{other}' stands on '{name}', which should stay where it is.")
+
+
+def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
+    """Check an object that is placed at a marker."""
+    objects = scene.objects
+    _check_present(name, objects, scene.absent, where)
+    markers = [other for other, part in objects.items() if part.kind == "marker"]
+    if marker not in markers:
+        raise UnknownNameError("marker", marker, where, markers)
+    _check_present(marker, objects, scene.absent, where)
+    if not objects[name].is_placed or objects[name].support is None or objects[name].support != objects[marker].support:
+        raise SceneKeyError(
+            f"{where}: '{name}' should be placed on what its marker '{marker}' is on: give both the same support."
+        )

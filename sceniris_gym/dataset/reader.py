@@ -46,6 +46,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         if columns is not None and not isinstance(columns, Iterable):
             raise ArgumentTypeError(f"LayoutDataset: columns should be names, got {short(columns)}.")
         self.folder = Path(folder)
+        self._absolute = self.folder.absolute()  # the working directory may change
         self.manifest = read_manifest(self.folder)
         self._row = self._read_row()
         known = tuple(self._row.names or ())
@@ -160,7 +161,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
     def _part(self, part: int) -> np.ndarray:
         """Return the memory map of a part, shape (nrow,)."""
-        path = self.folder / part_name(part)
+        path = self._absolute / part_name(part)
         try:
             rows = _mapped(path, path.stat().st_mtime_ns)
         except UNREADABLE as error:

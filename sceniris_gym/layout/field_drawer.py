@@ -180,7 +180,7 @@ class FieldDrawer:
     """Draws the fields of a scene's words.
 
     Args:
-        draws: The draws, if there are any.
+        draws: The draws; may be empty.
         arrays: The fields that they write, each with a row for each world, by name.
         nominal: The values of the model for these fields, with one row or a row for each world.
         nworld: Number of worlds.

@@ -29,14 +29,16 @@ TOP = '<geom name="top" type="ellipsoid" size=".02 .02 .06" pos="0 0 .06"/>'
 
 
 def judged(
-    things: Mapping[str, tuple[str, str, tuple[float, float, float]]], **words: Mapping[str, Any]
+    things: Mapping[str, tuple[str, str, tuple[float, float, float]]],
+    geometry: str = "physics",
+    **words: Mapping[str, Any],
 ) -> tuple[list[str], list[str]]:
     """Return what falls by the audit, and what moves by MuJoCo C, of things with their geoms, supports and places."""
     bodies = "".join(f'<body name="{name}"><freejoint/>{geoms}</body>' for name, (geoms, _, _) in things.items())
     floor = '<geom name="floor" type="plane" size=".5 .5 .1"/>'
     mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{floor}{bodies}</worldbody></mujoco>")
     objects = {name: {"on": on, **words.get(name, {})} for name, (_, on, _) in things.items()}
-    config = SceneConfig.load({"model": mjm, "floor": {"size": [1, 1]}, "objects": objects})
+    config = SceneConfig.load({"model": mjm, "floor": {"size": [1, 1]}, "geometry": geometry, "objects": objects})
     qpos = np.concatenate([[*place, 1, 0, 0, 0] for _, _, place in things.values()])[None]
     table = LayoutTable.from_states(qpos, np.zeros((1, 0, 3)), np.zeros((1, 0, 4)), np.ones((1, len(things)), bool))
     report = Auditor(mjm, config, {name: mjm.body(name).id for name in things}).judge(table, settled=1)
@@ -74,6 +76,15 @@ def test_legs_over_an_edge_carry_nothing(x: float, falls: list[str]):
     """Two of four legs are on a slab that ends at 0.2 m, partly on it, or beyond it."""
     things = {"slab": (SLAB, "floor", (0.0, 0.0, GAP)), "table": (TABLE, "slab", (x, 0.0, 0.1 + 2 * GAP))}
     assert judged(things) == (falls, falls)
+
+
+@pytest.mark.parametrize(("lean", "falls"), [(0.0, []), (0.03, ["post"])])
+def test_what_carries_may_end_above_what_is_seen(lean: float, falls: list[str]):
+    """A post stands on a collider that ends 1.5 mm above its mesh, below its centre of mass or beside it."""
+    seen = '<geom name="seen" type="box" size=".02 .02 .08" pos="0 0 .08" contype="0" conaffinity="0" mass="0"/>'
+    foot = f'<geom name="foot" type="box" size=".01 .01 .039" pos="{lean} 0 .0405" mass="0.01"/>'
+    head = '<geom name="head" type="box" size=".02 .02 .01" pos="0 0 .15" mass="1"/>'
+    assert judged({"post": (seen + foot + head, "floor", (0.0, 0.0, GAP))}, "visual") == (falls, falls)
 
 
 def test_drawn_masses_are_left_to_the_test_of_standing():

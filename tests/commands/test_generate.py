@@ -18,6 +18,8 @@ def test_figures_are_those_of_all_rows(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(manifest, "PART_ROWS", 8)
     monkeypatch.setattr("sceniris_gym.dataset.writer.PART_ROWS", 8)
     compiled = compile_on_cpu("clutter")
+    found = generate(compiled, 20, tmp_path, seed=5, share=Share(3, 4))
+    assert (found["missing_parts"], found["valid"], found["first_pass_valid"]) == (3, None, None)
     found = generate(compiled, 20, tmp_path, seed=5, share=Share(1, 2))
     assert (found["complete"], found["missing_parts"]) == (False, 2)
     found = generate(compiled, 20, tmp_path, seed=5, share=Share(0, 2))

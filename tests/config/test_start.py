@@ -36,6 +36,9 @@ def test_a_target_with_variants_stands_for_all_of_them():
     assert config.start[0].targets(config.groups) == ("target/block", "target/can")
     with pytest.raises(SceneKeyError, match="may be absent, as one of a group or of variants"):
         SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target/can"}]})
+    for word in ({"place": {"target": "goal"}}, {"joints": {"target/lid": {"noise": 0.1}}}):
+        with pytest.raises(SceneKeyError, match=r"start\.0\.\w+: 'target' has variants"):
+            SceneConfig.load({**scene, "start": [word]})
 
 
 GRASP = {"robot": "grasp", "of": "block"}

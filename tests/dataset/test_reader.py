@@ -118,6 +118,15 @@ def test_a_data_set_can_be_sent_to_another_process(written: Path, table: LayoutT
     np.testing.assert_array_equal(sent[5]["qpos"].numpy(), table.qpos[5])
 
 
+def test_a_working_directory_may_change(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Rows of a folder that was given relative to the old one are there still, in another process as well."""
+    monkeypatch.chdir(written.parent)
+    dataset = LayoutDataset(written.name)
+    monkeypatch.chdir(tmp_path)
+    assert dataset[N - 1]["seed"] == SEED + N - 1
+    assert pickle.loads(pickle.dumps(dataset))[0]["seed"] == SEED
+
+
 def test_an_unknown_column_is_named(written: Path):
     """With the nearest that there is."""
     with pytest.raises(UnknownNameError, match="Did you mean 'qpos'"):

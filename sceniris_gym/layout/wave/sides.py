@@ -54,7 +54,7 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
 
 @wp.func
 def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int:
-    """Return the first candidate of a row with the region of candidate `c`.
+    """Return the first candidate of the row of `c` that has the same region.
 
     Trials of the same stable pose have the same one, unless it depends on their drawn joints or headings.
     """
