@@ -48,6 +48,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         self.folder = Path(folder)
         self._absolute = self.folder.absolute()  # the working directory may change
         self.manifest = read_manifest(self.folder)
+        self._written = (self.folder / MANIFEST).stat().st_mtime_ns
         self._row = self._read_row()
         known = tuple(self._row.names or ())
         self.columns = known if columns is None else tuple(columns)
@@ -163,7 +164,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         """Return the memory map of a part, shape (nrow,)."""
         path = self._absolute / part_name(part)
         try:
-            rows = _mapped(path, path.stat().st_mtime_ns)
+            rows = _mapped(path, self._written)
         except UNREADABLE as error:
             raise DatasetError(f"{path}: NumPy cannot read it ({error}). {_AGAIN}") from error
         if getattr(rows, "dtype", None) != self._row or rows.shape != (self.manifest["parts"][part]["rows"],):
@@ -175,7 +176,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
 @lru_cache(_OPEN)
 def _mapped(path: Path, written: int) -> np.ndarray:
-    """Return the memory map of a file that was written at a time [ns]; those that were used last stay open."""
+    """Return the memory map of a file of a manifest that was written at a time [ns]; the latest ones stay open."""
     return np.load(path, mmap_mode="r", allow_pickle=False)
 
 

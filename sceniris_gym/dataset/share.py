@@ -45,11 +45,15 @@ class Share:
         """Return the share that torchrun (RANK, WORLD_SIZE) or a Slurm array gives this process; else all parts.
 
         Raises:
-            ArgumentError: The numbers of the array's tasks have gaps.
+            ArgumentError: A rank that is not below the size, or numbers of the array's tasks that have gaps.
         """
-        rank = [environment.get(name, "") for name in _TORCHRUN]
-        if all(word.isdecimal() for word in rank):
-            return cls.parse("/".join(rank))
+        number, size = (environment.get(name, "") for name in _TORCHRUN)
+        if number.isdecimal() and size.isdecimal():
+            try:
+                return cls.parse(f"{number}/{size}")
+            except ArgumentError:
+                form = f"generate: RANK={number:.40} should be below WORLD_SIZE={size:.40}, as torchrun sets them."
+                raise ArgumentError(form) from None
         array = [environment.get(name, "") for name in _ARRAY]
         if not all(word.isdecimal() for word in array):
             return cls()

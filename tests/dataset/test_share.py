@@ -32,6 +32,13 @@ def test_a_process_finds_its_share_in_the_environment(environment: dict[str, str
     assert Share.current(environment) == share
 
 
+@pytest.mark.parametrize("rank", ["2", "9" * 5000])
+def test_a_rank_is_below_the_size(rank: str):
+    """The message names what the user has set, which is no option."""
+    with pytest.raises(ArgumentError, match=r"RANK=.* should be below WORLD_SIZE=2"):
+        Share.current({"RANK": rank, "WORLD_SIZE": "2"})
+
+
 def test_an_array_with_gaps_needs_words():
     """Tasks 0, 3 and 7 are no first, second and third: nobody knows whether 1 and 2 are somewhere else."""
     with pytest.raises(ArgumentError, match=r"task 3 .* from 0 to 7, with gaps.*--share R/K"):
