@@ -110,7 +110,8 @@ def measure(
     _wait(rank)
     seconds = time.perf_counter() - start
     steps = rank.size * num_envs * iterations * config["num_steps_per_env"]
-    weights = torch.cat([p.detach().flatten() for p in runner.alg.actor.parameters()])
+    networks = (*runner.alg.actor.parameters(), *runner.alg.critic.parameters())
+    weights = _gathered(torch.cat([p.detach().flatten() for p in networks]), rank)
     made, shared = shared_layouts(layouts // rank.size, rank, str(place))
     found = {
         "processes": rank.size,
@@ -118,11 +119,11 @@ def measure(
         "worlds_each": num_envs,
         "iterations": iterations,
         "steps_per_second": round(steps / seconds),
-        "rollout_seconds": _of_all(rollout, rank, place),
+        "rollout_seconds": [round(float(own), 3) for own in _gathered(torch.tensor(rollout, device=place), rank)],
         "update_share": round(updated / seconds, 4),
         "exchange_share": round(exchanged / seconds, 4),
         "success": round(float(envs.unwrapped.statistics.read()["success"]), 4),
-        "weights_differ_by": float((weights - _first(weights, rank)).abs().max()),
+        "weights_differ_by": max(float((other - weights[0]).abs().max()) for other in weights),
         "layouts": made,
         "layouts_shared": shared,
     }
@@ -157,11 +158,7 @@ def shared_layouts(count: int, rank: Rank, device: str) -> tuple[int, int]:
         bits = (part.contiguous().view(torch.int32).long() for part in parts)
         found.append(sum((b * (2 * f + 1)).sum(dim=1) for b, f in zip(bits, factors, strict=True)))
     own = torch.cat([part for part in found if isinstance(part, Tensor)])
-    if rank.size == 1:
-        return len(own), len(own) - len(own.unique())
-    every = [torch.empty_like(own) for _ in range(rank.size)]
-    dist.all_gather(every, own)
-    together = torch.cat(every)
+    together = torch.cat(_gathered(own, rank))
     return len(together), len(together) - len(together.unique())
 
 
@@ -197,23 +194,13 @@ def _wait(rank: Rank) -> None:
         dist.barrier()
 
 
-def _of_all(number: float, rank: Rank, place: torch.device) -> list[float]:
-    """Return the number of each process."""
-    own = torch.tensor(number, device=place)
+def _gathered(own: Tensor, rank: Rank) -> list[Tensor]:
+    """Return the tensors of all processes, which have the shape of this one's."""
+    if rank.size == 1:
+        return [own]
     every = [torch.empty_like(own) for _ in range(rank.size)]
-    if rank.size > 1:
-        dist.all_gather(every, own)
-    else:
-        every = [own]
-    return [round(float(one), 3) for one in every]
-
-
-def _first(tensor: Tensor, rank: Rank) -> Tensor:
-    """Return the tensor of the first process."""
-    first = tensor.clone()
-    if rank.size > 1:
-        dist.broadcast(first, 0)
-    return first
+    dist.all_gather(every, own)
+    return every
 
 
 def same_parts(one: Path, other: Path, count: Annotated[int, tyro.conf.Positional] = 10) -> None:
