@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.geometry import Poses, Rows, rotation
+from sceniris_gym.audit.geometry import Poses, rotation
 from sceniris_gym.audit.language import Excess
 from sceniris_gym.audit.outlines import Outline, Seen
 from sceniris_gym.audit.relations import ROUNDING, wrapped
@@ -25,7 +27,7 @@ class OrientationAudit:
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
     """
 
-    def __init__(self, scene: JudgedScene, hulls: Rows) -> None:
+    def __init__(self, scene: JudgedScene, hulls: Mapping[str, np.ndarray]) -> None:
         self.scene, self.hulls, home = scene, hulls, scene.home
         self._mass_at = {
             name: home.xmat[root].reshape(3, 3).T @ (_center_of_weight(home, root) - home.xpos[root])
