@@ -13,6 +13,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 Mode = Literal["read", "write", "both"]
@@ -104,7 +105,7 @@ class Package:
     def __init__(self, read: Callable[[str], str | None]) -> None:
         self._read = read
         self._modules: dict[str, Module | None] = {}
-        self._accesses: dict[tuple[str, str], frozenset[Access]] = {}
+        self._accesses: dict[tuple[object, ...], frozenset[Access]] = {}
 
     def module(self, name: str) -> Module | None:
         """Return a module of the package; None for any other."""
@@ -153,15 +154,19 @@ class Package:
             return True
         return kind.struct is not None and any(map(self.holds_arrays, self.fields(kind.struct).values()))
 
-    def params(self, module: Module, function: ast.FunctionDef) -> dict[str, Kind]:
-        """Return the parameters of a kernel or function in order."""
-        return {arg.arg: self.kind(module, arg.annotation) for arg in function.args.args}
+    def params(
+        self, module: Module, function: ast.FunctionDef, given: Mapping[str, Kind] = MappingProxyType({})
+    ) -> dict[str, Kind]:
+        """Return the parameters of a kernel or function in order; those declared as `Any` are what a call gives."""
+        return {arg.arg: given.get(arg.arg) or self.kind(module, arg.annotation) for arg in function.args.args}
 
-    def accesses(self, module: Module, function: ast.FunctionDef) -> frozenset[Access]:
-        """Return what a kernel or function reads and writes through its parameters."""
-        key = module.name, function.name
+    def accesses(
+        self, module: Module, function: ast.FunctionDef, given: Mapping[str, Kind] = MappingProxyType({})
+    ) -> frozenset[Access]:
+        """Return what a kernel or function reads and writes through its parameters; `given` as in `params`."""
+        key = module.name, function.name, *sorted(given.items(), key=repr)
         if key not in self._accesses:
-            self._accesses[key] = frozenset(_Body(self, module, function).found)
+            self._accesses[key] = frozenset(_Body(self, module, function, given).found)
         return self._accesses[key]
 
     def written_structs(self, module: Module) -> set[StructName]:
@@ -205,13 +210,13 @@ def comments_above(module: Module, arg: ast.arg) -> list[str]:
 class _Body:
     """The accesses of one kernel or function, found statement by statement."""
 
-    def __init__(self, package: Package, module: Module, function: ast.FunctionDef) -> None:
+    def __init__(self, package: Package, module: Module, function: ast.FunctionDef, given: Mapping[str, Kind]) -> None:
         self._package, self._module, self._function = package, module, function
         self.found: set[Access] = set()
         # arrays and structs by local name, those of parameters first
         self._origins = {
             name: Origin(name, None, kind)
-            for name, kind in package.params(module, function).items()
+            for name, kind in package.params(module, function, given).items()
             if kind.ndim > 0 or kind.struct is not None
         }
         self._statements(function.body)
@@ -345,7 +350,10 @@ class _Body:
     def _call_function(self, node: ast.Call, module: Module, function: ast.FunctionDef) -> None:
         params = self._package.params(module, function)
         handed = list(zip(params, node.args, strict=False)) + [(str(word.arg), word.value) for word in node.keywords]
-        accesses = self._package.accesses(module, function)
+        open_ones = {arg.arg for arg in function.args.args if arg.annotation and ast.unparse(arg.annotation) == "Any"}
+        given = {p: o.kind for p, argument in handed if p in open_ones and (o := self._follow(argument)) is not None}
+        params |= given
+        accesses = self._package.accesses(module, function, given)
         for param, argument in handed:
             origin = self._follow(argument)
             if origin is None:

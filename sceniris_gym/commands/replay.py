@@ -14,6 +14,7 @@ from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -61,20 +62,18 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     return read_table(generator)
 
 
-def drawn(compiled: CompiledScene, layout: LayoutId) -> tuple[mujoco.MjModel, dict[str, list[float]]]:
-    """Return the model with the physics and looks that the scene draws for a layout, and the drawn numbers by name."""
+def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, dict[str, list[float]]]:
+    """Return the model with the physics and looks of a table's first layout, and the drawn numbers by name."""
     draws, mjm = compiled.scene.draws, copy.copy(compiled.mjm)
     if not draws:
         return mjm, {}
-    named = knobs_in(layout.knobs)
-    knobs = KnobTable(compiled, tuple(named))
     with wp.ScopedDevice(compiled.device):
         nominal = {name: wp.array(nominal_values(mjm, name)[None], dtype=float) for name in drawn_fields(draws)}
         arrays = {name: wp.clone(values) for name, values in nominal.items()}
         drawer = FieldDrawer(draws, arrays, nominal, 1)
-        drawer.use_knobs(knobs)
-        seed, episode = wp.array([layout.seed], dtype=wp.uint64), wp.array([layout.episode], dtype=int)
-        drawer.launch(None, seed, episode, layout.split, knob=wp.array(knobs.rows(named, 1), dtype=float))
+        drawer.use_knobs(KnobTable(compiled, table.knobs))
+        key = (wp.array(getattr(table, name)[:1]) for name in columns("draw"))
+        drawer.launch(None, *key, knob=wp.array(table.knob[:1], dtype=float, ndim=2))
     for name, array in arrays.items():
         field = getattr(mjm.opt if name in OPTIONS else mjm, name)
         field[:] = array.numpy().reshape(field.shape)
@@ -85,7 +84,8 @@ def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | 
     """Make the layout with an id again, draw it, and describe it; `config` as in `find_scene`."""
     name = LayoutId.parse(layout)
     compiled = compile_scene(find_scene(name.scene, config), device)
-    table, (mjm, numbers) = replay(compiled, name), drawn(compiled, name)
+    table = replay(compiled, name)
+    mjm, numbers = drawn(compiled, table)
     save(captioned(mjm, table, [layout], device=compiled.device), picture)
     more = {"drawn": numbers} if numbers else {}
     return {"id": layout, **describe(compiled, table), **more, "picture": str(picture)}

@@ -19,7 +19,7 @@ from sceniris_gym.program.compiled import CompiledScene
 MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
 PART_ROWS = 1 << 16
 """Rows of a part, whichever process writes it; the last part may have fewer."""
-FORMAT = 2
+FORMAT = 3
 
 _FIELDS = {
     **{"format": int, "scene": str, "hash": str, "split": str, "seed": int, "layouts": int, "rows_of_a_part": int},
@@ -113,8 +113,10 @@ def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:
 def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Return type and shape of all columns, wide types first, so that a row has no gaps."""
     mjm, reaching = compiled.mjm, compiled.reaching
+    draws = {"draw_seed": ("uint64", ()), "draw_episode": ("int32", ()), "draw_stream": ("int32", ())}
     columns: dict[str, tuple[str, tuple[int, ...]]] = {
         "seed": ("uint64", ()),
+        **(draws if compiled.scene.draws else {}),
         "episode": ("int32", ()),
         "qpos": ("float32", (mjm.nq,)),
         "mocap_pos": ("float32", (mjm.nmocap, 3)),

@@ -15,6 +15,7 @@ import torch
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.stored_arrays import UNREADABLE
 from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
+from sceniris_gym.device.random import named_stream
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
@@ -157,8 +158,11 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             raise ArgumentError("LayoutDataset.table: a table has all columns. Open the data set without 'columns'.")
         rows = self.rows(np.arange(first, first + count))
         states = LayoutTable.from_states(rows["qpos"], rows["mocap_pos"], rows["mocap_quat"], rows["present"])
+        if "draw_seed" not in rows:  # nothing is drawn, or the file is older: then the keys of fallbacks are unknown
+            rows["draw_seed"], rows["draw_episode"] = rows["seed"], np.where(rows["valid"], rows["episode"], -1)
+            rows["draw_stream"] = np.full(count, named_stream(self.manifest["split"]), np.int32)
         columns = {name: rows[name] for name in COLUMNS if name in rows}
-        return replace(states, **columns, scene=self.manifest["hash"])
+        return replace(states, **columns, scene=self.manifest["hash"], split=self.manifest["split"])
 
     def _part(self, part: int) -> np.ndarray:
         """Return the memory map of a part, shape (nrow,)."""

@@ -13,6 +13,7 @@ import warp as wp
 # the top bit set, so that goals and noise never repeat the numbers behind the poses.
 SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # only compile_scene draws from those of banks
 STREAM_BITS = 24
+BANK_BIT = SPLITS["train_bank"] << STREAM_BITS  # set in the streams of banks alone
 TASK_STREAM = 1 << 31
 NAMED_STREAM = 1 << 30  # numbers drawn by name, with the name as their trial
 BANK_STREAM = (1 << STREAM_BITS) - 1

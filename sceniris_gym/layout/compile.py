@@ -21,14 +21,14 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, SceneKeyError, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import obstructions, recording
+from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
 from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
-from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.device_starts import Starts
+from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.progress import tell
@@ -54,8 +54,6 @@ _CROWD = 5
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 # Causes that end a layout without further attempts.
 _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
-# The columns of the bank.
-_BANK = ("qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos", "start")
 # The entries of a file of the cache beside the scene.
 _KEY, _WARNINGS = "key", "warnings"
 
@@ -147,21 +145,15 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
         raise SceneKeyError(f"{compiled.config.where}: start.{kind}: {reason}")
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
-    bank: dict[str, np.ndarray] = dict(zip(_BANK, columns, strict=True))
-    program = _with_rows(Program, compiled.program, bank, compiled.device)
-    program.bank_ntrain = len(train.found)
+    bank, program = Bank(), copied(Program, compiled.program)
+    fill_struct(Bank, bank, dict(zip(BANKED, columns, strict=True)), compiled.device)
+    bank.ntrain = len(train.found)
     # these two set how much is tried at once, and change no layout
     made, first = train.made + evaluation.made, train.first + evaluation.first
     program.restart_rate = (made - first + 0.5) / (made + 1.0)
     rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
     program.obj_effort = wp.array(1.0 + rejected / made, dtype=float, device=compiled.device)
-    if compiled.starts is not None:
-        compiled = replace(compiled, starts=_with_rows(Starts, compiled.starts, bank, compiled.device))
-    if compiled.reaching is None:
-        return replace(compiled, program=program)
-    arms = compiled.reaching.arms
-    arms = tuple(replace(one, view=_with_rows(Reach, one.view, bank, compiled.device)) for one in arms)
-    return replace(compiled, program=program, reaching=replace(compiled.reaching, arms=arms))
+    return replace(compiled, program=program, bank=bank)
 
 
 def _within_budget(compiled: CompiledScene) -> CompiledScene:
@@ -201,7 +193,7 @@ class _Probe:
             self.generator.generate()
             drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
             valid = layouts.status.numpy() == Status.VALID
-            rows = [getattr(layouts, name).numpy()[valid] for name in _BANK]
+            rows = [getattr(layouts, name).numpy()[valid] for name in BANKED]
             self.found += zip(*rows, strict=True)
             of_kind = layouts.start.numpy() == np.arange(self.starts.shape[1])[:, None]
             self.starts += [of_kind.sum(axis=1), (of_kind & valid).sum(axis=1)]
@@ -238,14 +230,6 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
     warn(FallbackWarning(config.where, share, name, cause, cures, held))
-
-
-def _with_rows(declared: Any, instance: Any, bank: Mapping[str, np.ndarray], device: str) -> Any:
-    """Return a copy of a device struct whose fields `bank_*` hold their rows of the bank."""
-    other = copied(declared, instance)
-    rows = {f"bank_{name}": column for name, column in bank.items() if f"bank_{name}" in declared.vars}
-    fill_struct(declared, other, rows, device)
-    return other
 
 
 def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSceneError:

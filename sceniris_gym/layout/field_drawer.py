@@ -10,7 +10,7 @@ import warp as wp
 from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.quaternions import mul_quat
-from sceniris_gym.device.random import name_hash, named_stream, uniforms
+from sceniris_gym.device.random import name_hash, uniforms
 from sceniris_gym.device.transforms import axis_angle_quat
 from sceniris_gym.layout.knobs import FLOAT, TYPES, KnobTable, launch_write, put_number
 from sceniris_gym.layout.masks import row_of
@@ -150,7 +150,7 @@ def _draw_fields(
     rows: wp.array[int],
     seed: wp.array[wp.uint64],
     episode: wp.array[int],
-    stream: wp.uint32,
+    stream: wp.array[int],
     drawn: wp.array[Number],
     table: wp.array2d[float],
     items: wp.array[Item],
@@ -167,7 +167,7 @@ def _draw_fields(
         return
     parameters = table[worldid % table.shape[0]]
     for i in range(lane, drawn.shape[0], wp.block_dim()):
-        u = uniforms(seed[row], episode[row], stream, drawn[i].name, drawn[i].index)
+        u = uniforms(seed[row], episode[row], wp.uint32(stream[row]), drawn[i].name, drawn[i].index)
         numbers[worldid, i] = _number(drawn[i], parameters, u)
     block_sync()
     for i in range(lane, items.shape[0], wp.block_dim()):
@@ -234,17 +234,17 @@ class FieldDrawer:
         mask: wp.array | None,
         seed: wp.array,
         episode: wp.array,
-        split: str,
+        stream: wp.array,
         rows: wp.array | None = None,
         knob: wp.array | None = None,
     ) -> None:
-        """Draw the fields of the masked worlds; those of an unknown episode, below 0, keep theirs.
+        """Draw the fields of the masked worlds by the keys of their rows; without a key, they keep theirs.
 
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.
             seed: Seeds, shape (nrow,), uint64.
-            episode: Episodes, shape (nrow,), int32.
-            split: "train" or "eval".
+            episode: Episodes, shape (nrow,), int32; -1 for no key.
+            stream: Streams of the draws, shape (nrow,), int32; those of banks draw with the knobs of the scene file.
             rows: Row of each world, shape (nworld,); None gives world i row i.
             knob: Numbers of the knobs, shape (nrow, nvalue); None is those of the scene file.
         """
@@ -252,8 +252,8 @@ class FieldDrawer:
             return
         if self._knobbed is not None:
             knob = self._default if knob is None else knob
-            launch_write(self._knobbed, self._nworld, mask, knob, self._default[0], rows)
-        inputs = [mask, rows, seed, episode, wp.uint32(named_stream(split)), self._drawn, self._table]
+            launch_write(self._knobbed, self._nworld, mask, knob, self._default[0], rows, stream)
+        inputs = [mask, rows, seed, episode, stream, self._drawn, self._table]
         inputs += [self._items, self._fields, self._numbers]
         wp.launch_tiled(_draw_fields, dim=[self._nworld], inputs=inputs, block_dim=LANES, device=seed.device)
 

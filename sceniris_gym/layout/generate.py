@@ -65,6 +65,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         rejected: Length of a record of the first candidates that collided, for audits.
         every_cause: Record candidates of every cause that were rejected at a pose, not of collisions alone.
         knobs: Names of the knobs that worlds have, or patterns such as "objects.*.joints.*"; see `set_knobs`.
+        masses: `body_mass` and `body_ipos` of the Model that the layouts are for; None draws those of the scene.
 
     Raises:
         UnknownNameError: An unknown knob.
@@ -90,6 +91,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         rejected: int = 0,
         every_cause: bool = False,
         knobs: str | Sequence[str] = (),
+        masses: tuple[wp.array, wp.array] | None = None,
     ) -> None:
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
         if not isinstance(split, str) or split not in SPLITS:
@@ -104,7 +106,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
         _check_memory(compiled, nworld, size)
         self.compiled, self.split, self.size = compiled, split, size
-        words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs}
+        words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs, "split": split}
         self.layouts = Layouts.create(compiled, nworld, **words)
         kinds = () if compiled.starts is None else compiled.config.start
         draws_joints = any(kind.joints for kind in kinds)
@@ -114,13 +116,14 @@ class LayoutGenerator(Fixed, LayoutSource):
         program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld, by_world)
         self._usual_range = wp.clone(program.draw_range) if draws_joints else None
         self._boxes = self.layouts.knobs.boxes(compiled)
-        self._masses = DrawnMasses(compiled, nworld, split, self.layouts.knobs)
+        self._masses = DrawnMasses(compiled, nworld, self.layouts.knobs, masses)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
             program,
             self._masses.statics,
             compiled.starts,
+            compiled.bank,
             compiled.related,
             0 if rejected or self._boxes is not None else count_ahead(compiled, size),
             reaches,
@@ -166,9 +169,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             mask: Which worlds, shape (nworld,), bool; all if None.
             prepare: Launches that fill the rows of these worlds before anything is placed.
         """
-        self._start(mask)
-        if prepare is not None:
-            prepare()
+        self._start(mask, prepare)
         self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
@@ -177,13 +178,15 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._try_restarts(None)
         launch_finish(self._work, mask)
 
-    def _start(self, mask: wp.array | None) -> None:
+    def _start(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
         if self._usual_range is not None:  # kinds of starts draw joints from other intervals
             wp.copy(self._work.program.draw_range, self._usual_range)
         if self._knobbed is not None:
             view = self.layouts.view
             launch_write(self._knobbed, self.nworld, mask, view.next_knob, view.default_knob)
         launch_start(self._work, mask)
+        if prepare is not None:
+            prepare()
         self._masses.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
@@ -250,6 +253,11 @@ class LayoutGenerator(Fixed, LayoutSource):
             ArgumentError: No objects, or one that carries another in these layouts.
         """
         check_type(layouts, Layouts, "extend: layouts")
+        if layouts.compiled.hash == self.compiled.hash and {*layouts.knobs.names} & {*layouts.knobs.of_draws.values()}:
+            raise ArgumentError(
+                "extend: the layouts have knobs of drawn physics, which it would draw from the scene file. Make them "
+                "without these knobs."
+            )
         if (layouts.compiled.hash, layouts.nworld) != (self.compiled.hash, self.nworld):
             raise SceneMismatchError(
                 f"extend: layouts should be {self.nworld} of the scene '{self.compiled.config.name}', got "
@@ -283,13 +291,19 @@ class LayoutGenerator(Fixed, LayoutSource):
 
 
 def make_redraw(
-    compiled: CompiledScene, objects: Sequence[str], nworld: int, split: str, *, adds: bool = False
+    compiled: CompiledScene,
+    objects: Sequence[str],
+    nworld: int,
+    split: str,
+    *,
+    adds: bool = False,
+    masses: tuple[wp.array, wp.array] | None = None,
 ) -> Redraw:
-    """Return a search for new places of objects, as from `chosen_objects`; see `Redraw`."""
+    """Return a search for new places of objects, as from `chosen_objects`; see `Redraw` and `LayoutGenerator`."""
     size = default_size(compiled.device)
     # rows of later restarts would need the state as well
     size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
-    generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size)
+    generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size, masses=masses)
     return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
 
 

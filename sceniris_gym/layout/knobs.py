@@ -14,6 +14,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 import warp as wp
 
+from sceniris_gym.device.random import BANK_BIT
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_type
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
@@ -21,6 +22,8 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
 
 wp.set_module_options({"enable_backward": False})
+
+_BANK_BIT = wp.constant(BANK_BIT)
 
 TYPES = (wp.float32, wp.int32, wp.bool)
 FLOAT, INT, _FLAG = (wp.constant(i) for i in range(3))
@@ -218,6 +221,7 @@ def _write(
     default_knob: wp.array[float],
     targets: wp.array[Target],
     rows: wp.array[int],
+    stream: wp.array[int],
 ):
     worldid, i = wp.tid()
     if mask:
@@ -227,6 +231,9 @@ def _write(
     target = targets[i]
     at = worldid * target.width + target.offset
     value = wp.max(target.least, wp.max(knob[row, target.first], knob[row, target.last]))
+    if stream:
+        if (stream[row_of(worldid, rows)] & _BANK_BIT) != 0:
+            value = wp.max(target.least, wp.max(default_knob[target.first], default_knob[target.last]))
     if target.kind == _FLAG:
         value = float(1.0)
         for k in range(target.first, target.last + 1):
@@ -242,6 +249,7 @@ def launch_write(
     knob: wp.array,
     default: wp.array,
     rows: wp.array | None = None,
+    stream: wp.array | None = None,
 ) -> None:
     """Write the knobs of the masked worlds into the arrays that hold them.
 
@@ -252,9 +260,10 @@ def launch_write(
         knob: Numbers of the knobs, shape (nrow, nvalue); a single row is that of all worlds.
         default: Those of the scene file, shape (nvalue,).
         rows: Row of each world, shape (nworld,), int32; None gives world i row i.
+        stream: Streams of draws, shape (nrow,), int32: rows from a bank have the numbers of the scene file.
     """
     dim = (nworld, targets.shape[0])
-    wp.launch(_write, dim, inputs=[mask, knob, default, targets, rows], device=knob.device)
+    wp.launch(_write, dim, inputs=[mask, knob, default, targets, rows, stream], device=knob.device)
 
 
 @wp.kernel

@@ -10,12 +10,16 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.random import named_stream
 from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause, allocate, repeat
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.addresses import joint_address, pose_address
+
+LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Seeds and episodes of layouts, shape (n,), and the numbers of their knobs, shape (n, nvalue)."""
 
 
 class Status(IntEnum):
@@ -49,13 +53,17 @@ class LayoutsView:
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
     knob: wp.array2d[float]  # values of the knobs that the layout was made with
+    draw_seed: wp.array[wp.uint64]  # with draw_episode and draw_stream: the key that physics and looks are drawn by
+    draw_episode: wp.array[int]  # -1 where it is unknown
+    draw_stream: wp.array[int]
+    stream: int  # of draws, for layouts that are made
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     next_seed: wp.array[wp.uint64]  # with next_episode: the layout that a reseed asked for
     next_episode: wp.array[int]  # -1 for the next episode of the same seed
     pending_seed: wp.array[wp.uint64]  # with pending_episode and next_knob: the layout that is being made
     pending_episode: wp.array[int]
     next_knob: wp.array2d[float]
-    default_knob: wp.array[float]  # those of the bank
+    default_knob: wp.array[float]
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
     place: wp.array2d[wp.vec4]
     bounds: wp.array2d[wp.vec4]
@@ -72,30 +80,48 @@ class LayoutsView:
 
 
 @wp.func
-def open_episode(layouts: LayoutsView, worldid: int):
-    """Set what a world's next layout is made of: what a reseed asked for, or else the next episode."""
+def next_key(layouts: LayoutsView, worldid: int):
+    """Return seed and episode of a world's next layout: what a reseed asked for, or else the next episode."""
+    seed = layouts.seed[worldid]
+    episode = layouts.episode[worldid] + 1
     if layouts.next_episode[worldid] >= 0:
-        layouts.pending_seed[worldid] = layouts.next_seed[worldid]
-        layouts.pending_episode[worldid] = layouts.next_episode[worldid]
-    else:
-        layouts.pending_seed[worldid] = layouts.seed[worldid]
-        layouts.pending_episode[worldid] = layouts.episode[worldid] + 1
+        seed = layouts.next_seed[worldid]
+        episode = layouts.next_episode[worldid]
+    return seed, episode
+
+
+@wp.func
+def open_episode(layouts: LayoutsView, worldid: int):
+    """Set what a world's next layout is made of, and drawn by unless it comes from the bank."""
+    seed, episode = next_key(layouts, worldid)
+    layouts.pending_seed[worldid] = seed
+    layouts.pending_episode[worldid] = episode
+    layouts.draw_seed[worldid] = seed
+    layouts.draw_episode[worldid] = episode
+    layouts.draw_stream[worldid] = layouts.stream
+
+
+@wp.func
+def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int):
+    """Copy the key that a row's physics and looks are drawn by."""
+    layouts.draw_seed[worldid] = source.draw_seed[row]
+    layouts.draw_episode[worldid] = source.draw_episode[row]
+    layouts.draw_stream[worldid] = source.draw_stream[row]
 
 
 @wp.func
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
-    """Give a world the seed, the episode and the knobs of the layout that `made` has for it."""
+    """Give a world the seed, the episode, the knobs and the draws of the layout that `made` has for it."""
     for k in range(layouts.knob.shape[1]):
         layouts.knob[worldid, k] = made.next_knob[worldid, k]
-        if made.status[worldid] == Status.FALLBACK:
-            layouts.knob[worldid, k] = made.default_knob[k]
+    copy_draws(made, worldid, layouts, worldid)
     layouts.seed[worldid] = made.pending_seed[worldid]
     layouts.episode[worldid] = made.pending_episode[worldid]
     layouts.next_episode[worldid] = -1
 
 
 @wp.func
-def copy_poses(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
+def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
     """Copy the element `i` of each part of a row's layout but its grasps: poses, start and present objects."""
     if i == 0:
         layouts.start[worldid] = source.start[row]
@@ -109,7 +135,7 @@ def copy_poses(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int
 
 
 @wp.func
-def copy_layout(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int, i: int):
+def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
     """Copy the element `i` of each part of a row's layout to a world, grasps as well; see `copy_poses`."""
     copy_poses(source, row, layouts, worldid, i)
     if i < source.grasp.shape[1]:
@@ -182,6 +208,9 @@ class Layouts(StaysHere):
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
+        draw_seed, draw_episode, draw_stream: The key that physics and looks of the row are drawn by, shape (nworld,),
+            uint64 and int32: its own seed and episode, or for a fallback the key of the layout in the bank. No such
+            key is known where `draw_episode` is -1.
         rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
             int64, shape (nobject, ncause), objects in placement order.
     """
@@ -193,9 +222,9 @@ class Layouts(StaysHere):
     mocap_pose: wp.array
     knobs: KnobTable
 
-    seed, episode, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(5))
-    status, attempts, first_pass_valid, start, present = (_RowsOfWorlds() for _ in range(5))
-    grasp, grasp_qpos, pregrasp_qpos, knob = (_RowsOfWorlds() for _ in range(4))
+    seed, episode, knob, draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(6))
+    qpos, mocap_pos, mocap_quat, present, start = (_RowsOfWorlds() for _ in range(5))
+    grasp, grasp_qpos, pregrasp_qpos, status, attempts, first_pass_valid = (_RowsOfWorlds() for _ in range(6))
 
     def pose(self, name: str) -> Any:
         """Return the poses of an object as a torch tensor that shares memory with the layouts.
@@ -249,11 +278,13 @@ class Layouts(StaysHere):
         every_cause: bool = False,
         rows: int = 0,
         knobs: Sequence[str] = (),
+        split: str = "train",
     ) -> "Layouts":
         """Allocate `nworld` layouts, and a record of the first `rejected` candidates that collided.
 
         With `every_cause` the record has candidates of every cause that were rejected at a pose. In `view`, `rows` more
         layouts follow those of the worlds: restarts that are tried at once. `knobs` are names, see `KnobTable`.
+        Physics and looks of layouts that are made are drawn in the streams of `split`.
         """
         device, mjm = compiled.device, compiled.mjm
         nmocap = max(mjm.nmocap, 1)
@@ -272,10 +303,10 @@ class Layouts(StaysHere):
             mocap_pose = wp.array(np.tile(np.hstack([padding, mocap_pos, mocap_quat]), (nrow, 1, 1)), dtype=float)
             view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
-            zeros(nworld, "seed next_seed pending_seed status attempts first_pass_valid")
+            zeros(nworld, "seed next_seed pending_seed draw_seed draw_stream status attempts first_pass_valid")
             view.knob, view.next_knob = (wp.array(own, dtype=float, ndim=2) for _ in range(2))
             view.default_knob = wp.array(table.default, dtype=float)
-            for name in ("episode", "next_episode", "pending_episode"):
+            for name in ("episode", "next_episode", "pending_episode", "draw_episode"):
                 setattr(view, name, wp.full(nworld, -1, dtype=int))
             view.start = wp.full(nrow, -1, dtype=int)
             counts = max(len(compiled.placed), 1), len(Cause)
@@ -286,17 +317,21 @@ class Layouts(StaysHere):
             view.grasp = wp.full((nrow if nreach else nworld, nreach), -1, dtype=int)
             joints = nrow if nreach else nworld, nreach, MAX_JOINTS
             view.grasp_qpos, view.pregrasp_qpos = (wp.full(joints, wp.nan, dtype=float) for _ in range(2))
-            view.record_all = int(every_cause)
+            view.record_all, view.stream = int(every_cause), named_stream(split)
             allocate_record(view, rejected)
         return cls(compiled, view, mocap_pose, table)
 
-    def ids(self, split: str) -> list[str]:
+    def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
         """Return the ids of the layouts, of this split, with the knobs that differ. Waits for the device.
+
+        Args:
+            split: "train" or "eval".
+            keys: Seeds, episodes and numbers of knobs of other layouts, a row for each.
 
         Raises:
             ArgumentError: Another split, or a world without a layout.
         """
-        rows = zip(self.seed.numpy(), self.episode.numpy(), self.knob.numpy(), strict=True)
+        rows = zip(*(keys or (self.seed.numpy(), self.episode.numpy(), self.knob.numpy())), strict=True)
         return [self.compiled.layout_id(seed, episode, split, self.knobs.text(knob)) for seed, episode, knob in rows]
 
     @property

@@ -17,7 +17,7 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, open_episode
+from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, next_key
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.rounds import count_rejections
 
@@ -47,8 +47,7 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob
-    # Layouts out: pending_seed, pending_episode
+    # Layouts in: seed, episode, next_seed, next_episode, next_knob
     served: LayoutsView,
     # Layouts in: seed, episode, next_knob
     prepared: LayoutsView,
@@ -74,9 +73,9 @@ def _find_missing(
     if known != _READY:
         enough[0] = 0.0
     else:
-        open_episode(served, worldid)
-        if prepared.seed[worldid] == served.pending_seed[worldid]:
-            missing[worldid] = prepared.episode[worldid] != served.pending_episode[worldid]
+        seed, episode = next_key(served, worldid)
+        if prepared.seed[worldid] == seed:
+            missing[worldid] = prepared.episode[worldid] != episode
             for k in range(served.next_knob.shape[1]):
                 if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
                     missing[worldid] = True
@@ -100,14 +99,15 @@ def _forget(
 @wp.kernel
 def _serve(
     # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, pending_seed, pending_episode, next_knob, default_knob, row_rejections
+    #   pregrasp_qpos, draw_seed, draw_episode, draw_stream, pending_seed, pending_episode, next_knob, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: status, rejections, pending_seed, pending_episode, next_knob, default_knob, row_rejections
+    # Layouts in: draw_seed, draw_episode, draw_stream, rejections, pending_seed, pending_episode, next_knob,
+    #   row_rejections
     # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present,
-    #   grasp, grasp_qpos, pregrasp_qpos, knob, rejections, next_episode
+    #   grasp, grasp_qpos, pregrasp_qpos, knob, draw_seed, draw_episode, draw_stream, rejections, next_episode
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -156,8 +156,7 @@ def _decide(
 
 @wp.kernel
 def _begin(
-    # Layouts in: seed, episode, next_seed, next_episode, pending_seed, pending_episode, next_knob
-    # Layouts out: pending_seed, pending_episode
+    # Layouts in: seed, episode, next_seed, next_episode, next_knob
     served: LayoutsView,
     # In:
     begins: wp.array[int],
@@ -175,9 +174,9 @@ def _begin(
     being_made[worldid] = chosen
     if chosen:
         stage[worldid] = _BEING_MADE
-        open_episode(served, worldid)
-        prepared.next_seed[worldid] = served.pending_seed[worldid]
-        prepared.next_episode[worldid] = served.pending_episode[worldid]
+        seed, episode = next_key(served, worldid)
+        prepared.next_seed[worldid] = seed
+        prepared.next_episode[worldid] = episode
         for k in range(served.next_knob.shape[1]):
             prepared.next_knob[worldid, k] = served.next_knob[worldid, k]
 

@@ -20,7 +20,7 @@ from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
 from sceniris_gym.device.transforms import quat_mat, quat_z
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_poses, layout_width
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_draws, copy_poses, layout_width
 from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of
@@ -117,11 +117,11 @@ def _read_state(
     # In:
     number: wp.array[int],
     origins: wp.array[wp.vec3],
-    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present
+    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present, draw_seed, draw_episode, draw_stream
     state: LayoutsView,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, place, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, present, pending_seed, pending_episode, place, bounds, body_pos,
-    #   body_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, present, draw_seed, draw_episode, draw_stream, pending_seed,
+    #   pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
@@ -132,6 +132,7 @@ def _read_state(
     words = philox(state.seed[worldid], counter)
     layouts.pending_seed[worldid] = wp.uint64(words[0]) | (wp.uint64(words[1]) << wp.uint64(32))
     layouts.pending_episode[worldid] = episode
+    copy_draws(state, worldid, layouts, worldid)
     for i in range(layouts.present.shape[1]):
         layouts.present[worldid, i] = state.present[worldid, i]
     for i in range(added.shape[0]):

@@ -11,7 +11,7 @@ import warp as wp
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.layout.knobs import launch_set
-from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_mask
 from sceniris_gym.layout.seeds import episodes_on_device, launch_reseed, seeds_on_device
 
@@ -62,6 +62,10 @@ class LayoutSource(StaysHere):
 
     def after_reset(self) -> None:
         """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""
+
+    def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
+        """Return the ids of the present layouts, or of those served for other seeds and episodes; see `Layouts.ids`."""
+        return self.layouts.ids(split, keys)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for the layouts so far, by object and cause. Waits for the device.

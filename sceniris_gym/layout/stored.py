@@ -5,13 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import SceneMismatchError, check_type
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
+from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import (
+    LayoutKeys,
     Layouts,
     LayoutsView,
     Status,
     close_episode,
+    copy_draws,
     copy_layout,
     layout_width,
     open_episode,
@@ -30,14 +33,16 @@ _UNIT = 1.0e-4
 
 @wp.kernel
 def _serve(
-    # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos
+    # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos, knob, draw_seed,
+    #   draw_episode, draw_stream
     stored: LayoutsView,
     mask: wp.array[wp.bool],
     stride: int,
     width: int,
-    # Layouts in: seed, episode, status, next_seed, next_episode, pending_seed, pending_episode, next_knob, default_knob
+    # Layouts in: seed, episode, draw_seed, draw_episode, draw_stream, stream, next_seed, next_episode, pending_seed,
+    #   pending_episode, next_knob
     # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos,
-    #   knob, next_episode, pending_seed, pending_episode
+    #   knob, draw_seed, draw_episode, draw_stream, next_episode, pending_seed, pending_episode
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
@@ -50,15 +55,22 @@ def _serve(
     for i in range(width):
         copy_layout(stored, row, layouts, worldid, i)
     close_episode(layouts, layouts, worldid)
+    for k in range(layouts.knob.shape[1]):
+        layouts.knob[worldid, k] = stored.knob[row, k]
+    copy_draws(stored, row, layouts, worldid)
     layouts.status[worldid] = Status.VALID
 
 
 class StoredLayouts(LayoutSource):
     """A source of stored layouts: row `((seed + stride * episode) mod 2^64) mod nrow` of a table.
 
+    Physics and looks of a layout are drawn as they were when it was made. Numbers that a task draws are those of the
+    world's own seed and episode.
+
     Args:
         compiled: The scene that the layouts are of.
-        table: The layouts. A table of states alone (`LayoutTable.from_states`) has no grasps.
+        table: The layouts. A table of states alone (`LayoutTable.from_states`) has no grasps, and worlds keep the
+            physics that they have.
         nworld: Number of worlds.
         seed: Seed of world 0, world i gets seed + i; or one 64-bit seed per world.
         stride: Rows that a world advances in every episode. With 1, worlds with consecutive seeds see the same rows one
@@ -87,11 +99,12 @@ class StoredLayouts(LayoutSource):
         check_type(table, LayoutTable, "StoredLayouts: table")
         nworld = as_count(nworld, "StoredLayouts: nworld")
         self._stride = as_count(stride, "StoredLayouts: stride")
-        self.layouts = Layouts.create(compiled, nworld)
+        compiled.scene.check_hash(table.scene, "StoredLayouts: table", "Store layouts of this scene.")
+        self.layouts = Layouts.create(compiled, nworld, knobs=table.knobs)
         _check_table(compiled, table)
         _check_rows(compiled, table)
         self.device = compiled.device
-        self._stored = _on_device(table, self.device)
+        self._table, self._stored = table, _on_device(table, self.device)
         self.reseed(seed)
 
     def launch_generate(self, mask: wp.array | None) -> None:
@@ -99,6 +112,22 @@ class StoredLayouts(LayoutSource):
         out = self.layouts.view
         inputs = [self._stored, mask, self._stride, layout_width(out)]
         wp.launch(_serve, dim=self.layouts.nworld, inputs=inputs, outputs=[out], device=self.device)
+
+    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+        """Refuse other numbers than the stored layouts were made with.
+
+        Raises:
+            ArgumentError: Always.
+        """
+        raise ArgumentError("set_knobs: stored layouts keep the knobs they were made with. Use a LayoutGenerator.")
+
+    def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
+        """See `LayoutSource`: the ids of the rows, whatever the worlds' own seeds and episodes are."""
+        seed, episode = (self.layouts.seed.numpy(), self.layouts.episode.numpy()) if keys is None else keys[:2]
+        rank = seed.astype(np.uint64) + episode.astype(np.uint64) * np.uint64(self._stride)
+        row = (rank % np.uint64(len(self._table))).astype(np.int64)
+        table = self._table[row]
+        return self.layouts.ids(table.split, (table.seed, np.where(episode < 0, -1, table.episode), table.knob))
 
 
 def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
@@ -111,6 +140,7 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
         "mocap_pos": (mjm.nmocap, 3),
         "mocap_quat": (mjm.nmocap, 4),
         "present": (len(compiled.slots),),
+        "knob": (table.knob.shape[1],),
         "grasp": (0 if nreach == 0 else known,),
         "grasp_qpos": (nreach, min(joints, MAX_JOINTS)),
         "pregrasp_qpos": (nreach, min(joints, MAX_JOINTS)),
@@ -143,9 +173,9 @@ def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:
     """Return the columns that are served, with joints of grasps as wide as Layouts have them."""
     view = LayoutsView()
-    columns = {name: getattr(table, name) for name in ("qpos", "mocap_pos", "mocap_quat", "start", "present", "grasp")}
+    rows = {name: getattr(table, name) for name in ("knob", *columns("draw", "pose", "grasp"))}
     padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
     for name in ("grasp_qpos", "pregrasp_qpos"):
-        columns[name] = np.pad(getattr(table, name), padding, constant_values=np.nan)
-    fill_struct(LayoutsView, view, columns, device)
+        rows[name] = np.pad(rows[name], padding, constant_values=np.nan)
+    fill_struct(LayoutsView, view, rows, device)
     return view

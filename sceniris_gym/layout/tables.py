@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
+from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.seeds import as_seeds
@@ -25,26 +26,20 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     def read(array: wp.array) -> np.ndarray:
         return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
 
-    columns = {
-        name: read(getattr(layouts, name)) for name in ("attempts", "status", "start", "seed", "episode", "grasp")
-    }
     njoint = 0 if layouts.reaching is None else layouts.reaching.njoint
-    states = LayoutTable.from_states(
-        read(layouts.qpos),
-        read(layouts.mocap_pos)[:, :nmocap],
-        read(layouts.mocap_quat)[:, :nmocap],
-        read(layouts.present) != 0,
-    )
-    return replace(
-        states,
-        valid=columns["status"] == Status.VALID,
-        first_pass_valid=read(layouts.first_pass_valid) != 0,
-        grasp_pose=grasp_poses(generator.compiled, states, columns["grasp"]),
-        grasp_qpos=read(layouts.grasp_qpos)[:, :, :njoint],
-        pregrasp_qpos=read(layouts.pregrasp_qpos)[:, :, :njoint],
+    rows = {name: read(getattr(layouts, name)) for name in columns()}
+    rows |= {name: rows[name][:, :nmocap] for name in ("mocap_pos", "mocap_quat")}
+    rows |= {name: rows[name][:, :, :njoint] for name in ("grasp_qpos", "pregrasp_qpos")}
+    rows |= {name: rows[name] != 0 for name in ("present", "first_pass_valid")}
+    table = LayoutTable(
+        **rows,
+        valid=rows["status"] == Status.VALID,
+        grasp_pose=np.zeros((0, 0, 7), np.float32),
         scene=generator.compiled.hash,
-        **columns,
+        split=generator.split,
+        knobs=layouts.knobs.names,
     )
+    return replace(table, grasp_pose=grasp_poses(generator.compiled, table, table.grasp))
 
 
 @dataclass(frozen=True)

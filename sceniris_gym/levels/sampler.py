@@ -12,6 +12,7 @@ from warp.utils import array_cast
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.knobs import launch_set
+from sceniris_gym.layout.layouts import LayoutKeys
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.buffer import Episodes, arrays_of, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
@@ -179,6 +180,10 @@ class LevelSampler(LayoutSource):
         if self._since >= self.levels.every and not self._device.is_capturing:
             self._since = 0
             launch_refresh(self._buffer, self.levels)
+
+    def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
+        """See `LayoutSource`."""
+        return self.source.ids(split, keys)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """See `LayoutSource`."""

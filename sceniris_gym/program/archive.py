@@ -14,6 +14,7 @@ from sceniris_gym.geometry.colliders import device_mesh
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import WORLD_FIELDS, Program, fill_struct
+from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
@@ -23,7 +24,7 @@ from sceniris_gym.scene.model import SceneModel
 
 _HOME = ("home_qpos", "home_xpos", "home_xquat")
 _COUNTS = ("sides", "pieces")
-_STRUCTS: dict[str, Any] = {"program": Program, "statics": Statics, "starts": Starts}
+_STRUCTS: dict[str, Any] = {"program": Program, "statics": Statics, "starts": Starts, "bank": Bank}
 _GRIPPERS, _TARGETS = TypeAdapter(dict[str, Gripper]), TypeAdapter(tuple[ReachTarget, ...])
 # The field with ids of device meshes, which are made anew from their triangles.
 _MESHES = "collider_mesh"

@@ -30,6 +30,7 @@ from sceniris_gym.program.checks.standing import check_standing
 from sceniris_gym.program.checks.supports import check_supports
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS
@@ -79,6 +80,7 @@ class CompiledScene:
         reaching: The arms and their reach targets, None if there are none.
         statics: How objects stand, on the device; None if none can fall.
         starts: The kinds of starts, on the device; None if the scene has the start pose alone.
+        bank: The valid layouts that worlds fall back on; empty until `compile_scene` fills it.
         home_qpos: Start pose, shape (nq,).
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
         sides: The most half-planes that hold the pieces of one object's relations.
@@ -92,6 +94,7 @@ class CompiledScene:
     reaching: Reaching | None
     statics: Statics | None
     starts: Starts | None
+    bank: Bank
     home_qpos: np.ndarray
     home_xpos: np.ndarray
     home_xquat: np.ndarray
@@ -220,20 +223,12 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
-    mocap = max(scene.mjm.nmocap, 1)
-    arrays |= {
-        "bank_present": np.zeros((0, len(plan.slots))),
-        "bank_qpos": np.zeros((0, scene.mjm.nq)),
-        "bank_mocap_pos": np.zeros((0, mocap, 3)),
-        "bank_mocap_quat": np.zeros((0, mocap, 4)),
-    }
     found = pack_starts(plan, arrays["bound_qpos"], device) if starts else None
     program.nobject = len(plan.objects)
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
     program.restarts = scene.config.restarts
     program.restart_rate = 0.5
-    program.bank_ntrain = 0
     fill_struct(Program, program, arrays, device)
     return CompiledScene(
         scene=scene,
@@ -242,6 +237,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
         reaching=plan.reaching if plan.reaching.arms else None,
         statics=pack_statics(plan, device),
         starts=found,
+        bank=Bank(),
         home_qpos=scene.home_qpos.astype(np.float32),
         home_xpos=plan.scene.home.xpos.astype(np.float32),
         home_xquat=plan.scene.home.xquat.astype(np.float32),

@@ -267,13 +267,6 @@ class Program:
     bound_mocap: wp.array[float]
     quat_qposadr: wp.array[int]
 
-    # The bank of valid layouts: rows of the split "train", then those of "eval".
-    bank_ntrain: int
-    bank_present: wp.array2d[int]
-    bank_qpos: wp.array2d[float]
-    bank_mocap_pos: wp.array2d[wp.vec3]
-    bank_mocap_quat: wp.array2d[wp.vec4]
-
 
 WORLD_FIELDS = (
     *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight"),

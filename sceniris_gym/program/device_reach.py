@@ -81,8 +81,3 @@ class Reach:
     # How many broad-phase pairs in `arm_hand` of each reach target are with bodies of no placed object, or of one
     # before each object, and how many there are; they are in that order.
     hand_before: wp.array[int]
-
-    # The bank of valid layouts, with rows as in `Program`, by reach targets.
-    bank_grasp: wp.array2d[int]
-    bank_grasp_qpos: wp.array3d[float]
-    bank_pregrasp_qpos: wp.array3d[float]

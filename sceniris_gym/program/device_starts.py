@@ -35,8 +35,6 @@ class Starts:
     # Grasps of `Reach` with the fingers closed on the object.
     grip_share: wp.array[float]  # opening of the gripper
     grip_pos: wp.array[wp.vec3]
-    # The bank of valid layouts, with rows as in `Program`.
-    bank_start: wp.array[int]
 
 
 @wp.func

@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import ArgumentTypeError
+from sceniris_gym.errors import ArgumentTypeError, SceneMismatchError
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,12 @@ class LayoutTable:
         grasp_qpos: The arm's joints [rad or m] in that grasp, nan where the arm's map alone decided, shape (nrow,
             nreach, njoint), float32.
         pregrasp_qpos: The same for the pre-grasp, nan for tiers below `clear`.
+        draw_seed, draw_episode, draw_stream: The key that physics and looks are drawn by, as in `Layouts`, shape
+            (nrow,), uint64 and int32; `draw_episode` is -1 where it is unknown.
+        knob: Numbers of the knobs, shape (nrow, nvalue), float32.
         scene: Hash of the scene; empty if it is unknown, as of bare states.
+        split: "train" or "eval", of seeds and episodes.
+        knobs: Names of the knobs.
     """
 
     qpos: np.ndarray
@@ -57,7 +62,13 @@ class LayoutTable:
     grasp_pose: np.ndarray
     grasp_qpos: np.ndarray
     pregrasp_qpos: np.ndarray
+    draw_seed: np.ndarray
+    draw_episode: np.ndarray
+    draw_stream: np.ndarray
+    knob: np.ndarray
     scene: str = ""
+    split: str = "train"
+    knobs: tuple[str, ...] = ()
 
     @classmethod
     def from_states(
@@ -90,13 +101,25 @@ class LayoutTable:
             grasp_pose=np.zeros((nrow, 0, 7), np.float32),
             grasp_qpos=nothing,
             pregrasp_qpos=nothing,
+            draw_seed=np.zeros(nrow, np.uint64),
+            draw_episode=np.full(nrow, -1, np.int32),
+            draw_stream=zero,
+            knob=np.zeros((nrow, 0), np.float32),
         )
 
     @classmethod
     def concatenate(cls, tables: Sequence[LayoutTable]) -> LayoutTable:
-        """Return the rows of all tables, at least one, as one table."""
-        columns = {name: np.concatenate([getattr(t, name) for t in tables]) for name in COLUMNS}
-        return cls(**columns, scene=tables[0].scene)
+        """Return the rows of all tables, at least one, as one table.
+
+        Raises:
+            SceneMismatchError: They are of different scenes, splits or knobs.
+        """
+        first, *others = ((table.scene, table.split, table.knobs) for table in tables)
+        if any(other != first for other in others):
+            raise SceneMismatchError(
+                "LayoutTable.concatenate: the tables should be of one scene, split and set of knobs."
+            )
+        return replace(tables[0], **{name: np.concatenate([getattr(t, name) for t in tables]) for name in COLUMNS})
 
     def __len__(self) -> int:
         return len(self.qpos)
@@ -116,5 +139,5 @@ class LayoutTable:
         data.mocap_quat[:] = self.mocap_quat[i]
 
 
-COLUMNS = tuple(f.name for f in fields(LayoutTable) if f.name != "scene")
+COLUMNS = tuple(f.name for f in fields(LayoutTable) if f.name not in ("scene", "split", "knobs"))
 """Names of the arrays of a LayoutTable."""

@@ -14,7 +14,7 @@ import numpy as np
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.couplings import Coupling, driven_by
 from sceniris_gym.scene.draws import FieldDraw
@@ -92,6 +92,20 @@ class SceneModel:
                 f"{found}, and is {self.hash}. Use that version, or make it anew."
             )
         return f"is of scene {found}, and this one is {self.hash}. {cure}"
+
+    def check_hash(self, found: str, what: str, cure: str) -> None:
+        """Check that something is of this scene; an empty hash is of any.
+
+        Args:
+            found: The hash of its scene.
+            what: Its name, with which the error begins.
+            cure: See `mismatch`.
+
+        Raises:
+            SceneMismatchError: It is of another scene.
+        """
+        if found not in ("", self.hash):
+            raise SceneMismatchError(f"{what} {self.mismatch(found, cure)}")
 
     def home_of(self, robot: str) -> tuple[SceneModel, str]:
         """Return the model that a robot stands in, and its name there: this one, or one of its own."""

@@ -185,7 +185,7 @@ class ModelFields:
         return self.drawer.numbers[name]
 
     def launch_draw(
-        self, mask: wp.array, layouts: LayoutsView, split: str, knob: wp.array | None, rows: wp.array | None = None
+        self, mask: wp.array, layouts: LayoutsView, knob: wp.array | None, rows: wp.array | None = None
     ) -> None:
         """Draw what the scene randomizes in the masked worlds; see `FieldDrawer.launch`.
 
@@ -193,7 +193,7 @@ class ModelFields:
         """
         if not self._scene.draws:
             return
-        self.drawer.launch(mask, layouts.seed, layouts.episode, split, rows, knob)
+        self.drawer.launch(mask, layouts.draw_seed, layouts.draw_episode, layouts.draw_stream, rows, knob)
         self._launch_holding(mask)
         if self._beside is not None:
             self._beside.wait_stream(mask.device.stream)

@@ -15,6 +15,7 @@ import warp as wp
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import MaskTypeError, UnknownNameError, check_type
 from sceniris_gym.layout.counts import as_shape
@@ -155,6 +156,7 @@ class ResetRandomizer(Fixed, StaysHere):
         needs = list(needs)
         self.fields.drawer.use_knobs(self.layouts.knobs)
         self._update, self.split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
+        self.layouts.view.stream = named_stream(self.split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:
             origins = as_origins(origins, data.nworld, self.device)
@@ -328,27 +330,25 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def layout_ids(self) -> list[str]:
         """Return the ids of the present layouts, see `Layouts.ids`."""
-        return self.layouts.ids(self.split)
+        return self.layout_source.ids(self.split)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
-        """Reset worlds to stored layouts. `self.layouts` does not change.
+        """Reset worlds to stored layouts, with their physics and looks. `self.layouts` does not change.
 
         Args:
             layouts: Layouts of this scene, on the device or on the host.
             rows: Row of `layouts` for each world, -1 for worlds that stay as they are, shape (nworld,).
 
         Raises:
-            SceneMismatchError: The layouts are of another scene.
+            SceneMismatchError: The layouts are of another scene, or were drawn with other knobs.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
-        stored, nrow = stored_rows(layouts, self.compiled, str(self.device)), layouts.qpos.shape[0]
-        own = isinstance(layouts, Layouts) and layouts.knobs.names == self.layouts.knobs.names
-        knob = layouts.knob if isinstance(layouts, Layouts) and own else None
+        stored, nrow = stored_rows(layouts, self.layouts, str(self.device)), layouts.qpos.shape[0]
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            self._writer.launch(stored, knob, on_device)
+            self._writer.launch(stored, stored.knob, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""

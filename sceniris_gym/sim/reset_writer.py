@@ -86,7 +86,7 @@ class ResetWriter:
         m, d, poses, pose_rows = self._simulation.model, self._simulation.data, poses_of(layouts), rows
         if self.variants is not None:
             poses, pose_rows = self.variants.launch(poses, self._mask, layouts.present, rows), None
-        self._fields.launch_draw(self._mask, layouts, self._simulation.split, knob, rows)
+        self._fields.launch_draw(self._mask, layouts, knob, rows)
         self._contacts.launch_drop()
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0

@@ -14,7 +14,14 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SeedError, UnknownNameError
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    MaskError,
+    SceneMismatchError,
+    SeedError,
+    UnknownNameError,
+)
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import knobs_in
@@ -215,12 +222,15 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
     ids = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
     rows = {text: table.rows(knobs_in(text), 1)[0] for text in {one.knobs for one in found}}
-    return ChosenLayouts(
-        np.array([one.seed for one in found], np.uint64),
-        np.array([one is not None for one in ids]),
-        np.array([one.episode for one in found], np.int32),
-        np.array([rows[one.knobs] for one in found]),
-    )
+    seeds = np.array([one.seed for one in found], np.uint64)
+    episodes = np.array([one.episode for one in found], np.int32)
+    knobs = np.array([rows[one.knobs] for one in found])
+    served = map(LayoutId.parse, source.ids(split, (seeds, episodes, knobs)))
+    for one, other in zip(ids, served, strict=True):
+        if one is not None and (one.split, one.seed, one.episode) != (other.split, other.seed, other.episode):
+            cure = "It chooses rows by 'seed' and 'episode'."
+            raise SceneMismatchError(f"{where}: the layout_source does not serve '{one}' by its id. {cure}")
+    return ChosenLayouts(seeds, np.array([one is not None for one in ids]), episodes, knobs)
 
 
 def _numbers_of_worlds(value: Any, num_envs: int, name: str) -> np.ndarray:

@@ -12,6 +12,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
+from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.sim.randomizer import PROMISED
 from sceniris_gym.sim.versions import fields_of_data
@@ -19,10 +20,6 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
 _OF_DATA = (*PROMISED, *fields_of_data("tree_awake"))
-_OF_LAYOUTS = (
-    *("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "attempts", "first_pass_valid", "present"),
-    *("start", "knob", "grasp", "grasp_qpos", "pregrasp_qpos"),
-)
 
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
 """Packages whose objects hold no memory of a task."""
@@ -101,7 +98,7 @@ def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> d
     """Return all tensors that have a row for each world, by name, in the memory that steps and resets use."""
     arrays = {f"data.{name}": getattr(state.data, name) for name in _OF_DATA}
     arrays |= {f"model.{name}": array for name, array in state.model_rows.items()}
-    arrays |= {f"layout.{name}": getattr(layouts, name) for name in _OF_LAYOUTS}
+    arrays |= {f"layout.{name}": getattr(layouts, name) for name in columns()}
     tensors = {name: wp.to_torch(array) for name, array in arrays.items() if array.size}
     # torch cannot index uint64
     found = {name: t.view(torch.int64) if t.dtype is torch.uint64 else t for name, t in tensors.items()}

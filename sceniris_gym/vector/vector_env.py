@@ -358,10 +358,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         if info is None:
             return self.randomizer.layout_ids()
-        table, split = self.randomizer.layouts.knobs, self.split
-        knobs = map(table.text, table.rows(info.get("layout_knobs", {}), self.num_envs))
-        rows = zip(info["layout_seed"].tolist(), info["layout_episode"].tolist(), knobs, strict=True)
-        return [self.compiled.layout_id(seed, episode, split, text) for seed, episode, text in rows]
+        knobs = self.randomizer.layouts.knobs.rows(info.get("layout_knobs", {}), self.num_envs)
+        seed, episode = (np.array(info[f"layout_{name}"].tolist()) for name in ("seed", "episode"))
+        return self.randomizer.layout_source.ids(self.split, (seed, episode, knobs))
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""

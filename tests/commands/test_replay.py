@@ -151,7 +151,7 @@ def test_a_replay_has_the_physics_and_looks_of_its_episode():
     for _ in range(2):
         randomizer.reset()
     name = LayoutId.parse(randomizer.layout_ids()[2])
-    mjm, numbers = drawn(compiled, name)
+    mjm, numbers = drawn(compiled, replay(compiled, name))
     assert set(numbers) == {"can.mass", "can.rgba", "extra.mass", "extra.rgba", "gravity", "materials.table/wood.rgba"}
     for draw, found in numbers.items():
         assert found == batch.fields.parameter(draw, "test").numpy()[2].tolist(), draw

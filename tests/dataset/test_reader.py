@@ -21,11 +21,12 @@ from sceniris_gym.dataset.reader import LayoutDataset, verify
 from sceniris_gym.dataset.share import Share
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
+from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.progress import listening
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
-from tests.layout.scenes import compile_on_cpu
+from tests.layout.scenes import compile_on_cpu, full_tray
 
 N, SEED = 40, 3
 
@@ -236,3 +237,16 @@ def test_a_manifest_that_cannot_be_right_is_refused(copied: Path, name: str, val
     path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
     with pytest.raises(DatasetError, match=words):
         LayoutDataset(copied)
+
+
+def test_a_data_set_keeps_the_keys_that_physics_is_drawn_by(tmp_path: Path):
+    """Of fallbacks as well; in older ones, which lack them, a fallback's is unknown."""
+    compiled, folder = full_tray(tmp_path, randomize={"gravity": {"scale": [0.5, 1.0]}}), tmp_path / "data"
+    DatasetWriter(compiled, DatasetPlan.of(compiled, 16, SEED, "eval"), folder, Share()).write(chunk=64)
+    dataset, made = LayoutDataset(folder), make_table(compiled, 16, SEED, split="eval")
+    read = dataset.table()
+    assert 0 < read.valid.sum() < 16
+    for name in columns("draw"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
+    assert read.split == "eval"
+    assert ((read.draw_seed == read.seed) == read.valid).all()

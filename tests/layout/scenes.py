@@ -40,8 +40,8 @@ class Rows:
 
 
 def bank_rows(compiled: CompiledScene, split: str) -> slice:
-    """Return the rows of `program.bank_*` that worlds of a split ("train" or "eval") fall back on."""
-    first, end = int(compiled.program.bank_ntrain), int(compiled.program.bank_qpos.shape[0])
+    """Return the rows of `CompiledScene.bank` that worlds of a split ("train" or "eval") fall back on."""
+    first, end = int(compiled.bank.ntrain), int(compiled.bank.qpos.shape[0])
     return slice(first, end) if split == "eval" else slice(0, first)
 
 
@@ -58,11 +58,12 @@ def compiled_from(model: Any, objects: Mapping[str, Any], **words: Any) -> Compi
     return compile_scene({"model": model, "objects": objects, "home": "init_state", "bank": 2, **words}, "cpu")
 
 
-def full_tray(folder: Path) -> CompiledScene:
-    """Compile a tray that is so full that one attempt and no restart fail most of the time."""
+def full_tray(folder: Path, **words: Any) -> CompiledScene:
+    """Compile a tray that is so full that one attempt and no restart fail most of the time; with more words."""
     crate = box_mjcf(folder, "crate", 0.1, 0.1, 0.05)
     objects = {f"crate_{i}": {"asset": crate, "on": "floor", "orientation": "fixed"} for i in range(3)}
-    return compile_on_cpu({"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}, bank=16)
+    scene = {"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}
+    return compile_on_cpu(scene | words, bank=16)
 
 
 def read(layouts: Layouts) -> Rows:

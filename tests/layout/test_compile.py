@@ -82,7 +82,7 @@ def test_every_way_to_name_a_scene_gives_the_same_world(tmp_path: Path):
     first = worlds[0]
     for compiled in worlds:
         assert compiled.hash == first.hash
-        assert (compiled.program.bank_qpos.numpy() == first.program.bank_qpos.numpy()).all()
+        assert (compiled.bank.qpos.numpy() == first.bank.qpos.numpy()).all()
         assert compiled.object_names == compiled.placed == ("cabinet", "apple", "banana")
         assert compiled.device == "cpu"
         assert (bank_rows(compiled, "train"), bank_rows(compiled, "eval")) == (slice(0, 64), slice(64, 128))

@@ -13,6 +13,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.device.random import named_stream
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
@@ -84,8 +85,9 @@ def drawn(scene: SceneModel, seeds: Any, *, mask: Any = None, episode: Any = 0, 
         given = np.ones(nworld, bool) if mask is None else mask
         episodes = np.broadcast_to(episode, nworld).astype(np.int32)
         layouts = LayoutsView()
-        layouts.seed, layouts.episode = wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
-        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts, split, None)
+        layouts.draw_seed, layouts.draw_episode = wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
+        layouts.draw_stream = wp.full(nworld, named_stream(split), dtype=int)
+        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts, None)
     return fields
 
 

@@ -75,8 +75,7 @@ def test_geared_doors_follow_in_every_layout(tmp_path: Path, kind: str):
     worst, acceleration = violation(compiled, rows)
     assert worst < 1e-6
     assert acceleration < 0.01
-    program = compiled.program
-    bank = (program.bank_qpos.numpy(), program.bank_mocap_pos.numpy(), program.bank_mocap_quat.numpy())
+    bank = (compiled.bank.qpos.numpy(), compiled.bank.mocap_pos.numpy(), compiled.bank.mocap_quat.numpy())
     assert violation(compiled, Rows(*bank, rows.status, rows.attempts))[0] < 1e-6
 
 

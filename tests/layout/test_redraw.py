@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.device.random import named_stream
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
@@ -65,6 +66,8 @@ class Worlds:
         """Return them as a redraw reads them."""
         view = LayoutsView()
         view.seed, view.episode = wp.array(self.seed, device="cpu"), wp.full(len(self.seed), 3, dtype=int, device="cpu")
+        view.draw_seed, view.draw_episode = view.seed, view.episode
+        view.draw_stream = wp.full(len(self.seed), named_stream("train"), dtype=int, device="cpu")
         view.start = wp.full(len(self.seed), -1, dtype=int, device="cpu")
         view.present, view.qpos = wp.array(self.present, device="cpu"), wp.array(self.qpos, device="cpu")
         view.mocap_pos = wp.array(self.mocap_pos, dtype=wp.vec3, ndim=2, device="cpu")

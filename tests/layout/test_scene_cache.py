@@ -189,7 +189,7 @@ def test_a_file_that_is_none_is_made_anew(spoil: Any, folder: Path):
     spoil(path)
     spoiled = path.read_bytes()
     second = compile_scene("mid", "cpu")
-    assert second.program.bank_qpos.numpy().tobytes() == first.program.bank_qpos.numpy().tobytes()
+    assert second.bank.qpos.numpy().tobytes() == first.bank.qpos.numpy().tobytes()
     assert [file.name for file in folder.iterdir()] == [path.name]  # no traces of writing, and nothing executed
     assert path.read_bytes() != spoiled
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import ArgumentTypeError, CountError, SceneMismatchError, SeedError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, CountError, SceneMismatchError, SeedError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.source import LayoutSource
@@ -237,6 +237,29 @@ def test_a_table_without_rows_is_refused(crane: CompiledScene, table: LayoutTabl
     """There would be nothing to serve."""
     with pytest.raises(SceneMismatchError, match="one row or more"):
         StoredLayouts(crane, table[slice(0, 0)], 2)
+
+
+def test_a_table_of_a_scene_with_equal_shapes_is_refused(crane: CompiledScene, table: LayoutTable):
+    """By its hash; tables of bare states have none."""
+    with pytest.raises(SceneMismatchError, match="StoredLayouts: table is of scene 0123"):
+        StoredLayouts(crane, replace(table, scene="0123"), 4)
+    StoredLayouts(crane, replace(table, scene=""), 4)
+    with pytest.raises(SceneMismatchError, match="of one scene, split and set of knobs"):
+        LayoutTable.concatenate([table, replace(table, split="eval")])
+
+
+def test_ids_name_the_rows_that_are_served(crane: CompiledScene, table: LayoutTable):
+    """Whatever seeds and episodes the worlds have; a state alone has no id."""
+    stored = StoredLayouts(crane, replace(table, split="eval"), 3, seed=5)
+    stored.generate()
+    stored.generate()
+    assert stored.ids("train") == [crane.layout_id(table.seed[row], 0, "eval") for row in (6, 0, 1)]
+    keys = np.array([2, 9], np.uint64), np.array([1, 0]), np.zeros((2, 0), np.float32)
+    assert stored.ids("train", keys) == [crane.layout_id(table.seed[row], 0, "eval") for row in (3, 2)]
+    bare = StoredLayouts(crane, replace(table, episode=np.full(NROW, -1, np.int32)), 3)
+    bare.generate()
+    with pytest.raises(ArgumentError, match="episode=-1"):
+        bare.ids("train")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 2.0])

@@ -16,7 +16,7 @@ def test_what_was_pushed_into_something_is_found():
     mjm = mujoco.MjModel.from_xml_string(model_text(cubes=2))
     objects = cubes_on("ground", 2, region=NEAR)
     compiled = compile_scene({"model": mjm, "objects": objects, "home": "init_state", "bank": 3}, "cpu")
-    qpos = compiled.program.bank_qpos.numpy()[:3]
+    qpos = compiled.bank.qpos.numpy()[:3]
     qpos[1, 4] -= 0.0055
     qpos[2, 9:16] = qpos[2, 2:9] + [0.03, 0, 0, 0, 0, 0, 0]
     nothing = np.zeros((3, 0, 3)), np.zeros((3, 0, 4))

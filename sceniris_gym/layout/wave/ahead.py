@@ -25,7 +25,7 @@ def count_ahead(compiled: CompiledScene, size: SearchSize) -> int:
     nothing to gain, and no effort is known before there is a bank.
     """
     program = compiled.program
-    if size.busy == 1 or program.bank_ntrain == 0:
+    if size.busy == 1 or compiled.bank.ntrain == 0:
         return 0
     waits = (program.obj_effort.numpy() > 1.0) | (program.obj_cutnum.numpy() > 0)
     if compiled.reaching is not None:

@@ -48,8 +48,9 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: attempts, present, pending_seed, pending_episode, row_rejections
+    # Layouts in: seed, episode, present, stream, next_seed, next_episode, pending_seed, pending_episode
+    # Layouts out: attempts, present, draw_seed, draw_episode, draw_stream, pending_seed, pending_episode,
+    #   row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
     # Search out: pending, restart, ticket, best, waiting, worlds_left, rows_left, restarts_at_once, opened
@@ -187,8 +188,9 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 @wp.kernel
 def _finish(
     mask: wp.array[bool],
-    # Layouts in: status, rejections, pending_seed, pending_episode, next_knob, default_knob, row_rejections
-    # Layouts out: seed, episode, knob, rejections, next_episode
+    # Layouts in: draw_seed, draw_episode, draw_stream, rejections, pending_seed, pending_episode, next_knob,
+    #   row_rejections
+    # Layouts out: seed, episode, knob, draw_seed, draw_episode, draw_stream, rejections, next_episode
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()

@@ -23,6 +23,7 @@ from sceniris_gym.placement.polygons import HalfPlane
 from sceniris_gym.placement.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
+from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
@@ -272,6 +273,7 @@ class Workspace:
         program: The placement program.
         statics: How objects stand, None if none can fall.
         starts: The kinds of starts, None if there are none.
+        bank: The layouts that worlds fall back on.
         related: Whether there are regions that differ between worlds.
         ahead: Number of objects that are drawn ahead.
         reaches: The arms; a single empty one if there are no reach targets.
@@ -285,6 +287,7 @@ class Workspace:
     program: Program
     statics: Statics | None
     starts: Starts | None
+    bank: Bank
     related: bool
     ahead: int
     reaches: Sequence[Reach]

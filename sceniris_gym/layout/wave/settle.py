@@ -12,7 +12,7 @@ from sceniris_gym.layout.wave.rounds import NEVER, await_round, row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_bank import Bank
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,15 +47,14 @@ def _copy_row(layouts: LayoutsView, row: int, worldid: int, width: int, lane: in
 @wp.kernel(grid_stride=False)
 def _settle(
     program: Program,
-    reach: Reach,
-    bank_start: wp.array[int],  # the kinds of starts of the bank, if there are some
+    bank: Bank,
     split: wp.uint32,
     width: int,
     blocks: int,
-    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, start, present, grasp, grasp_qpos, pregrasp_qpos, pending_seed,
-    #   pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
+    # Layouts in: qpos, mocap_pos, mocap_quat, attempts, start, present, grasp, grasp_qpos, pregrasp_qpos, stream,
+    #   pending_seed, pending_episode, row_rejections, place, bounds, variant, body_pos, body_quat
     # Layouts out: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, row_rejections, place, bounds, variant, body_pos, body_quat
+    #   pregrasp_qpos, draw_seed, draw_episode, draw_stream, row_rejections, place, bounds, variant, body_pos, body_quat
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
     # Search out: pending, restart, ticket, best, waiting, worlds_left
@@ -91,7 +90,7 @@ def _settle(
         elif last == program.restarts or unsound != 0:
             if unsound != 0:
                 layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
-            layouts.status[worldid] = fall_back(program, reach, bank_start, layouts, worldid, split)
+            layouts.status[worldid] = fall_back(bank, layouts, worldid, split, width)
             layouts.first_pass_valid[worldid] = 0
             search.pending[worldid] = False
         else:
@@ -100,6 +99,5 @@ def _settle(
 
 def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
-    bank_start = None if work.starts is None else work.starts.bank_start
-    inputs = [work.program, work.reach, bank_start, work.split, layout_width(work.layouts), work.size.blocks]
+    inputs = [work.program, work.bank, work.split, layout_width(work.layouts), work.size.blocks]
     work.launch_blocks(_settle, inputs, work.layouts, work.search)

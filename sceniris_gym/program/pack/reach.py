@@ -16,7 +16,6 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import ReachingArm
-from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.model import SceneModel
@@ -94,7 +93,4 @@ def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
         "early_grasp": np.flatnonzero([t.early for t in targets for _ in t.grasp_set.grasps]),
         "grasp_reach": np.repeat(np.arange(rows), fields["reach_graspnum"]),
         **columns("grasp", grasps, body=1, pos=3, quat=4, opening=1),
-        "bank_grasp": np.zeros((0, rows)),
-        "bank_grasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
-        "bank_pregrasp_qpos": np.zeros((0, rows, MAX_JOINTS)),
     }

@@ -34,5 +34,5 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
         bounds[one.arm.qposadr] = np.maximum(bounds[one.arm.qposadr], most)
         adr, qpos = one.gripper.poses(np.linspace(0.0, 1.0, 17))
         bounds[adr] = np.maximum(bounds[adr], np.abs(qpos).max(axis=0, initial=0.0))
-    fill_struct(Starts, starts, fields | {"bank_start": np.zeros(0)}, device)
+    fill_struct(Starts, starts, fields, device)
     return starts

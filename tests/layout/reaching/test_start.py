@@ -145,7 +145,7 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
     fell = np.flatnonzero(rows["status"] == Status.FALLBACK)
     assert len(fell) > 5
     assert compiled.starts is not None
-    states, kinds = program.bank_qpos.numpy()[bank], compiled.starts.bank_start.numpy()[bank]
+    states, kinds = compiled.bank.qpos.numpy()[bank], compiled.bank.start.numpy()[bank]
     for i in fell:
         (entry,) = np.flatnonzero((states == rows["qpos"][i]).all(axis=1))
         assert kinds[entry] == rows["start"][i]

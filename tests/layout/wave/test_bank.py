@@ -11,7 +11,8 @@ from scipy import stats
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program, copied
+from sceniris_gym.program.device import copied
+from sceniris_gym.program.device_bank import Bank
 from tests.layout.scenes import Rows, bank_rows, full_tray, make, posed, read
 from tests.oracle.solids import Solids
 
@@ -25,7 +26,7 @@ def hard(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
 @pytest.mark.parametrize("split", ["train", "eval"])
 def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene, split: str):
     """All entries are taken equally often, and the entry of a world depends on its seed and episode alone."""
-    bank = [row.tobytes() for row in hard.program.bank_qpos.numpy()[bank_rows(hard, split)]]
+    bank = [row.tobytes() for row in hard.bank.qpos.numpy()[bank_rows(hard, split)]]
     generator = LayoutGenerator(hard, 400, seed=0, split=split)
     generator.generate()
     rows = read(generator.layouts)
@@ -46,14 +47,14 @@ def test_no_row_of_an_evaluation_is_one_of_training(hard: CompiledScene):
     assert all((rows.status == Status.FALLBACK).mean() > 0.3 for rows in made.values())
     seen = {row.tobytes() for row in made["train"].qpos}
     assert not any(row.tobytes() in seen for row in made["eval"].qpos)
-    assert len(hard.program.bank_qpos.numpy()) == 2 * hard.config.bank
+    assert len(hard.bank.qpos.numpy()) == 2 * hard.config.bank
 
 
 def test_bank_entries_are_valid_layouts(hard: CompiledScene):
     """They keep every clearance, by FCL, and they differ."""
-    qpos = hard.program.bank_qpos.numpy()
+    qpos = hard.bank.qpos.numpy()
     solids = Solids(hard.mjm, "physics")
-    rows = Rows(qpos, hard.program.bank_mocap_pos.numpy(), hard.program.bank_mocap_quat.numpy(), *[np.zeros(32)] * 2)
+    rows = Rows(qpos, hard.bank.mocap_pos.numpy(), hard.bank.mocap_quat.numpy(), *[np.zeros(32)] * 2)
     names = list(hard.object_names)
     for data in posed(hard, rows):
         for i, a in enumerate(names):
@@ -81,9 +82,9 @@ def test_every_object_is_in_every_row(hard: CompiledScene):
 
 def test_a_scene_without_a_bank_serves_no_fallback(hard: CompiledScene):
     """While the bank is being filled: a world that runs out of restarts holds no layout, and says so."""
-    program = copied(Program, hard.program)
-    program.bank_ntrain = 0
-    rows, filled = make(replace(hard, program=program), 60, seed=900), make(hard, 60, seed=900)
+    bank = copied(Bank, hard.bank)
+    bank.ntrain = 0
+    rows, filled = make(replace(hard, bank=bank), 60, seed=900), make(hard, 60, seed=900)
     assert set(rows.status.tolist()) == {Status.NONE, Status.VALID}
     assert ((rows.status == Status.NONE) == (filled.status == Status.FALLBACK)).all()
     assert rows[rows.status == Status.VALID].bits() == filled[filled.status == Status.VALID].bits()

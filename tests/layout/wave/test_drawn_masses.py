@@ -12,9 +12,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.commands.replay import drawn, replay
+from sceniris_gym.errors import ArgumentError, SceneKeyError, SceneMismatchError
+from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.redraw import RedrawCounts
+from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -36,7 +41,7 @@ def seesaw(folder: Path, plank: Any, load: Any, **words: Any) -> CompiledScene:
     }
     yaw = {"orientation": {"yaw": [0, 0]}}
     objects = {name: {**part, **yaw} for name, part in objects.items()}
-    return compile_on_cpu({"floor": {"size": [1, 1]}, "attempts": 200, "objects": objects, **words}, bank=8)
+    return compile_on_cpu({"floor": {"size": [1, 1]}, "attempts": 200, "objects": objects} | words, bank=8)
 
 
 def reset(compiled: CompiledScene, nworld: int = NWORLD, **words: Any) -> ResetRandomizer:
@@ -71,6 +76,55 @@ def test_layouts_stand_by_what_their_world_draws(tmp_path: Path, words: Any):
     assert not moving(compiled, randomizer.layouts, fields).any()
     others = {name: np.roll(values, 1, axis=0) for name, values in fields.items()}
     assert moving(compiled, randomizer.layouts, others).mean() > 0.05
+
+
+@pytest.mark.parametrize("prefetch", [False, True], ids=["in place", "ahead"])
+@pytest.mark.parametrize("words", [(MASSES, MASSES), (CENTERS, {})], ids=["masses", "centres"])
+def test_fallbacks_stand_by_what_their_stored_layout_was_proven_with(tmp_path: Path, words: Any, prefetch: bool):
+    """Most worlds run out of candidates; each gets the masses of the layout that it falls back on."""
+    compiled = seesaw(tmp_path, *words, attempts=1, restarts=0)
+    randomizer = reset(compiled, prefetch=prefetch)
+    rows, status = randomizer.fields.rows, randomizer.layouts.status.numpy()
+    fields = {name: rows[name].numpy() for name in ("body_mass", "body_inertia", "body_ipos") if name in rows}
+    assert (status == Status.FALLBACK).sum() >= 10
+    assert not moving(compiled, randomizer.layouts, fields).any()
+
+
+def test_a_fallback_has_the_physics_of_its_own_in_every_door(tmp_path: Path):
+    """`replay` of its id, and a table that is written or served, have the masses of its world, also with knobs."""
+    compiled = seesaw(tmp_path, MASSES, MASSES, attempts=1, restarts=0)
+    knob = "objects.load.randomize.mass"
+    randomizer = reset(compiled, 8, prefetch=False, knobs=knob)
+    randomizer.set_knob(knob, [2.0, 4.0])
+    randomizer.reset()
+    status, masses = randomizer.layouts.status.numpy(), randomizer.model.body_mass.numpy().copy()
+    assert len(set(status)) == 2
+    for told, mass in zip(randomizer.layout_ids(), masses, strict=True):
+        np.testing.assert_array_equal(drawn(compiled, replay(compiled, LayoutId.parse(told)))[0].body_mass, mass)
+    assert isinstance(randomizer.layout_source, LayoutGenerator)
+    table = read_table(randomizer.layout_source)
+    stored = reset(compiled, 8, layout_source=StoredLayouts(compiled, table, 8))
+    np.testing.assert_array_equal(stored.model.body_mass.numpy(), masses)
+    assert stored.layout_ids() == randomizer.layout_ids()
+    other = reset(compiled, 8, split="eval", knobs=knob, prefetch=False)
+    other.write(table, np.arange(8)[::-1].copy())
+    np.testing.assert_array_equal(other.model.body_mass.numpy(), masses[::-1])
+    with pytest.raises(SceneMismatchError, match="Make the randomizer with knobs="):
+        reset(compiled, 8).write(table, np.arange(8))
+    with pytest.raises(ArgumentError, match="stored layouts keep the knobs"):
+        stored.set_knob(knob, [1.0, 2.0])
+
+
+def test_a_redraw_takes_the_masses_that_the_worlds_have(tmp_path: Path):
+    """Also where a knob or a task changed them: those of the Model, of every body."""
+    randomizer = reset(seesaw(tmp_path, MASSES, MASSES))
+    randomizer.scale_field("body_mass", "load", np.full(NWORLD, 2.0, np.float32))
+    model = randomizer.model
+    redraw = make_redraw(randomizer.compiled, ("load",), NWORLD, "train", masses=(model.body_mass, model.body_ipos))
+    mask = wp.ones(NWORLD, dtype=bool, device="cpu")
+    redraw.launch(randomizer.layouts.view, mask, RedrawCounts.zeros(NWORLD, "cpu"))
+    generator = redraw._make.__self__
+    np.testing.assert_array_equal(generator._masses.statics.body_weight.numpy(), model.body_mass.numpy())
 
 
 def test_layouts_are_those_of_seed_and_episode(tmp_path: Path):

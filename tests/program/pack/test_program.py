@@ -23,7 +23,6 @@ from sceniris_gym.program.pack.relations import joints_of, pack_relations
 from tests.layout.scenes import write_mjcf
 from tests.program.scenes import Packed, pack, scene_of
 
-BANK = {"bank_present", "bank_qpos", "bank_mocap_pos", "bank_mocap_quat"}
 # What turns, slides, hangs on a ball joint and stands beside it all, in frames that are turned and moved.
 MOBILE = """
 <body name="arm" pos=".1 0 .2" quat=".8 .1 .5 .2"><joint name="turn" axis="1 2 0" pos="0 .1 0" range="-2 2" ref=".3"/>
@@ -106,7 +105,7 @@ def test_every_field_of_the_program_is_packed_and_by_one_packer(folder: Path, ge
     }
     packed = pack(scene_of(objects, geometry=geometry))
     declared = {name for name, var in Program.vars.items() if wp.types.is_array(var.type)}
-    assert set(packed.arrays) | set(collider_arrays(packed.colliders)) | BANK == declared.union(ARM_LISTS)
+    assert set(packed.arrays) | set(collider_arrays(packed.colliders)) == declared.union(ARM_LISTS)
     assert set(ARM_LISTS) <= set(Reach.vars) - declared
     assert not set(packed.arrays) & set(collider_arrays(packed.colliders))
     rules = PairRules(packed.scene, packed.colliders)
