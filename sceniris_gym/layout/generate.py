@@ -304,14 +304,14 @@ def make_redraw(
     # rows of later restarts would need the state as well
     size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size, masses=masses)
-    return Redraw(compiled, objects, split, generator.layouts, generator.launch_make, adds=adds)
+    return Redraw(compiled, objects, split, generator.layouts, generator._work, generator.launch_make, adds=adds)
 
 
 def _check_memory(compiled: CompiledScene, nworld: int, size: SearchSize) -> None:
     """Refuse more worlds than there is memory for, judged by the largest arrays of layouts and candidates."""
     mjm = compiled.mjm
     state = 4 * mjm.nq + 28 * mjm.nbody  # bytes of joints and of the poses of all bodies
-    row = state + 36 * len(compiled.slots) + 32 * mjm.nmocap + 4 * len(compiled.placed) * len(Cause)
+    row = state + 60 + 36 * len(compiled.slots) + 32 * mjm.nmocap + 4 * len(compiled.placed) * len(Cause)
     what = f"LayoutGenerator: {nworld} worlds of '{compiled.config.name}'"
     needed = (nworld + size.rows) * row + size.candidates * state
     check_memory(what, needed, compiled.device, "Use fewer worlds at once, or another device.")

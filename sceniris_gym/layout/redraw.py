@@ -21,7 +21,7 @@ from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
 from sceniris_gym.device.transforms import quat_mat, quat_z
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_draws, copy_poses, layout_width
-from sceniris_gym.layout.wave.search import numbered_stream
+from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of
 from sceniris_gym.placement.orientations import heading_of
@@ -76,18 +76,25 @@ def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int,
 
 
 @wp.func
+def _variant_of(program: Program, obj: int, quat: wp.vec4) -> int:
+    """Return the pose of an object that is nearest to an orientation."""
+    variant = program.obj_variantadr[obj]
+    flat = mul_quat(quat_z(-heading_of(quat)), quat)
+    for v in range(variant, program.obj_variantadr[obj] + program.obj_variantnum[obj]):
+        if wp.abs(wp.dot(program.variant_quat[v], flat)) > wp.abs(wp.dot(program.variant_quat[variant], flat)):
+            variant = v
+    return variant
+
+
+@wp.func
 def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
     """Write the place and the bounds of an object as it is: its pivot is that of the pose which it is turned to."""
     root = program.obj_body[obj]
     quat = layouts.body_quat[row, root]
     place = layouts.place[row, program.obj_place[obj]]
-    variant = program.obj_variantadr[obj]
     if program.obj_variantnum[obj] > 0:
         heading = heading_of(quat)
-        flat = mul_quat(quat_z(-heading), quat)
-        for v in range(variant, program.obj_variantadr[obj] + program.obj_variantnum[obj]):
-            if wp.abs(wp.dot(program.variant_quat[v], flat)) > wp.abs(wp.dot(program.variant_quat[variant], flat)):
-                variant = v
+        variant = _variant_of(program, obj, quat)
         at = layouts.body_pos[row, root] + quat_mat(quat) * program.variant_pivot[variant]
         place = wp.vec4(at[0], at[1], at[2], heading)
     bounds = wp.vec4(0.0)
@@ -157,6 +164,33 @@ def _read_state(
 
 
 @wp.kernel
+def _find_carriers(
+    program: Program,
+    mask: wp.array[bool],
+    # Layouts in: place, body_pos, body_quat
+    layouts: LayoutsView,
+    # Search out: row_surface, row_variant
+    search: Search,
+):
+    worldid, obj = wp.tid()
+    ground = program.obj_ground[obj]
+    if not mask[worldid] or ground < 0:
+        return
+    variant = _variant_of(program, obj, layouts.body_quat[worldid, program.obj_body[obj]])
+    search.row_variant[worldid, obj] = variant
+    place = layouts.place[worldid, program.obj_place[obj]]
+    at = wp.vec3(place[0], place[1], place[2]) - layouts.body_pos[worldid, ground]
+    height = wp.dot(at, quat_mat(layouts.body_quat[worldid, ground]) * wp.vec3(0.0, 0.0, 1.0))
+    nearest = float(1.0e30)
+    for i in range(program.variant_trinum[variant]):
+        surface = program.tri_surface[program.variant_triadr[variant] + i]
+        distance = wp.abs(program.surface_height[surface] - height)
+        if distance < nearest:
+            nearest = distance
+            search.row_surface[worldid, obj] = surface
+
+
+@wp.kernel
 def _finish(
     mask: wp.array[bool],
     width: int,
@@ -203,6 +237,7 @@ class Redraw(StaysHere):
         objects: The objects, as from `chosen_objects`.
         split: "train" or "eval".
         layouts: Layouts of the part of the scene that places these objects alone; see `part_of`.
+        work: The arrays of their search.
         make: Launches that make them for the masked worlds, after others that fill their rows.
         adds: Make the objects present that are not.
 
@@ -218,13 +253,14 @@ class Redraw(StaysHere):
         objects: Sequence[str],
         split: str,
         layouts: Layouts,
+        work: Workspace,
         make: Callable[[wp.array, Callable[[], None]], None],
         *,
         adds: bool = False,
     ) -> None:
         mjm, config = compiled.mjm, compiled.config
         self.bodies = [body for name in objects for body in compiled.scene.subtree(name)]
-        self.layouts, self._make = layouts, make
+        self.layouts, self._work, self._make = layouts, work, make
         self._program, self._split, self._device = compiled.program, SPLITS[split], compiled.device
         adr = np.full((mjm.nbody, 3), -1)
         for i, kind in enumerate((mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)):
@@ -232,7 +268,8 @@ class Redraw(StaysHere):
             adr[mjm.jnt_bodyid[joints], i] = mjm.jnt_qposadr[joints]
         adr[:, 2] = mjm.body_mocapid
         owner = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))
-        needed = with_variants((n for name in objects for n in config.parts[name].needs), config.variants)
+        part, needed = layouts.compiled, {n for name in objects for n in config.parts[name].needs}
+        needed = with_variants([*needed, *part.placed[: part.program.ngiven]], config.variants)
         anchors = [i for i, name in enumerate(compiled.placed) if name in needed and name not in objects]
         slots = [compiled.slots.index(name) for name in objects] if adds else []
         with wp.ScopedDevice(self._device):
@@ -251,5 +288,13 @@ class Redraw(StaysHere):
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
         read = [self._program, mask, self._split, *self._given, counts.number, origins, state]
-        self._make(mask, lambda: wp.launch(_read_state, nworld, read, [view], device=device))
+        program, search = self._work.program, self._work.search
+
+        def prepare() -> None:
+            wp.launch(_read_state, nworld, read, [view], device=device)
+            if self._work.statics is not None and program.ngiven > 0:
+                dim = nworld, program.ngiven
+                wp.launch(_find_carriers, dim, [program, mask, view], [search], device=device)
+
+        self._make(mask, prepare)
         wp.launch(_finish, nworld, [mask, layout_width(view), state, view], [self.placed, *counts], device=device)

@@ -30,7 +30,7 @@ from sceniris_gym.program.checks.standing import check_standing
 from sceniris_gym.program.checks.supports import check_supports
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.device import Program, fill_struct
-from sceniris_gym.program.device_bank import Bank
+from sceniris_gym.program.device_bank import Bank, empty_bank
 from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS
@@ -224,7 +224,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
     found = pack_starts(plan, arrays["bound_qpos"], device) if starts else None
-    program.nobject = len(plan.objects)
+    program.nobject, program.ngiven = len(plan.objects), 0
     program.ngroup = len(scene.config.groups)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
     program.restarts = scene.config.restarts
@@ -237,7 +237,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
         reaching=plan.reaching if plan.reaching.arms else None,
         statics=pack_statics(plan, device),
         starts=found,
-        bank=Bank(),
+        bank=empty_bank(device),
         home_qpos=scene.home_qpos.astype(np.float32),
         home_xpos=plan.scene.home.xpos.astype(np.float32),
         home_xquat=plan.scene.home.xquat.astype(np.float32),

@@ -85,6 +85,7 @@ class Program:
 
     # Sizes and options.
     nobject: int
+    ngiven: int  # objects that a redraw finds where they are, the first of all
     ngroup: int
     attempts: int
     restarts: int
@@ -118,6 +119,7 @@ class Program:
 
     # Objects: identity, and where their state is kept.
     obj_stream: wp.array[int]  # of random numbers
+    obj_upright: wp.array[float]  # cosine of the greatest lean of its support
     obj_kind: wp.array[int]  # an ObjectKind
     obj_slot: wp.array[int]
     obj_place: wp.array[int]  # column of its place and bounds: its slot, or what it shares with the other variants

@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from sceniris_gym.program.device import allocate
+
 
 @wp.struct
 class Bank:
@@ -18,3 +20,12 @@ class Bank:
     grasp: wp.array2d[int]
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
+
+
+def empty_bank(device: str) -> Bank:
+    """Return a bank without rows, from which nothing falls back."""
+    bank = Bank()
+    with wp.ScopedDevice(device):
+        for name in set(Bank.vars).difference({"ntrain"}):
+            allocate(Bank, bank, (0,) * Bank.vars[name].type.ndim, name)
+    return bank

@@ -12,12 +12,16 @@ import warp as wp
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
+from sceniris_gym.program.standing import carriers_of
+from sceniris_gym.program.surfaces import LEVEL
 from sceniris_gym.scene.support import is_static
 
 _FAR = float(np.finfo(np.float32).max)
 # A round tries a single object so many times as often as it takes on average, after which hardly a world is left; see
 # benchmarks/NOTES.md.
 _ENOUGH = 16.0
+# Cosine of the greatest lean of a free support: soft contacts lean stacks by up to 1.6 degrees.
+_LEANING = float(np.cos(np.radians(2.0)))
 
 
 def chosen_objects(
@@ -58,26 +62,47 @@ def chosen_objects(
     return tuple(name for name in valid if name in names)
 
 
+def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
+    """Return the numbers of the other objects that carry chosen ones, and of all others that these carry."""
+    found: set[int] = set()
+    for number in chosen:
+        while (number := carriers[number]) is not None:  # type: ignore[assignment]
+            found.add(number)
+    for number, carrier in enumerate(carriers):  # carriers come before what they carry
+        if carrier in found:
+            found.add(number)
+    return sorted(found.difference(chosen))
+
+
 def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     """Return the scene with a program that places these objects alone; everything else is an obstacle.
 
     A layout of it is made from a row that has the poses of all other bodies. A support that joints or physics may move
     is one as long as it is level.
 
+    Free objects that carry some of them, and all that these carry, are given: they come first in the program, for the
+    test of standing.
+
     Args:
         compiled: The scene.
         names: Objects, as from `chosen_objects`.
     """
     plan = compiled.plan
-    numbers = [i for i, o in enumerate(plan.objects) if o.name in names]
-    still = is_static(plan.scene.mjm)
-    chosen = [plan.objects[i] for i in numbers]
+    chosen = [i for i, o in enumerate(plan.objects) if o.name in names]
+    given = _given(carriers_of(plan.objects), chosen)
+    numbers, still = [*given, *chosen], is_static(plan.scene.mjm)
+    objects = [plan.objects[i] for i in numbers]
     # a support leans as it likes, unless it is static or placed before
-    firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in chosen]
-    chosen = [o if is_firm else replace(o, tilts=True) for o, is_firm in zip(chosen, firm, strict=True)]
-    made = upload_plan(replace(plan, objects=chosen), compiled.device, starts=False)
+    firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in objects]
+    objects = [o if is_firm else replace(o, tilts=True) for o, is_firm in zip(objects, firm, strict=True)]
+    for i, o in enumerate(objects[: len(given)]):
+        objects[i] = replace(o, config=o.config.model_copy(update={"reachable": False}))
+    made = upload_plan(replace(plan, objects=objects), compiled.device, starts=False)
     program, whole = made.program, compiled.program
-    program.ngroup = 0  # who is present has been drawn
+    program.ngroup, program.ngiven = 0, len(given)  # who is present has been drawn
+    carriers = {plan.objects[i].name for i in given}
+    leans = [o.support is not None and o.support.owner in carriers for o in objects]
+    program.obj_upright = wp.array(np.where(leans, _LEANING, LEVEL), dtype=float, device=compiled.device)
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
     program.obj_effort = wp.array(whole.obj_effort.numpy()[numbers], dtype=float, device=compiled.device)
     if len(names) == 1 and (made.reaching is None or not made.reaching.staged):

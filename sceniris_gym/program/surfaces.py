@@ -16,6 +16,8 @@ from sceniris_gym.scene.support import Support, static_supports
 
 UPRIGHT = float(np.cos(np.radians(0.1)))
 """Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
+LEVEL = 0.9999985
+"""The same in single precision, for supports as they are in a world."""
 
 
 def surfaces_of(

@@ -17,6 +17,7 @@ from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, compiled_from
+from tests.oracle.stack_judge import STILL, StackJudge
 
 # A lamp on a ball joint, an arm of a hinge and a slide, a tray and three boxes on a table.
 MODEL = """
@@ -252,3 +253,24 @@ def test_what_is_kept_leaves_grasps_alone():
     assert (found.status.numpy() == Status.KEPT).all()
     np.testing.assert_array_equal(found.qpos.numpy(), generator.layouts.qpos.numpy())
     assert (found.grasp.numpy() == 7).all()
+
+
+def test_the_top_of_a_settled_stack_is_redrawn_and_stands():
+    """Soft contacts lean what carries it by more than 0.1 degrees; it leans with it, and stays in MuJoCo C."""
+    names = ["low", "middle", "top"]
+    objects = {name: {"asset": "block"} for name in names}
+    stack = {"tower": {"of": names, "on": "floor", "offset": [0, 0.02]}}
+    compiled = compile_on_cpu({"floor": {"size": [1.2, 1.0]}, "objects": objects, "stacks": stack}, bank=8)
+    worlds, data = worlds_of(compiled), mujoco.MjData(compiled.mjm)
+    lean = np.zeros(len(worlds.seed))
+    for i, qpos in enumerate(worlds.qpos):
+        mujoco.mj_resetData(compiled.mjm, data)
+        data.qpos[:] = qpos
+        mujoco.mj_step(compiled.mjm, data, 100)
+        worlds.qpos[i] = data.qpos
+        lean[i] = np.degrees(np.arccos(min(1.0, data.xmat[compiled.scene.bodies["middle"]][8])))
+    assert (lean > 0.1).mean() > 0.5
+    found, judge = redraw(compiled, ("top",), worlds), StackJudge(compiled.mjm)
+    assert (found.status.numpy() == Status.VALID).mean() > 0.9
+    far = [judge.moves(qpos, np.zeros((0, 3)), np.zeros((0, 4))).max() for qpos in found.qpos.numpy()]
+    assert max(far) < STILL

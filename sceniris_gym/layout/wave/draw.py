@@ -21,7 +21,6 @@ from sceniris_gym.layout.wave.search import (
     stream_of,
     trial_of,
 )
-from sceniris_gym.layout.wave.sides import LEVEL
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
 from sceniris_gym.placement.measure import bounds_of, measure
 from sceniris_gym.placement.orientations import draw_variant, heading_of
@@ -83,7 +82,7 @@ def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: i
     settled_quat = wp.vec4(settled[3], settled[4], settled[5], settled[6])
     ground = program.obj_ground[obj]
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
-    if frame.rot[2, 2] < LEVEL:
+    if frame.rot[2, 2] < program.obj_upright[obj]:
         search.cause[c] = Cause.EMPTY
         return
     quat = wp.normalize(mul_quat(layouts.body_quat[row, ground], settled_quat))

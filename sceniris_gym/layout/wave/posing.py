@@ -11,8 +11,11 @@ from sceniris_gym.placement.kinematics import pose_bodies
 from sceniris_gym.placement.orientations import facing
 from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import OrientationType, Program
+from sceniris_gym.program.surfaces import LEVEL
 
 wp.set_module_options({"enable_backward": False})
+
+_LEVEL = wp.constant(LEVEL)
 
 
 @wp.func
@@ -38,6 +41,9 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
         pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
     root = program.obj_body[obj]
     quat = wp.normalize(mul_quat(quat_z(heading), turn.quat))
+    if program.obj_upright[obj] < _LEVEL:  # it leans as its support does
+        up = quat_mat(layouts.body_quat[row, program.obj_ground[obj]]) * wp.vec3(0.0, 0.0, 1.0)
+        quat = wp.normalize(mul_quat(wp.vec4(1.0 + up[2], -up[1], up[0], 0.0), quat))
     search.body_pos[c, root] = pivot - quat_mat(quat) * turn.pivot
     search.body_quat[c, root] = quat
     pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])

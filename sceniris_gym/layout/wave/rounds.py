@@ -156,7 +156,7 @@ def _open_rows(
         search.row_restart[row] = restart
         search.row_trial[row] = 0
         search.row_attempts[row] = 0
-        search.row_object[row] = next_object(program, reach, layouts, row, 0)
+        search.row_object[row] = next_object(program, reach, layouts, row, program.ngiven)
         if search.row_object[row] == program.nobject:
             finish_row(search, row, staged)
             continue

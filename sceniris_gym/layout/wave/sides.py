@@ -17,9 +17,6 @@ from sceniris_gym.program.device import Cause, Measure, ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Cosine of the largest tilt at which a surface supports objects: 0.1 degree.
-LEVEL = wp.constant(0.9999985)
-
 
 @wp.func
 def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> Pose:
@@ -88,7 +85,7 @@ def _build_sides(
                 continue
             row = search.row[c]
             frame = support_pose(program, layouts, row, obj)
-            if frame.rot[2, 2] < LEVEL:
+            if frame.rot[2, 2] < program.obj_upright[obj]:
                 search.cause[c] = Cause.EMPTY
                 continue
             holder = _holder(program, search, c, row, obj)

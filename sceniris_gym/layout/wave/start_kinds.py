@@ -73,7 +73,7 @@ def _put_at_markers(
     starts: Starts,
     end: int,
     lanes: int,
-    # Layouts in: start, present, place
+    # Layouts in: start, present, place, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_surface, candidates, row, obj, turn, heading, point, qpos, body_pos, body_quat
     # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat

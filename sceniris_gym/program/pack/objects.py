@@ -18,6 +18,7 @@ from sceniris_gym.program.pack.joining import JoinedSites
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
+from sceniris_gym.program.surfaces import LEVEL
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
 # A piece that rises above a surface by less than this [m] does not cover it: half of where rays upwards begin.
@@ -37,6 +38,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
         "obj_place": np.array([plan.places.index(shared.get(o.name, o.name)) for o in objects], int),
         "obj_measured": np.array([_measured(plan, o) for o in objects], int),
         "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
+        "obj_upright": np.full(len(objects), LEVEL),
         "obj_gap": np.array([_gap(rules, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),

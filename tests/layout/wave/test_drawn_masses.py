@@ -127,6 +127,17 @@ def test_a_redraw_takes_the_masses_that_the_worlds_have(tmp_path: Path):
     np.testing.assert_array_equal(generator._masses.statics.body_weight.numpy(), model.body_mass.numpy())
 
 
+def test_a_redraw_tips_nothing_that_carries_it(tmp_path: Path):
+    """The plank stays where it is, and keeps standing under the load's new place with its own centre of mass."""
+    randomizer = reset(seesaw(tmp_path, CENTERS, {}))
+    fields = {"body_ipos": randomizer.fields.rows["body_ipos"].numpy()}
+    randomizer.replace("load")
+    placed = randomizer.replacer.status.numpy() == Status.VALID
+    assert placed.sum() > NWORLD // 2
+    wp.copy(randomizer.layouts.qpos, randomizer.data.qpos)
+    assert not moving(randomizer.compiled, randomizer.layouts, fields)[placed].any()
+
+
 def test_layouts_are_those_of_seed_and_episode(tmp_path: Path):
     """Also where masses decide: for one world alone, and with layouts made ahead; equal bits."""
     compiled = seesaw(tmp_path, MASSES, MASSES)
