@@ -50,6 +50,10 @@ class RedrawCounts(NamedTuple):
         return cls(*(wp.zeros(num, dtype=int, device=device) for num in (nworld, nworld, 1)))
 
 
+# Further than this [m] above the support that the scene gives it, something is held, and stands on nothing.
+_LIFTED = wp.constant(0.01)
+
+
 @wp.func
 def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int, body: int):
     """Pose a body of a row by its joints or its mocap pose; its parent is posed. `adr` is as in `_read_state`."""
@@ -181,7 +185,8 @@ def _find_carriers(
     place = layouts.place[worldid, program.obj_place[obj]]
     at = wp.vec3(place[0], place[1], place[2]) - layouts.body_pos[worldid, ground]
     height = wp.dot(at, quat_mat(layouts.body_quat[worldid, ground]) * wp.vec3(0.0, 0.0, 1.0))
-    nearest = float(1.0e30)
+    nearest = float(_LIFTED)
+    search.row_surface[worldid, obj] = -1
     for i in range(program.variant_trinum[variant]):
         surface = program.tri_surface[program.variant_triadr[variant] + i]
         distance = wp.abs(program.surface_height[surface] - height)

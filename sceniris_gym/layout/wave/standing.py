@@ -54,6 +54,8 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
             own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], origin)
         else:
             surface = search.row_surface[row, obj]
+            if surface < 0:  # it is held, so that all above stands on it
+                return loads_stand(levels, j)
             variant = search.row_variant[row, obj]
             place = layouts.place[row, program.obj_slot[obj]]
             own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], origin)
