@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 from pathlib import Path
 
@@ -52,6 +53,15 @@ def test_a_kernel_names_the_fields_that_it_reads_and_writes(module: Module, kern
             lines = expected[arg.arg]
             belongs = "\n".join(f"    {line}" for line in lines)
             assert comments_above(module, arg) == lines, f"above '{arg.arg}' of {kernel.name} belongs\n{belongs}"
+
+
+@pytest.mark.parametrize(("module", "kernel"), KERNELS)
+def test_a_kernel_rounds_after_each_operation(module: Module, kernel: ast.FunctionDef):
+    """A GPU would fuse products with sums, and round once where a CPU rounds twice."""
+    if module.name.endswith(".newton"):
+        pytest.importorskip("newton")
+    options = getattr(importlib.import_module(module.name), kernel.name).module.options
+    assert (options["fuse_fp"], options["enable_backward"]) == (False, False)
 
 
 def test_all_other_structs_are_constant():

@@ -20,7 +20,7 @@ from sceniris_gym.sim.fit import check_fit, check_model
 
 newton: Any = import_extra("newton", "newton")
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _FREE = wp.constant(int(newton.JointType.FREE))
 _BALL = wp.constant(int(newton.JointType.BALL))

@@ -6,7 +6,7 @@ t and its axes are the columns of r, both in the frame of a.
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func

@@ -15,7 +15,7 @@ from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.program.device import Cause, Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SHARED_STACK = 512
 """Capacity of the stack of entries that a block shares: one for each lane and each level of both trees."""

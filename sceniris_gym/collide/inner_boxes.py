@@ -6,7 +6,7 @@ from sceniris_gym.collide.axes import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
 from sceniris_gym.program.device import Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Edges count as parallel up to an angle of 1.4e-3 rad, whose cosine this is; three pairs of edges may be so at once.
 _PARALLEL = wp.constant(1.0 - 1.0e-6)

@@ -16,7 +16,7 @@ from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind, Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Added to every margin [m]: more than the rounding of float32 poses and vertices within a few metres, less than the
 # 10 um by which a rejection may be wrong.

@@ -11,7 +11,7 @@ from sceniris_gym.collide.convex import Shape, separated
 from sceniris_gym.device.transforms import Pose
 from sceniris_gym.geometry.pieces import PieceType
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 # Everything that is cut off is at least this much [m] further away than the margin.

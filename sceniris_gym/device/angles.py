@@ -1,8 +1,9 @@
-"""Sines, cosines and arc tangents with the same bits on every device.
+"""Sines, cosines, arc tangents, logarithms and exponentials with the same bits on every device.
 
 CUDA's own functions differ from those of C libraries in the last bit of a float, which regions clipped at small angles
-magnify to tens of micrometres. Modules that make layouts also switch `fuse_fp` off. Only sums, products, quotients and
-square roots then remain, which IEEE 754 defines to the bit.
+magnify to tens of micrometres. All kernels also switch `fuse_fp` off: inverse kinematics magnifies the last bit to
+radians where an arm has joints to spare. Only sums, products, quotients and square roots then remain, which IEEE 754
+defines to the bit.
 """
 
 import math
@@ -14,6 +15,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 _TWO_OVER_PI = wp.constant(wp.float64(2.0 / math.pi))
 _HALF_PI = wp.constant(wp.float64(0.5 * math.pi))
 _ONE = wp.constant(wp.float64(1.0))
+_LOG_2 = wp.constant(wp.float64(math.log(2.0)))
 
 # Minimax polynomials on [-pi/4, pi/4], for results that are rounded to floats: sin r = r + r^3 (S1 + S2 r^2 + ...) and
 # cos r = 1 + r^2 (C1 + C2 r^2 + ...). They come from Arm's "optimized routines", as glibc's since 2.28, so layouts
@@ -95,3 +97,26 @@ def angle_of(x: float, y: float) -> float:
     if x < 0.0:
         angle = _PI - (angle - _PI_REST)
     return wp.where(y < 0.0, -angle, angle)
+
+
+@wp.func(inline=False)
+def log_of(x: float) -> float:
+    """Return the natural logarithm of a normal positive number, correct to 0.51 units in the last place."""
+    power = (wp.cast(x, int) - 0x3F3504F3) >> 23  # of 2, so that m is from sqrt(1/2) to sqrt(2)
+    m = wp.float64(wp.cast(wp.cast(x, int) - (power << 23), float))
+    t = (m - _ONE) / (m + _ONE)
+    tail = wp.float64(0.0)
+    for k in range(6):  # log m = 2 (t + t^3 / 3 + t^5 / 5 + ...)
+        tail = tail * t * t + wp.float64(2.0) / wp.float64(11 - 2 * k)
+    return float(wp.float64(power) * _LOG_2 + t * tail)
+
+
+@wp.func(inline=False)
+def exp_of(x: float) -> float:
+    """Return the exponential of a number from -700 to 700, correct to 0.51 units in the last place."""
+    power = wp.rint(wp.float64(x) / _LOG_2)  # of 2
+    rest = wp.float64(x) - power * _LOG_2
+    series = _ONE
+    for k in range(10):
+        series = _ONE + series * rest / wp.float64(10 - k)
+    return float(series * wp.cast((wp.int64(power) + wp.int64(1023)) << wp.int64(52), wp.float64))

@@ -7,7 +7,7 @@ import warp as wp
 
 from sceniris_gym.device.angles import angle_of, unit_circle
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func
@@ -63,7 +63,4 @@ def rotation_vector(q: wp.vec4) -> wp.vec3:
         v = -v
         w = -w
     s = wp.length(v)
-    scale = float(2.0)
-    if s > 1.0e-6:
-        scale = 2.0 * angle_of(w, s) / s
-    return scale * v
+    return wp.where(s > 1.0e-6, 2.0 * angle_of(w, s) / s, 2.0) * v

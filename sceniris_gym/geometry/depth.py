@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Cells along the longest edge of a mesh's bounds: the bound is too large by half a cell's diagonal.
 _CELLS = 24

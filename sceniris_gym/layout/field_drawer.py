@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.randomize import DEVIATIONS
+from sceniris_gym.device.angles import exp_of, log_of, unit_circle
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import name_hash, uniforms
@@ -16,7 +17,7 @@ from sceniris_gym.layout.knobs import FLOAT, TYPES, KnobTable, launch_write, put
 from sceniris_gym.layout.masks import row_of
 from sceniris_gym.scene.draws import FieldDraw
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 LANES = 128
 """Lanes that draw a world."""
@@ -105,10 +106,10 @@ def _number(number: Number, table: wp.array[float], u: wp.vec4) -> float:
     low = table[number.first]
     high = table[number.first + number.count]
     if number.distribution == _LOG_UNIFORM:
-        return low * wp.exp(u[0] * wp.log(high / low))
+        return low * exp_of(u[0] * log_of(high / low))
     if number.distribution == _NORMAL:
         # Box and Muller: 1 - u is never 0
-        z = wp.sqrt(-2.0 * wp.log(1.0 - u[0])) * wp.cos(2.0 * wp.pi * u[1])
+        z = wp.sqrt(-2.0 * log_of(1.0 - u[0])) * unit_circle(2.0 * wp.pi * u[1])[0]
         return low + high * wp.clamp(z, -_DEVIATIONS, _DEVIATIONS)
     return low + (high - low) * u[0]
 
@@ -130,10 +131,8 @@ def _value(
         value = table[item.choice + int(numbers[item.number])]
     elif item.form == _TURN:
         first = item.drawn_offset - item.drawn_offset % 4
-        turn = wp.vec3()
+        turn = _RADIANS * wp.vec3(numbers[item.number], numbers[item.number + 1], numbers[item.number + 2])
         q = wp.vec4()
-        for k in range(3):
-            turn[k] = _RADIANS * numbers[item.number + k]
         for k in range(4):
             q[k] = _nominal(fields[item.drawn], worldid, first + k)
         turned = mul_quat(q, axis_angle_quat(wp.normalize(turn), wp.length(turn)))

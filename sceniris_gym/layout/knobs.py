@@ -21,7 +21,7 @@ from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _BANK_BIT = wp.constant(BANK_BIT)
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from sceniris_gym.errors import MaskError, MaskTypeError
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def as_mask(mask: Any, nworld: int, device: Any, name: str = "mask") -> wp.array:

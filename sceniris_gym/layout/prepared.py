@@ -21,7 +21,7 @@ from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout,
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.rounds import count_rejections
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _FIRST = -1
 """Priority of prefetching on a GPU: its many short kernels go before the long ones of physics, not after each."""

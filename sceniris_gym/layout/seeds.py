@@ -13,7 +13,7 @@ from sceniris_gym.errors import SeedError
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import MOST_EPISODES
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.kernel

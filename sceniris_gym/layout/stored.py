@@ -25,7 +25,7 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Largest difference of a squared length of a quaternion from 1.
 _UNIT = 1.0e-4

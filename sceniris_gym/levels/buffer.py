@@ -11,7 +11,7 @@ from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.levels.choice import SCORES, Levels
 from sceniris_gym.program.device import allocate
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LEARNABILITY, _GIVEN = (wp.constant(SCORES.index(name)) for name in ("learnability", "given"))
 BINS = wp.constant(512)

@@ -11,7 +11,7 @@ from sceniris_gym.levels.buffer import Buffer
 from sceniris_gym.levels.choice import Ranges
 from sceniris_gym.program.device import fill_struct
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.kernel

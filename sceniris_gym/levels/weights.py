@@ -6,7 +6,7 @@ from warp.utils import array_scan
 from sceniris_gym.levels.buffer import BINS, Buffer, score_of
 from sceniris_gym.levels.choice import Levels
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _TOTAL = wp.constant(float(1 << 30))  # sum of all weights, within an int32
 _UNIT = wp.constant(float(2.0**-32))  # of sums of weights: integers, so that all devices add alike

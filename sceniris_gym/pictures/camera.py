@@ -14,7 +14,7 @@ from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.pictures.context import BACKGROUND, CHANNELS, Looks, Shot, in_model_order, picture_context, tile_rays
 from sceniris_gym.scene.model import SceneModel
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _TRACKING = (mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM, mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODYCOM)
 _AWAY = wp.vec3(1e9, 1e9, 1e9)  # m; from there every ray misses the boxes around a world at once

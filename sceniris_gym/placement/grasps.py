@@ -8,7 +8,7 @@ from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.lookup import map_verdict
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func

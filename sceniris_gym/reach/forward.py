@@ -7,7 +7,7 @@ from sceniris_gym.device.quaternions import z_axis
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import ArmView, arm_view, as_vec8, forward, vec8
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.kernel

@@ -16,7 +16,7 @@ from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.lookup import JointTurn, turned
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, random_joints, refine, vec8
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TURNS = 16
 """Turns of the base that a label distinguishes, and turns of the wrist for each of them."""

@@ -17,7 +17,7 @@ from sceniris_gym.device.quaternions import mul_quat, neg_quat, z_axis
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import vec8
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 POLE_TILT = math.radians(0.1)

@@ -14,7 +14,7 @@ import warp as wp
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, rotation_vector, turn_z, z_axis
 from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 POS_TOL = 1.0e-3
 """Largest distance [m] from the requested position at which a solution is accepted."""

@@ -8,7 +8,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 LANES = 32
 """Threads that clear the constraint rows of a world."""

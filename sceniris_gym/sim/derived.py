@@ -17,7 +17,7 @@ from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.transforms import quat_mat
 from sceniris_gym.sim.derived_tables import Derived
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LEAST = wp.constant(1.0e-15)
 """The smallest value that MuJoCo divides by (mjMINVAL)."""

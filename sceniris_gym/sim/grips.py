@@ -10,7 +10,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_starts import StartPose
 from sceniris_gym.sim.rest import RestMap, rest_value
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.struct

@@ -7,7 +7,7 @@ import warp as wp
 
 from sceniris_gym.sim.rest import RestMap, rest_value
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 GAINS = ("actuator_gainprm", "actuator_biasprm", "actuator_gear")
 """Fields that these controls follow from."""

@@ -23,7 +23,7 @@ from sceniris_gym.sim.holding import GAINS, launch_holding
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""

@@ -5,7 +5,7 @@ import warp as wp
 from sceniris_gym.device.random import SPLITS, STREAM_BITS, TASK_STREAM, name_hash, named_stream, uniforms
 from sceniris_gym.errors import ArgumentError
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def task_stream(split: str, stream: int) -> int:

@@ -23,7 +23,7 @@ from sceniris_gym.sim.variant_reader import VariantReader
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.sim.write import StateWriter, poses_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.kernel

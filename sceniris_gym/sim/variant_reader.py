@@ -10,7 +10,7 @@ from sceniris_gym.program.device import copied
 from sceniris_gym.sim.variants import LANES, Places, VariantWriter, is_absent
 from sceniris_gym.sim.write import Poses, poses_of
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _FAR = 1.0e6  # coordinates of absent variants [m], beyond the origin of any world
 

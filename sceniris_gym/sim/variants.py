@@ -18,7 +18,7 @@ from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import places_of_geoms
 from sceniris_gym.sim.write import Poses
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 LANES = 512
 """Lanes that read or write a world: each waits for memory once a word."""

@@ -15,7 +15,7 @@ from sceniris_gym.layout.masks import row_of
 from sceniris_gym.sim.grips import Grips, control_at_start
 from sceniris_gym.sim.rest import RestMap, history_samples
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.struct

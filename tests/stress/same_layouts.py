@@ -1,90 +1,170 @@
-"""Are the layouts of one device those of another? The first one's are saved, the second one's compared with them.
+"""Are the layouts of one device those of another, to the bit? The first one's are saved, the second one's compared.
 
-python -m tests.stress.same_layouts save FOLDER mid kitchen --device cpu
-python -m tests.stress.same_layouts compare FOLDER mid kitchen --device cuda:0
+python -m tests.stress.same_layouts save FOLDER --device cpu
+python -m tests.stress.same_layouts compare FOLDER --device cuda:0
+
+Without names of scenes, all shipped ones are made, and mixed ones that together have every tier and kind of start.
+What is compared is what a reset makes of 2,048 worlds: layouts, state, controls, and fields of the model that are
+drawn. A line for each scene; the status is 1 if a bit differs.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
+import time
 from pathlib import Path
+from typing import Any
 
-import mujoco
+import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.loader import shipped
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.draws import drawn_fields
+from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from tests.layout.starting import SCENE
 
-_POSITION, _ANGLE = 1.0e-6, 1.0e-6
-_COUNTED = ("attempts", "status", "present", "grasp")
-"""What has to be equal if the same trials were accepted."""
+_LAYOUTS = ("qpos", "mocap_pos", "mocap_quat", "attempts", "status", "present", "start")
+_GRASPS = ("grasp", "grasp_qpos", "pregrasp_qpos")
+_STATE = ("qpos", "mocap_pos", "mocap_quat", "ctrl")
+_NOISE = {"*": {"noise": 0.02}}
+MIXED: dict[str, dict[str, Any]] = {
+    "every_start": SCENE,
+    "drawn_masses": {
+        "robot": {"asset": "panda", "base": [-0.5, 0.0, 0.0], "joints": _NOISE},
+        "objects": {
+            "table": {"asset": "table", "kind": "static"},
+            "target": {
+                "asset": ["can", "mug", "lemon", "cereal_box"],
+                "on": "table",
+                "reachable": "ik",
+                "randomize": {
+                    "mass": {"scale": [0.5, 2.0], "distribution": "log_uniform"},
+                    "friction": {"scale": [1.0, 0.1], "distribution": "normal"},
+                },
+            },
+            "bowl": {"asset": "bowl", "on": "table", "relations": [{"near": "target", "distance": {"max": 0.35}}]},
+            "apple": {"asset": "apple", "on": "table", "clearance": 0.01},
+            "book": {"asset": "book", "on": "table"},
+            "tin": {"asset": "tin", "on": "book", "stands": True, "randomize": {"mass": {"scale": [0.3, 3.0]}}},
+        },
+        "groups": {"fruit": {"of": ["apple"], "count": [0, 1]}},
+        "start": [
+            {"weight": 2},
+            {"robot": "pregrasp", "of": "target"},
+            {"robot": "grasp", "of": "target"},
+        ],
+    },
+    "two_arms": {
+        "floor": {"size": [2.4, 1.8]},
+        "robots": {
+            "left": {"asset": "panda", "base": [-0.7, 0.0, 0.0], "joints": _NOISE},
+            "right": {"asset": "ur5e", "base": [0.7, 0.0, 0.0], "yaw": 180},
+        },
+        "objects": {
+            "can": {"asset": "can", "on": "floor", "reachable": {"by": "left", "tier": "clear"}},
+            "tin": {"asset": "tin", "on": "floor", "reachable": {"by": "right", "tier": "ik"}},
+            "brick": {"asset": "brick", "on": "floor"},
+        },
+        "start": [
+            {"robot": "grasp", "of": "can", "lift": [0.05, 0.2]},
+            {"robot": "pregrasp", "of": "tin"},
+            {"robot": "grasp", "of": "tin", "robot_joints": {"*": {"noise": 0.3}}},
+        ],
+    },
+    "drawn_base": {
+        "floor": {"size": [2.0, 2.0]},
+        "robot": {
+            "asset": "heron",
+            "on": "floor",
+            "region": {"box": [[-0.8, -0.8], [0.8, 0.8]]},
+            "relations": [{"near": "can", "distance": {"max": 0.5}}],
+        },
+        "objects": {
+            "can": {"asset": "can", "on": "floor", "region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}, "reachable": "ik"},
+            "mug": {"asset": "mug", "on": "floor", "relations": [{"left_of": "can", "angle": 40}]},
+        },
+        "start": [{}, {"robot": "grasp", "of": "can"}],
+    },
+    "drawn_meshes": {
+        "geometry": "visual",
+        "robot": {"asset": "panda", "base": [-0.5, 0.0, 0.0], "joints": _NOISE},
+        "objects": {
+            "table": {"asset": "table", "kind": "static"},
+            "mug": {"asset": "mug", "on": "table", "reachable": "clear"},
+            "pear": {"asset": "pear", "on": "table", "orientation": {"face_to": "mug"}},
+            "pan": {"asset": "pan", "on": "table", "relations": [{"beside": "mug", "side": "left", "gap": 0.02}]},
+        },
+        "start": [{}, {"robot": "pregrasp", "of": "mug"}],
+    },
+}
 
 
-def layouts_of(compiled: CompiledScene, worlds: int) -> dict[str, np.ndarray]:
-    """The first episode of so many worlds."""
-    generator = LayoutGenerator(compiled, worlds)
-    generator.generate()
-    names = ("qpos", "mocap_pos", "mocap_quat", *_COUNTED)
-    return {name: getattr(generator.layouts, name).numpy() for name in names}
+def rows_of(compiled: CompiledScene, nworld: int) -> dict[str, np.ndarray]:
+    """What the first reset of so many worlds makes, by name."""
+    with wp.ScopedDevice(compiled.device):
+        model = put_model(compiled, nworld)
+        data = mjw.make_data(compiled.sim_mjm, nworld=nworld, nconmax=8, njmax=8)
+        randomizer = ResetRandomizer(compiled, model, data, graph=False)
+        randomizer.reset()
+    names = {"layouts": _LAYOUTS if compiled.reaching is None else _LAYOUTS + _GRASPS, "data": _STATE}
+    names["model"] = tuple(drawn_fields(compiled.scene.sim.draws))
+    sources = {"layouts": randomizer.layouts, "data": data, "model": model}
+    return {f"{key}_{name}": getattr(sources[key], name).numpy() for key in names for name in names[key]}
 
 
-def differences(
-    mjm: mujoco.MjModel, a: dict[str, np.ndarray], b: dict[str, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """By how much layouts differ at most: in positions [m] and in angles [rad], shape (n,) each."""
-    position = np.abs(a["mocap_pos"] - b["mocap_pos"]).reshape(len(a["qpos"]), -1).max(axis=1, initial=0.0)
-    angle = np.zeros(len(position))
-    turns = [[x["mocap_quat"] for x in (a, b)]]
-    for kind, adr in zip(mjm.jnt_type, mjm.jnt_qposadr, strict=True):
-        far = np.abs(a["qpos"][:, adr : adr + 3] - b["qpos"][:, adr : adr + 3])
-        if kind == mujoco.mjtJoint.mjJNT_FREE:
-            position = np.maximum(position, far.max(axis=1))
-            turns.append([x["qpos"][:, None, adr + 3 : adr + 7] for x in (a, b)])
-        elif kind == mujoco.mjtJoint.mjJNT_BALL:
-            turns.append([x["qpos"][:, None, adr : adr + 4] for x in (a, b)])
-        else:
-            angle = np.maximum(angle, far[:, 0])
-    for one, other in turns:
-        q, r = one.astype(float), other.astype(float)
-        between = np.minimum(np.linalg.norm(q - r, axis=2), np.linalg.norm(q + r, axis=2))
-        angle = np.maximum(angle, 2.0 * between.max(axis=1, initial=0.0))
-    return position, angle
+def differing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return in which rows a bit differs, shape (n,); all nan are one."""
+    bits = [np.where(np.isnan(x), np.nan, x) if x.dtype.kind == "f" else x for x in (a, b)]
+    one, other = (np.ascontiguousarray(x.reshape(len(x), -1)).view(np.uint8) for x in bits)
+    return (one != other).any(axis=1)
+
+
+def report(saved: dict[str, np.ndarray], made: dict[str, np.ndarray]) -> dict[str, Any]:
+    """How many rows differ, in what, by how much at most, and which they are."""
+    assert saved.keys() == made.keys()
+    different = {name: differing(saved[name], made[name]) for name in saved}
+    anywhere = np.any(list(different.values()), axis=0)
+    by = {
+        name: (int(rows.sum()), float(np.nanmax(np.abs(saved[name][rows] - made[name][rows].astype(float)), initial=0)))
+        for name, rows in different.items()
+        if rows.any()
+    }
+    return {"worlds": len(anywhere), "differ": int(anywhere.sum()), "in": by, "rows": np.flatnonzero(anywhere)[:8]}
 
 
 def main() -> None:
-    """Print a line for each scene that is compared."""
+    """Save scenes, or compare them and print a line for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("save", "compare"))
     parser.add_argument("folder", type=Path)
-    parser.add_argument("scenes", nargs="+")
+    parser.add_argument("scenes", nargs="*", help="shipped, mixed, or paths; all shipped and mixed ones by default")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--worlds", type=int, default=2048)
     words = parser.parse_args()
     wp.config.quiet = True
-    if words.what == "save":
-        words.folder.mkdir(parents=True, exist_ok=True)
-    for scene in words.scenes:
-        compiled = compile_scene(scene, words.device)
-        made, file = layouts_of(compiled, words.worlds), words.folder / f"{scene}.npz"
+    words.folder.mkdir(parents=True, exist_ok=True)
+    differ = 0
+    for scene in words.scenes or [*shipped("envs", ".yaml"), *MIXED]:
+        began = time.perf_counter()
+        file = words.folder / f"{Path(scene).stem}.npz"
+        made = rows_of(compile_scene(MIXED.get(scene, scene), words.device, cache=False), words.worlds)
+        line: dict[str, Any] = {"scene": scene}
         if words.what == "save":
             np.savez_compressed(file, allow_pickle=False, **made)
-            continue
-        if not file.exists():
-            parser.error(f"there is no {file}: save the layouts of '{scene}' first")
-        saved = dict(np.load(file))
-        if len(saved["qpos"]) != words.worlds:
-            parser.error(f"{file} has {len(saved['qpos'])} worlds: give --worlds {len(saved['qpos'])}")
-        same = np.all([(made[n] == saved[n]).reshape(words.worlds, -1).all(axis=1) for n in _COUNTED], axis=0)
-        position, angle = differences(compiled.mjm, made, saved)
-        beyond = same & ((position > _POSITION) | (angle > _ANGLE))
-        print(
-            f"{scene}: of {words.worlds} layouts {int((~same).sum())} of other trials; of the same ones "
-            f"{int(beyond.sum())} beyond 1 um or 1e-6 rad, at most {position[same].max(initial=0.0):.2g} m "
-            f"and {angle[same].max(initial=0.0):.2g} rad; rows {np.flatnonzero(beyond)[:8].tolist()}",
-            flush=True,
-        )
+        elif not file.exists():
+            parser.error(f"there is no {file}: save '{scene}' first")
+        else:
+            line |= report(dict(np.load(file)), made)
+            differ += line["differ"]
+        line["seconds"] = round(time.perf_counter() - began, 1)
+        print(json.dumps(line, default=np.ndarray.tolist), flush=True)
+    sys.exit(differ > 0)
 
 
 if __name__ == "__main__":

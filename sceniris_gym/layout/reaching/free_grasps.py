@@ -21,7 +21,8 @@ from sceniris_gym.placement.grasps import passes_map
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
-wp.set_module_options({"enable_backward": False})
+_OPTIONS = {"enable_backward": False, "fuse_fp": False}
+wp.set_module_options(_OPTIONS)
 
 _SLACK = wp.constant(1.0e-3)
 """Distance [m] between spheres up to which things are tested: far more than rounding is worth."""
@@ -143,7 +144,7 @@ def _queue_hands(
         search.free[c, early] = free
 
 
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_hands(
     program: Program,
     reach: Reach,

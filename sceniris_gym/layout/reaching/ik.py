@@ -22,7 +22,7 @@ from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.lookup import witness
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, accepted, refine, turns_freely, vec8
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SAME_BRANCH = 0.8
 """Largest change of a joint [rad or m] between pre-grasp and grasp; beyond it the arm may be on another branch."""

@@ -20,7 +20,7 @@ from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import vec8
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 OPENING_MARGIN = 0.01
 """Gap [m] by which the gripper opens beyond what the grasp needs, within its range."""

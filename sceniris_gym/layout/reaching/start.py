@@ -31,7 +31,7 @@ from sceniris_gym.program.device_starts import StartPose, Starts, is_drawn
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import ITERATIONS, accepted, refine, vec8
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TRIALS = 64
 """Trials of a restart whose kind of start draws heights or joints."""

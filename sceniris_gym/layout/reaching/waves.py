@@ -30,7 +30,7 @@ from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import Starts, reaches
 from sceniris_gym.reach.arm import MAX_JOINTS
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func

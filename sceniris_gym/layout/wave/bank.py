@@ -10,7 +10,7 @@ from sceniris_gym.layout.layouts import LayoutsView, Status, copy_layout
 from sceniris_gym.layout.wave.search import numbered_stream
 from sceniris_gym.program.device_bank import Bank
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 _BANK_BIT = wp.constant(BANK_BIT)

@@ -61,7 +61,7 @@ def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
     return narrowed
 
 
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+@wp.kernel(module="unique", module_options={"enable_backward": False, "fuse_fp": False}, grid_stride=False)
 def _draw_in_boxes(
     program: Program,
     split: wp.uint32,

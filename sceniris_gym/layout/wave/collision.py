@@ -27,7 +27,8 @@ from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, na
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
 
-wp.set_module_options({"enable_backward": False})
+_OPTIONS = {"enable_backward": False, "fuse_fp": False}
+wp.set_module_options(_OPTIONS)
 
 # Blocks that narrow-phase pairs are spread over before a block takes more than one.
 _SPREAD = wp.constant(1024)
@@ -74,7 +75,7 @@ def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: in
     return False
 
 
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
 def _queue_narrow_pairs(
     program: Program,
     reach: Reach,
@@ -115,7 +116,7 @@ def _queue_narrow_pairs(
                         _mark_overflow(search, c)
 
 
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
 def _test_inner_boxes(
     program: Program,
     lanes: int,
@@ -135,7 +136,7 @@ def _test_inner_boxes(
 
 
 # Without a bound on registers a multiprocessor holds few warps, too few to hide the latency of the arithmetic.
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_narrow_pairs(
     program: Program,
     blocks: int,
@@ -170,7 +171,7 @@ def _test_narrow_pairs(
                     search.cause[c] = Cause.COLLISION
 
 
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False, cuda_max_registers=128)
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_by_block(
     program: Program,
     reach: Reach,
@@ -203,7 +204,7 @@ def _test_by_block(
                 _mark_overflow(search, c)
 
 
-@wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
 def _test_alone(
     program: Program,
     reach: Reach,

@@ -8,7 +8,7 @@ from sceniris_gym.layout.wave.posing import candidate_poses
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.program.device import Cause, Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.kernel(grid_stride=False)

@@ -6,6 +6,7 @@ P. Efraimidis, P. Spirakis, "Weighted random sampling with a reservoir", Informa
 
 import warp as wp
 
+from sceniris_gym.device.angles import log_of
 from sceniris_gym.device.random import uniforms
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, stream_of, trial_of
@@ -55,10 +56,7 @@ def arrival_time(u: float, size: float) -> float:
     The number 0 stands for all numbers below 2^-24 and is replaced by their midpoint: at time 0 the area would not
     matter.
     """
-    run = -wp.log(1.0 - u)
-    if u == 0.0:
-        run = _HALF_STEP
-    return run / size
+    return wp.where(u == 0.0, _HALF_STEP, -log_of(1.0 - u)) / size
 
 
 @wp.func

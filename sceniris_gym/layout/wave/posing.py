@@ -13,7 +13,7 @@ from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import OrientationType, Program
 from sceniris_gym.program.surfaces import LEVEL
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LEVEL = wp.constant(LEVEL)
 

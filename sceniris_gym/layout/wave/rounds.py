@@ -13,7 +13,7 @@ from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import Starts
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NEVER = wp.constant(1 << 30)
 """Value of `Search.best` of a world without a restart that is done."""

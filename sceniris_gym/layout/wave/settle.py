@@ -14,7 +14,7 @@ from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_bank import Bank
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func

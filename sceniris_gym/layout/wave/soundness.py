@@ -8,7 +8,7 @@ import warp as wp
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.device import Program
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Single precision keeps the squared norm of a quaternion to a few times 1e-7.
 _UNIT = wp.constant(1.0e-4)

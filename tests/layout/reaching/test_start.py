@@ -180,7 +180,7 @@ def test_objects_are_redrawn_beside_an_arm_that_holds_something():
 
 @pytest.mark.cuda
 def test_what_is_held_stays_in_the_hand_on_a_gpu():
-    """Layouts of a GPU, stepped by MuJoCo C; a graph and other sizes of the search give the same bits."""
+    """Layouts of a GPU, stepped by MuJoCo C; a CPU, a graph and other sizes of the search give the same bits."""
     compiled = compile_scene(SCENE, "cuda:0")
     data, layouts = reset_worlds(compiled, 256)
     found = stepped(compiled, data, layouts)
@@ -189,9 +189,12 @@ def test_what_is_held_stays_in_the_hand_on_a_gpu():
     assert sum(held.others for held in found) == 0
     generator = LayoutGenerator(compiled, 256, size=replace(default_size("cuda:0"), rows=64, grasps=300, busy=500))
     generator.generate()
+    on_cpu = LayoutGenerator(starting(), 256)
+    on_cpu.generate()
     assert (layouts.status.numpy() == Status.VALID).all()
-    for name, values in _rows(generator).items():
-        np.testing.assert_array_equal(values, getattr(layouts, name).numpy())
+    for other in (generator, on_cpu):
+        for name, values in _rows(other).items():
+            np.testing.assert_array_equal(values, getattr(layouts, name).numpy())
 
 
 def _rows(generator: LayoutGenerator) -> dict[str, np.ndarray]:
