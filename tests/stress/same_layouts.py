@@ -106,7 +106,7 @@ MIXED: dict[str, dict[str, Any]] = {
 
 
 def rows_of(compiled: CompiledScene, nworld: int) -> dict[str, np.ndarray]:
-    """What the first reset of so many worlds makes, by name."""
+    """Return the arrays that the first reset of so many worlds makes, by name."""
     with wp.ScopedDevice(compiled.device):
         model = put_model(compiled, nworld)
         data = mjw.make_data(compiled.sim_mjm, nworld=nworld, nconmax=8, njmax=8)
@@ -126,7 +126,7 @@ def differing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def report(saved: dict[str, np.ndarray], made: dict[str, np.ndarray]) -> dict[str, Any]:
-    """How many rows differ, in what, by how much at most, and which they are."""
+    """Count the rows that differ, by array with the largest difference, and name the first of them."""
     assert saved.keys() == made.keys()
     different = {name: differing(saved[name], made[name]) for name in saved}
     anywhere = np.any(list(different.values()), axis=0)

@@ -14,7 +14,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import copied, fill_struct
 from sceniris_gym.program.device_statics import Statics
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _ARRAYS = {"body_mass": "body_weight", "body_ipos": "body_center"}
 
