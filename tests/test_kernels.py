@@ -64,6 +64,14 @@ def test_a_kernel_rounds_after_each_operation(module: Module, kernel: ast.Functi
     assert (options["fuse_fp"], options["enable_backward"]) == (False, False)
 
 
+@pytest.mark.parametrize("room", ["collide", "device", "layout", "placement", "program", "reach"])
+def test_layouts_need_no_function_that_devices_round_otherwise(room: str):
+    """Warp's sines and powers are CUDA's and the C library's; those of device/angles.py are one and the same."""
+    found = r"\bwp\.(a?sinh?|a?cosh?|a?tanh?|atan2|exp2?|log(2|10)?|pow|cbrt|erf)\("
+    paths = (ROOT / "sceniris_gym" / room).rglob("*.py")
+    assert [path.name for path in paths if re.search(found, path.read_text())] == []
+
+
 def test_all_other_structs_are_constant():
     """No kernel writes into the program, an arm or its map, so that these need no such lines."""
     assert {struct for module in MODULES for struct in PACKAGE.written_structs(module)} == set(TITLES)

@@ -6,6 +6,7 @@ restarts of the round are not counted. An unsound layout is never served: its wo
 
 import warp as wp
 
+from sceniris_gym.device.angles import log_of
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
 from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
@@ -25,7 +26,7 @@ _LEFT_BY_STAGE = wp.constant(0.01)
 @wp.func
 def _restarts_wanted(worlds: float, left: float, rate: float) -> int:
     """Return the number of restarts after which so many worlds are expected to be left."""
-    return int(wp.ceil(wp.log(worlds / left) / -wp.log(rate)))
+    return int(wp.ceil(log_of(worlds / left) / -log_of(rate)))
 
 
 @wp.func
