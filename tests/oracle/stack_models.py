@@ -52,7 +52,7 @@ class StackScene:
 
 
 @dataclass
-class _Thing:
+class Thing:
     """A thing that may carry others.
 
     Attributes:
@@ -70,19 +70,23 @@ class _Thing:
     span: float = 0.0
 
 
-class _Maker:
+class Maker:
+    """Random numbers and shapes; what they have is in `features`, and meshes are in `meshes` as OBJ files by name."""
+
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng((seed, 35))
         self.meshes: dict[str, str] = {}
         self.features: set[str] = set()
 
     def uniform(self, low: float, high: float) -> float:
+        """Return a number between two."""
         return float(self.rng.uniform(low, high))
 
     def chance(self, share: float) -> bool:
+        """Return true in this share of the calls."""
         return bool(self.rng.random() < share)
 
-    def thing(self, name: str, width: float) -> _Thing:
+    def thing(self, name: str, width: float) -> Thing:
         """Return a thing of about this width [m]."""
         shape = str(self.rng.choice(SHAPES, p=_OFTEN))
         self.features.add(shape)
@@ -102,23 +106,23 @@ class _Maker:
         self.meshes[f"{name}.obj"] = "\n".join(lines) + "\n"
         return f'<geom name="{name}_hull" type="mesh" mesh="{name}"/>'
 
-    def _box(self, name: str, width: float) -> _Thing:
+    def _box(self, name: str, width: float) -> Thing:
         x, y, z = width, width * self.uniform(0.5, 1.0), width * self.uniform(0.3, 1.6)
-        return _Thing(_box(name, (0, 0, z / 2), (x, y, z)), y, self._turned())
+        return Thing(box_geom(name, (0, 0, z / 2), (x, y, z)), y, self._turned())
 
-    def _cylinder(self, name: str, width: float) -> _Thing:
+    def _cylinder(self, name: str, width: float) -> Thing:
         z = width * self.uniform(0.3, 1.6)
         geom = f'<geom name="{name}_round" type="cylinder" size="{width / 2:.6f} {z / 2:.6f}" pos="0 0 {z / 2:.6f}"/>'
-        return _Thing(geom, 0.7 * width, {})
+        return Thing(geom, 0.7 * width, {})
 
-    def _prism(self, name: str, width: float) -> _Thing:
+    def _prism(self, name: str, width: float) -> Thing:
         n, z = int(self.rng.integers(3, 9)), width * self.uniform(0.3, 1.6)
         turn = 2 * np.pi * np.arange(n) / n
         ring = 0.5 * width * np.column_stack([np.cos(turn), np.sin(turn)])
         points = np.vstack([np.column_stack([ring, np.full(n, height)]) for height in (0, z)])
-        return _Thing(self.mesh(name, points), 0.5 * width, {})
+        return Thing(self.mesh(name, points), 0.5 * width, {})
 
-    def _frustum(self, name: str, width: float) -> _Thing:
+    def _frustum(self, name: str, width: float) -> Thing:
         """Two level polygons, the upper one smaller or larger and shifted, as far as it stands by itself."""
         z, layers = width * self.uniform(0.4, 1.2), []
         for height, scale in ((0.0, 1.0), (z, self.uniform(0.6, 1.2))):
@@ -126,30 +130,32 @@ class _Maker:
             ring = 0.5 * width * scale * np.column_stack([np.cos(turn), np.sin(turn)])
             shift = self.rng.uniform(-0.15, 0.15, 2) * width * (height > 0)
             layers.append(np.column_stack([ring + shift, np.full(6, height)]))
-        return _Thing(self.mesh(name, np.vstack(layers)), 0.45 * width, {})
+        return Thing(self.mesh(name, np.vstack(layers)), 0.45 * width, {})
 
-    def _hull(self, name: str, width: float) -> _Thing:
+    def _hull(self, name: str, width: float) -> Thing:
         """The hull of random points in any pose in which it rests; nothing stands on it."""
         points = self.rng.normal(size=(12, 3))
         points *= (0.5 * width / np.linalg.norm(points, axis=1))[:, None]
-        return _Thing(self.mesh(name, points * [1.0, 0.8, 0.7]), 0.0, {"orientation": "stable"})
+        return Thing(self.mesh(name, points * [1.0, 0.8, 0.7]), 0.0, {"orientation": "stable"})
 
-    def _tee(self, name: str, width: float) -> _Thing:
+    def _tee(self, name: str, width: float) -> Thing:
         """A plate on a post."""
         z, post = width * self.uniform(0.4, 1.0), width * self.uniform(0.4, 0.8)
-        geoms = _box(f"{name}_post", (0, 0, z / 2), (post, post, z))
-        plate = _box(f"{name}_plate", (0, 0, z + 0.005), (width, width, 0.01))
-        return _Thing(geoms + plate, width, {})
+        geoms = box_geom(f"{name}_post", (0, 0, z / 2), (post, post, z))
+        plate = box_geom(f"{name}_plate", (0, 0, z + 0.005), (width, width, 0.01))
+        return Thing(geoms + plate, width, {})
 
-    def _bridge(self, name: str, width: float) -> _Thing:
+    def _bridge(self, name: str, width: float) -> Thing:
         """A plate on two walls."""
         z, thick = width * self.uniform(0.3, 0.8), 0.25 * width
         side = 0.5 * (width - thick)
-        walls = [_box(f"{name}_wall{i}", (x, 0, z / 2), (thick, 0.8 * width, z)) for i, x in enumerate((-side, side))]
-        plate = _box(f"{name}_plate", (0, 0, z + 0.005), (width, 0.8 * width, 0.01))
-        return _Thing("".join(walls) + plate, 0.8 * width, {})
+        walls = [
+            box_geom(f"{name}_wall{i}", (x, 0, z / 2), (thick, 0.8 * width, z)) for i, x in enumerate((-side, side))
+        ]
+        plate = box_geom(f"{name}_plate", (0, 0, z + 0.005), (width, 0.8 * width, 0.01))
+        return Thing("".join(walls) + plate, 0.8 * width, {})
 
-    def _stool(self, name: str, width: float) -> _Thing:
+    def _stool(self, name: str, width: float) -> Thing:
         """A round seat on three or four legs."""
         n, z, leg = int(self.rng.integers(3, 5)), width * self.uniform(0.3, 0.8), 0.1 * width
         turn = 2 * np.pi * np.arange(n) / n
@@ -159,9 +165,9 @@ class _Maker:
             for i, a in enumerate(turn)
         ]
         seat = f'<geom name="{name}_seat" type="cylinder" size="{width / 2:.6f} .005" pos="0 0 {z + 0.005:.6f}"/>'
-        return _Thing("".join(legs) + seat, 0.7 * width, {})
+        return Thing("".join(legs) + seat, 0.7 * width, {})
 
-    def place(self, onto: str, side: str, thing: _Thing, things: Mapping[str, _Thing]) -> dict[str, Any]:
+    def place(self, onto: str, side: str, thing: Thing, things: Mapping[str, Thing]) -> dict[str, Any]:
         """Return words that put a thing on another one: on one side of it, near its middle, or anywhere."""
         words: dict[str, Any] = {"on": onto}
         if side:
@@ -181,7 +187,7 @@ class _Maker:
 
 def make(seed: int) -> StackScene:
     """Return the scene of a seed."""
-    maker = _Maker(seed)
+    maker = Maker(seed)
     carrier = CARRIERS[int(maker.rng.integers(len(CARRIERS)))]
     count = int(maker.rng.integers(2, 9))
     bodies, objects = [], {}
@@ -189,7 +195,7 @@ def make(seed: int) -> StackScene:
     objects.update(fixed)
     bodies += trays
     count -= len(trays)
-    things: dict[str, _Thing] = {}
+    things: dict[str, Thing] = {}
     open_places: list[tuple[str, str]] = []
     branching = 0.0 if maker.chance(0.3) else maker.uniform(0.0, 0.6)
     for i in range(max(count, 1)):
@@ -197,7 +203,7 @@ def make(seed: int) -> StackScene:
         onto, side = None, ""
         if open_places and not maker.chance(0.5 * branching):
             onto, side = open_places.pop(-1 if maker.chance(0.7) else int(maker.rng.integers(len(open_places))))
-        thing = maker.thing(name, _width(maker, things[onto].top if onto else None, side))
+        thing = maker.thing(name, width_on(maker, things[onto].top if onto else None, side))
         thing.depth = things[onto].depth + 1 if onto else 1
         words = maker.place(onto, side, thing, things) if onto else places[int(maker.rng.integers(len(places)))]
         things[name], objects[name] = thing, {**thing.words, **words}
@@ -229,13 +235,13 @@ _FURNITURE = """
         <geom name="right" type="box" size=".01 .22 .05" pos=".19 0 .05"/></body></body>"""
 
 
-def _width(maker: _Maker, room: float | None, side: str) -> float:
+def width_on(maker: Maker, room: float | None, side: str) -> float:
     """Return the width [m] of a thing on the ground floor (`room` None), on something, or on one side of something."""
     low, high = (_COLUMN, _WIDE) if room is None else (0.3 * room, 0.5 * room) if side else (0.5 * room, 1.3 * room)
     return min(max(maker.uniform(low, high), 0.025), _WIDE)
 
 
-def _carrier(maker: _Maker, carrier: str) -> tuple[dict[str, Any], list[dict[str, Any]], list[str]]:
+def _carrier(maker: Maker, carrier: str) -> tuple[dict[str, Any], list[dict[str, Any]], list[str]]:
     """Return the words of a carrier and of things on it, in one or several places, and free bodies of its own."""
     if carrier == "table":
         return {"table": {"kind": "static"}}, [{"on": "table"}], []
@@ -245,15 +251,15 @@ def _carrier(maker: _Maker, carrier: str) -> tuple[dict[str, Any], list[dict[str
         words = {"kind": "static", "joints": {"slide": {"fraction": [0.3, 1.0]}}}
         return {"cabinet": words}, [{"on": "cabinet/drawer"}], []
     wall = [
-        _box(f"rim{i}", (x, y, 0.025), (0.01 if x else 0.3, 0.3 if x else 0.01, 0.03))
+        box_geom(f"rim{i}", (x, y, 0.025), (0.01 if x else 0.3, 0.3 if x else 0.01, 0.03))
         for i, (x, y) in enumerate([(-0.155, 0), (0.155, 0), (0, -0.155), (0, 0.155)])
     ]
-    geoms = _box("tray_floor", (0, 0, 0.005), (0.32, 0.32, 0.01)) + "".join(wall)
+    geoms = box_geom("tray_floor", (0, 0, 0.005), (0.32, 0.32, 0.01)) + "".join(wall)
     words = {"tray": {"on": "table", "ratio_on_support": 1.0 if maker.chance(0.7) else 0.0}}
     return {"table": {"kind": "static"}, **words}, [{"in": "tray"}], [_body("tray", geoms, 500.0, 0.0)]
 
 
-def _box(name: str, pos: tuple[float, ...], size: tuple[float, ...]) -> str:
+def box_geom(name: str, pos: tuple[float, ...], size: tuple[float, ...]) -> str:
     """Return a box with full edge lengths `size` [m]."""
     half, at = (" ".join(f"{v:.6f}" for v in values) for values in (np.array(size) / 2, pos))
     return f'<geom name="{name}_box" type="box" size="{half}" pos="{at}"/>'
@@ -265,7 +271,7 @@ def _body(name: str, geoms: str, density: float, shift: float) -> str:
     return f'<body name="{name}" pos="0 0 9"><freejoint/><frame pos="{shift:.4f} 0 0">{dense}</frame></body>'
 
 
-def _model(maker: _Maker, furniture: str, bodies: list[str]) -> str:
+def _model(maker: Maker, furniture: str, bodies: list[str]) -> str:
     timestep = maker.rng.choice(["0.001", "0.002", "0.004"])
     solref = maker.rng.choice(["0.02 1", "0.02 1", "0.01 1", "0.03 1.2"])
     flags = '<flag multiccd="enable"/>' if maker.chance(0.125) else ""

@@ -17,26 +17,22 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
-import os
 import re
 import sys
 import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from multiprocessing.connection import Connection, wait
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import fromstring
 
 from tests.oracle.hostile_features import FEATURES, wanted_features
 from tests.oracle.hostile_models import HostileModel, make
-
-MOST_SECONDS = 300.0
-"""What a model may take; the first one in a process may have to wait for kernels to be compiled."""
+from tests.stress.workers import try_all
 
 
 @dataclass
@@ -107,82 +103,9 @@ def _verdict(model: HostileModel, folder: Path, layouts: int, device: str | None
     return "placed", "; ".join(first[kind] for kind in rows), rows
 
 
-def _work(pipe: Connection, layouts: int, device: str | None) -> None:
-    """Try the seeds that come through a pipe."""
-    os.chdir(tempfile.mkdtemp())  # MuJoCo C writes its log where it runs
-    sink = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(sink, 1)
-    os.dup2(sink, 2)
-    while True:
-        seed = pipe.recv()
-        if seed is None:
-            return
-        try:
-            pipe.send(try_model(seed, layouts, device))
-        except Exception as error:  # of the generator or of the judge, which are to be mended
-            pipe.send(Outcome(seed, "failed", reason=f"the benchmark itself: {type(error).__name__}: {error}"))
-
-
-class _Worker:
-    """A process that tries models, and is replaced when it dies or hangs."""
-
-    def __init__(self, layouts: int, device: str | None) -> None:
-        self._arguments = layouts, device
-        self.seed: int | None = None
-        self._start()
-
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.pipe, other = context.Pipe()
-        self._process = context.Process(target=_work, args=(other, *self._arguments), daemon=True)
-        self._process.start()
-        other.close()
-
-    def give(self, seed: int | None) -> None:
-        """Let it try a model, or None to end."""
-        self.seed, self._since = seed, time.perf_counter()
-        self.pipe.send(seed)
-
-    def outcome(self) -> Outcome | None:
-        """Return the outcome of its model; None as long as it works."""
-        assert self.seed is not None
-        if self.pipe.poll():
-            try:
-                return self.pipe.recv()
-            except EOFError:
-                return self._replaced(f"crash with exit code {self._process.exitcode}")
-        if time.perf_counter() - self._since > MOST_SECONDS:
-            return self._replaced(f"hang: more than {MOST_SECONDS:g} s")
-        return None
-
-    def _replaced(self, reason: str) -> Outcome:
-        self._process.kill()
-        self._process.join()
-        seed = self.seed
-        self._start()
-        assert seed is not None
-        return Outcome(seed, "failed", sorted(wanted_features(seed)), reason)  # making it may be what hangs
-
-
-def try_all(seeds: Sequence[int], layouts: int, jobs: int, device: str | None) -> Iterator[Outcome]:
-    """Try models in several processes; outcomes come as they are ready."""
-    waiting = list(reversed(seeds))
-    workers = [_Worker(layouts, device) for _ in range(min(jobs, len(seeds)))]
-    for worker in workers:
-        worker.give(waiting.pop())
-    busy = list(workers)
-    while busy:
-        wait([worker.pipe for worker in busy], timeout=1.0)
-        for worker in list(busy):
-            outcome = worker.outcome()
-            if outcome is None:
-                continue
-            yield outcome
-            if waiting:
-                worker.give(waiting.pop())
-            else:
-                worker.give(None)
-                busy.remove(worker)
+def _lost(seed: int, reason: str) -> Outcome:
+    """Return the outcome of a model whose process died; making it may be what hangs, so it is not made."""
+    return Outcome(seed, "failed", sorted(wanted_features(seed)), reason)
 
 
 def pattern(reason: str) -> str:
@@ -242,7 +165,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     outcomes = []
     with out.open("w") as file:
         seeds = range(options.seed, options.seed + options.models)
-        for outcome in try_all(seeds, options.layouts, options.jobs, options.device):
+        attempt = partial(try_model, layouts=options.layouts, device=options.device)
+        for outcome in try_all(attempt, seeds, options.jobs, _lost):
             outcomes.append(outcome)
             if outcome.is_wrong:
                 file.write(json.dumps(asdict(outcome)) + "\n")

@@ -2,13 +2,12 @@
 
 python -m tests.stress.standing --scenes 300 --layouts 32 --seed 0 --device cpu --jobs 2
 python -m tests.stress.standing --table --layouts 2000
-python -m tests.stress.standing --shipped --layouts 20000 --device cuda:0
 python -m tests.stress.standing --show 17 --out FOLDER
 
 Scene i has the seed `--seed` + i. Candidates that were rejected because they would fall are replayed too, as they
 stood, without what had not been placed yet; ideally none of them stands. `--table` has a scene for each way in which a
-thing falls, and `--shipped` all shipped scenes with free objects, stepped on all cores. The exit status is 1 if more
-than `MOST_MOVED` of the layouts move, of the table if any row does, and of the shipped scenes if any layout does.
+thing falls. The exit status is 1 if more than `MOST_MOVED` of the layouts move, of the table if any row does. Scenes
+with more than stacks, and the shipped ones, are tried by `tests.stress.mixed`.
 """
 
 from __future__ import annotations
@@ -143,31 +142,6 @@ def _try_table(layouts: int, only: str, device: str) -> int:
     return int(wrong > 0)
 
 
-def _try_shipped(layouts: int, only: str, device: str) -> int:
-    """Print a line for each shipped scene with free objects; return 1 if something moves in any layout."""
-    from sceniris_gym.audit.physics import limp_joints, settle
-    from sceniris_gym.config.loader import shipped
-    from sceniris_gym.layout.compile import compile_scene
-    from sceniris_gym.layout.generate import LayoutGenerator
-    from sceniris_gym.layout.tables import read_table
-
-    wrong = 0
-    for name in (name for name in shipped("envs", ".yaml") if only in name):
-        compiled = compile_scene(name, device)
-        scene, objects = compiled.scene, compiled.config.objects
-        free = {n: scene.bodies[n] for n, words in objects.items() if words.kind == "free" and words.is_placed}
-        if not free:
-            continue
-        generator = LayoutGenerator(compiled, layouts)
-        generator.generate()
-        robots = {body for robot in compiled.config.all_robots for body in scene.subtree(robot)}
-        motion = settle(compiled.mjm, free, read_table(generator), frozen=limp_joints(compiled.mjm, robots))
-        moved = int((~(np.stack(list(motion.moved.values())) <= STILL)).any(axis=0).sum())
-        wrong += moved
-        print(f"{name:24} {moved} of {layouts} moved", flush=True)
-    return int(wrong > 0)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -178,8 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--table", action="store_true")
-    parser.add_argument("--shipped", action="store_true")
-    parser.add_argument("--only", default="", help="rows of the table, or shipped scenes, whose name has this in it")
+    parser.add_argument("--only", default="", help="rows of the table whose name has this in it")
     parser.add_argument("--out", type=Path, default=None, help="a folder for --show")
     parser.add_argument("--show", type=int, default=None, metavar="SEED")
     options = parser.parse_args(arguments)
@@ -188,8 +161,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     if options.table:
         return _try_table(options.layouts, options.only, options.device)
-    if options.shipped:
-        return _try_shipped(options.layouts, options.only, options.device)
     seeds = range(options.seed, options.seed + options.scenes)
     attempt = partial(try_seed, layouts=options.layouts, replayed=options.replayed, device=options.device)
     outcomes = []
