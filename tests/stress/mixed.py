@@ -43,7 +43,7 @@ MOST_AGAIN = 5e-3
 FAULTS = ("moved", "deep", "slipped")
 STATUS = {1: "valid", 2: "fallback"}
 _CHUNK = 256  # worlds that are made and judged at once
-_KEPT = 8  # verdicts on faulty worlds that are kept of each scene
+_KEPT = 6  # verdicts on faulty worlds of a scene that are kept of each status
 _README = Path(__file__).parents[2] / "README.md"
 
 
@@ -78,7 +78,13 @@ class Outcome:
         self.worlds += part.worlds
         self.faults += part.faults
         self.worst = np.maximum(self.worst, part.worst).tolist()
-        self.verdicts = (self.verdicts + part.verdicts)[:_KEPT]
+        self.keep(part.verdicts)
+
+    def keep(self, verdicts: list[dict[str, Any]]) -> None:
+        """Keep verdicts, as far as there are few of their status."""
+        for verdict in verdicts:
+            if sum(v["status"] == verdict["status"] for v in self.verdicts) < _KEPT:
+                self.verdicts.append(verdict)
 
     @property
     def judged(self) -> int:
@@ -133,8 +139,8 @@ def try_worlds(task: Task, device: str | None = "cpu") -> Outcome:
             outcome.faults.update(f"{status} {fault}" for fault in verdict.faults)
             worst = verdict.moved, verdict.deep, np.nan_to_num(verdict.slip)
             outcome.worst = np.maximum(outcome.worst, worst).tolist()
-            if verdict.faults and len(outcome.verdicts) < _KEPT:
-                outcome.verdicts.append(asdict(verdict))
+            if verdict.faults:
+                outcome.keep([asdict(verdict)])
     return outcome
 
 
@@ -229,6 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0, help="number of the first random scene")
+    parser.add_argument("--without", nargs="+", default=[], help="leave out random scenes with one of these features")
     parser.add_argument("--scene", nargs="+", default=[], help="given scenes instead: names or files")
     parser.add_argument("--shipped", action="store_true", help="the shipped scenes and README's instead")
     parser.add_argument("--pairs", action="store_true", help="one shipped thing on another instead")
@@ -250,8 +257,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given |= shipped_scenes() if options.shipped else {}
     given |= pairs() if options.pairs else {}
     numbers = range(options.first, options.first + options.scenes)
+    left = [n for n in numbers if make(n).features.isdisjoint(options.without)] if options.without else numbers
     how = {"seed": options.seed, "processes": options.processes, "device": options.device}
-    outcomes = try_scenes(given or {str(number): None for number in numbers}, options.layouts, **how)
+    outcomes = try_scenes(given or {str(number): None for number in left}, options.layouts, **how)
     faulty = {} if given or not options.again else {name: None for name, o in outcomes.items() if o.faults}
     again = try_scenes(faulty, options.again, **{**how, "seed": options.seed + 1})
     print("\n".join(report(outcomes, again)))

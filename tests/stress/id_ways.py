@@ -1,0 +1,153 @@
+"""Worlds of a scene with their ids, and the ways by which an id makes a layout again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+
+from sceniris_gym.commands.replay import drawn, replay
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.knobs import knobs_in
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.scene_knobs import Knob, scene_knobs
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.vector.arguments import as_chosen_layouts
+from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.stress.mixed import STATUS
+
+WORLDS = 32
+Rows = dict[str, np.ndarray]
+_LAYOUTS = ("qpos", "mocap_pos", "mocap_quat", "present", "status", "start", "grasp", "grasp_qpos", "pregrasp_qpos")
+_DATA = ("qpos", "mocap_pos", "mocap_quat", "ctrl", "act")
+
+
+class Served:
+    """Worlds of a scene in their second episode, with their ids and all that these name.
+
+    Args:
+        compiled: The scene.
+        seed: Seed of the first world.
+        knobs: Give the worlds all knobs, and half of them numbers of their own.
+    """
+
+    def __init__(self, compiled: CompiledScene, seed: int, *, knobs: bool) -> None:
+        self.compiled, self.names = compiled, knob_names(compiled) if knobs else ()
+        self.randomizer = randomizer(compiled, WORLDS, self.names)
+        rows = narrowed(self.randomizer, np.random.default_rng(seed)) if self.names else None
+        self.randomizer.reseed(list(range(seed, seed + WORLDS)), knobs=rows)
+        self.randomizer.reset()
+        self.randomizer.reset()
+        self.ids = self.randomizer.layout_ids()
+        self.rows = rows_of(self.randomizer)
+        self.status = [STATUS.get(int(status), "none") for status in self.rows["layout status"]]
+
+
+def knob_names(compiled: CompiledScene) -> tuple[str, ...]:
+    """Return the names of all knobs that a scene can have."""
+    return tuple(name for name, knob in scene_knobs(compiled).items() if isinstance(knob, Knob))
+
+
+def randomizer(compiled: CompiledScene, nworld: int, knobs: Sequence[str]) -> ResetRandomizer:
+    """Return worlds that were not reset yet."""
+    batch = Batch(compiled.scene, nworld, compiled.device, graph=False)
+    return ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, knobs=knobs, graph=False)
+
+
+def narrowed(worlds: ResetRandomizer, rng: np.random.Generator) -> np.ndarray:
+    """Return numbers of all knobs, in every other world within those of the scene file, shape (nworld, nvalue)."""
+    table = worlds.layouts.knobs
+    rows = np.tile(table.default, (WORLDS, 1))
+    for name, knob in table.knobs.items():
+        if not knob.half:
+            continue
+        low, high = knob.default[: knob.half], knob.default[knob.half :]
+        ends = np.sort(rng.uniform(size=(WORLDS, 2, knob.half)), axis=1) ** [[0.7], [0.3]]  # most of them wide
+        found = np.clip(low + ends * (high - low), low, high).astype(np.float32)
+        found = np.rint(found) if knob.form == "count" else found
+        rows[1::2, table.first[name] : table.first[name] + 2 * knob.half] = found.reshape(WORLDS, -1)[1::2]
+    return rows
+
+
+def layout_rows(layouts: Layouts) -> Rows:
+    """Return the rows of layouts by name."""
+    return {f"layout {name}": getattr(layouts, name).numpy().copy() for name in _LAYOUTS}
+
+
+def rows_of(worlds: ResetRandomizer) -> Rows:
+    """Return all that an id names: layouts, states, and model fields with a row for each world."""
+    wp.synchronize_device(worlds.device)  # an environment launches on torch's stream
+    state = {name: getattr(worlds.data, name).numpy().copy() for name in _DATA}
+    fields = {f"field {name}": array.numpy().copy() for name, array in worlds.fields.rows.items()}
+    varied = {"variant": worlds.variant.numpy().copy()}
+    return {**layout_rows(worlds.layouts), **state, **fields, **varied}
+
+
+def by_replay(served: Served, order: np.ndarray) -> Rows:
+    """Return the layouts that the command replay makes, with the drawn numbers that it says."""
+    names = [LayoutId.parse(served.ids[world]) for world in order]
+    tables = [replay(served.compiled, name) for name in names]
+    found = {f"layout {name}": np.concatenate([getattr(t, name) for t in tables]) for name in _LAYOUTS[:7]}
+    numbers = [drawn(served.compiled, name)[1] for name in names]
+    return found | {f"field drawn.{key}": np.array([each[key] for each in numbers]) for key in numbers[0]}
+
+
+def by_randomizer(served: Served, order: np.ndarray) -> Rows:
+    """Return the worlds of another randomizer with the seeds, episodes and knobs of the ids."""
+    names = [LayoutId.parse(served.ids[world]) for world in order]
+    worlds = randomizer(served.compiled, len(order), served.names)
+    knobs = np.concatenate([worlds.layouts.knobs.rows(knobs_in(name.knobs), 1) for name in names])
+    episodes = np.array([name.episode for name in names], np.int32)
+    worlds.reseed([name.seed for name in names], episodes=episodes, knobs=knobs if served.names else None)
+    worlds.reset()
+    return rows_of(worlds)
+
+
+class _Idle(Task):
+    """A task without a goal."""
+
+    action_size = 1
+
+    def observe(self, s: Any) -> dict[str, dict[str, Any]]:
+        return {"policy": {"nothing": torch.zeros(s.num_envs, 1, device=s.device)}}
+
+    def reward(self, s: Any, action: Any) -> dict[str, Any]:
+        return {"nothing": torch.zeros(s.num_envs, device=s.device)}
+
+    def success(self, s: Any) -> Any:
+        return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)
+
+
+def by_options(served: Served, order: np.ndarray) -> Rows:
+    """Return the worlds of an environment that was reset to the ids."""
+    words: dict[str, Any] = {"knobs": served.names, "graph": False, "nconmax": 256, "njmax": 1024}
+    envs = SceneVectorEnv(_Idle, len(order), scene=served.compiled, **words)
+    try:
+        envs.reset(options={"layouts": [served.ids[world] for world in order]})
+        return rows_of(envs.randomizer)
+    finally:
+        envs.close()
+
+
+def by_generator(served: Served, order: np.ndarray) -> Rows:
+    """Return the layouts of a generator, chosen as an adapter chooses them."""
+    generator = LayoutGenerator(served.compiled, len(order), knobs=served.names)
+    ids = [served.ids[world] for world in order]
+    generator.reseed(*as_chosen_layouts(ids, len(order), generator, generator.split))
+    generator.generate()
+    return layout_rows(generator.layouts)
+
+
+BACK: Mapping[str, Callable[[Served, np.ndarray], Rows]] = {
+    "replay": by_replay,
+    "randomizer": by_randomizer,
+    "options": by_options,
+    "generator": by_generator,
+}
