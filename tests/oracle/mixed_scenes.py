@@ -1,7 +1,7 @@
 """Random scenes that mix all that may meet: stacks, variants, drawn physics and joints, starts, tight regions, groups.
 
-Scene i is a function of its seed. A third are the stacks of `stack_models` with draws and groups, the others are things
-of `mixed_things` on shipped furniture, some of them with an arm and kinds of starts.
+Scene i is a function of its seed. A third are the stacks of `stack_models` with draws and groups, a few are shipped
+scenes with draws and starts, and the others are things of `mixed_things` on shipped furniture, some with an arm.
 """
 
 from __future__ import annotations
@@ -29,7 +29,18 @@ CARRIERS: dict[str, tuple[dict[str, Any], tuple[dict[str, Any], ...]]] = {
     "free chest": ({"asset": "chest"}, ({"on": "carrier/lid"}, {"on": "floor"})),
 }
 """Furniture by name: its words, and places on it."""
+BASES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "drawer_open_pick": (("apple", "banana"), "banana", "upper_handle*"),
+    "drawer_pick": (("apple", "banana"), "", ""),
+    "tabletop_lift": (("can", "lemon", "block", "tin"), "can", ""),
+    "tabletop_lift_any": (("target", "first", "second"), "target", ""),
+    "clutter": (("mug", "apple", "book", "pan"), "", ""),
+    "kitchen": (("bottle", "pan", "book", "lemon", "plate"), "", ""),
+    "table_top": (("mug", "banana"), "", ""),
+}
+"""Shipped scenes by name: free objects, what the arm may hold, and the handles that it may hold, if there are some."""
 _JOINTS = {"cupboard": "door", "cabinet": "upper", "free cabinet": "*", "free chest": "lid"}
+_FREE = ("cabinet", "chest")
 _ARMS = {"robot": {"asset": "panda", "base": [0.0, -0.36, 0.4], "yaw": 90}}
 _BEFORE_THE_ARM = {"box": [[-0.24, -0.01], [0.24, 0.24]]}
 
@@ -60,7 +71,8 @@ class MixedScene:
 def make(seed: int) -> MixedScene:
     """Return the scene of a seed."""
     mixer = _Mixer(seed)
-    scene = mixer.stacks() if mixer.chance(0.33) else mixer.furnished()
+    kind = mixer.rng.choice(["stacks", "based", "furnished"], p=[0.3, 0.1, 0.6])
+    scene = getattr(mixer, str(kind))()
     mixer.draw_physics(scene)
     mixer.make_tight(scene)
     return MixedScene(seed, scene, mixer.files, frozenset(mixer.features))
@@ -87,6 +99,16 @@ class _Mixer:
         self._own_files = {"model.xml": made.model, **made.meshes}
         return {"model": "FOLDER/model.xml", "objects": json.loads(json.dumps(made.objects))}
 
+    def based(self) -> dict[str, Any]:
+        """Return a shipped scene, with starts where it has an arm and something to grasp."""
+        name = str(self.rng.choice(list(BASES)))
+        free, target, handle = BASES[name]
+        self.features |= {"based", name}
+        scene: dict[str, Any] = {"base": name, "objects": {each: {} for each in free}}
+        if target and self.chance(0.8):
+            self._add_starts(scene, target, handle)
+        return scene
+
     def furnished(self) -> dict[str, Any]:
         """Return things on furniture, and on each other; on a table also before an arm."""
         arm = self.chance(0.3)
@@ -107,7 +129,23 @@ class _Mixer:
         if arm:
             self._add_arm(scene)
         self._add_things(scene, places, before_arm=arm)
+        if not arm and self.chance(0.15):
+            self._add_tower(scene, places[0])
+        if self.chance(0.06):
+            scene["geometry"] = "visual"
+            self.features.add("visual")
         return scene
+
+    def _add_tower(self, scene: dict[str, Any], place: dict[str, Any]) -> None:
+        """Add a stack of two to four things by the word for it."""
+        self.features.add("tower")
+        names = [f"tower{i}" for i in range(int(self.rng.integers(2, 5)))]
+        lower = [str(asset) for asset in self.rng.choice(["book", "block", "can", "tin", "cereal_box"], len(names) - 1)]
+        for name, asset in zip(names, [*lower, str(self.rng.choice(SHIPPED))], strict=True):
+            scene["objects"][name] = {"asset": asset}
+        scene["stacks"] = {"tower": {"of": names, "on": next(iter(place.values()))}}
+        if self.chance(0.5):
+            scene["stacks"]["tower"]["offset"] = [0.0, 0.01]
 
     def _add_things(self, scene: dict[str, Any], places: tuple[dict[str, Any], ...], *, before_arm: bool) -> None:
         """Add two to seven things, some of them on others, some with variants, some that may be absent."""
@@ -122,6 +160,12 @@ class _Mixer:
             if self.chance(0.2):
                 thing = self._with_variants(name, thing)
             objects[name] = {**thing.words, **self._place(onto, tops, places, before_arm=before_arm)}
+            if self.chance(0.12):
+                objects[name]["gap"] = round(self.uniform(0.0001, 0.0048), 4)
+                self.features.add("gap")
+            if onto is None and len(objects) > 2 and self.chance(0.12):
+                objects[name]["relations"] = [{"near": list(objects)[-2], "distance": {"max": 0.4}}]
+                self.features.add("near")
             self._jointed[name] = bool(thing.joints)
             if onto is not None:
                 self.features.add("stack")
@@ -143,6 +187,8 @@ class _Mixer:
             else:
                 other = self._things.make(f"{name}_{i}", thing.span).words
             members[f"v{i}"] = {word: value for word, value in other.items() if word != "joints"}
+            if self.chance(0.2):
+                members[f"v{i}"]["weight"] = 3.0
         if not thing.joints:
             members["own"] = thing.words
         self.features.add("variants")
@@ -166,7 +212,6 @@ class _Mixer:
 
     def _add_arm(self, scene: dict[str, Any]) -> None:
         """Add an arm behind a table, something to grasp, and kinds of starts."""
-        self.features.add("start")
         scene["robot"] = {**_ARMS["robot"], "asset": str(self.rng.choice(["panda", "panda", "ur5e", "heron"]))}
         tier = str(self.rng.choice(["map", "clear"]))
         target: dict[str, Any] = {"on": "carrier", "reachable": tier, "region": _BEFORE_THE_ARM, "ratio_on_support": 1}
@@ -178,35 +223,45 @@ class _Mixer:
             target["asset"] = str(self.rng.choice(HELD))
         scene["objects"]["target"] = target
         self._jointed["target"] = False
-        kinds: list[dict[str, Any]] = [
-            {},
-            {"robot": "pregrasp", "of": "target"},
-            {"robot": "grasp", "of": "target"},
-            {"robot": "grasp", "of": "target", "lift": [0.03, 0.2]},
-            {"robot": "grasp", "of": "target", "robot_joints": {"*": {"noise": 0.4}}},
-        ]
         if "asset" in target and self.chance(0.3):
             scene["objects"]["goal"] = {"kind": "marker", "on": "carrier", "region": _BEFORE_THE_ARM}
-            kinds.append({"place": {"target": "goal"}})
+        self._add_starts(scene, "target", "")
+
+    def _add_starts(self, scene: dict[str, Any], target: str, handle: str) -> None:
+        """Add kinds of starts, and perhaps draws of the arm's physics."""
+        kinds: list[dict[str, Any]] = [
+            {},
+            {"robot": "pregrasp", "of": target},
+            {"robot": "grasp", "of": target},
+            {"robot": "grasp", "of": target, "lift": [0.03, 0.2]},
+            {"robot": "grasp", "of": target, "robot_joints": {"joint*": {"noise": 0.4}}},
+        ]
+        if handle:  # of a drawer, in which the target is
+            joints = {"cabinet/upper": {"fraction": [0.9, 1.0]}}
+            kinds = [{**kind, "joints": joints} if "of" in kind else kind for kind in kinds]
+            kinds.append({"robot": "grasp", "of": "cabinet", "grasp": handle, "joints": joints})
+        if "goal" in scene["objects"]:
+            kinds.append({"place": {target: "goal"}})
         chosen = [kind for kind in kinds if self.chance(0.5)] or kinds[3:4]
-        self.features |= {f"start {kind.get('robot', 'place' if 'place' in kind else 'home')}" for kind in chosen}
+        names = (kind.get("robot", "place" if "place" in kind else "home") for kind in chosen)
+        self.features |= {"start", *(f"start {name}" for name in names)}
         self.features |= {"start held" for kind in chosen if "lift" in kind or "robot_joints" in kind}
         scene["start"] = chosen
         if self.chance(0.4):
             self.features.add("drawn robot")
             draws = {"friction": {"scale": [0.5, 1.2]}, "gains": {"scale": [0.6, 1.4]}}
-            draws["forcerange"] = {"scale": [0.6, 1]}
-            scene["robot"]["randomize"] = {word: draw for word, draw in draws.items() if self.chance(0.6)}
+            draws["forcerange"] = {"scale": [0.6, 1.0]}
+            scene.setdefault("robot", {})["randomize"] = {word: d for word, d in draws.items() if self.chance(0.6)}
 
     def draw_physics(self, scene: dict[str, Any]) -> None:
         """Draw physics of some objects, and gravity."""
         for name, words in scene["objects"].items():
-            if words.get("kind", "free") != "free" or not self.chance(0.6):
+            if words.get("kind", "free") != "free" or name == "goal" or not self.chance(0.6):
                 continue
             draws = self._draws()
             if self.chance(0.3):
                 draws["mass"]["distribution"] = "log_uniform"
-            likely = {"mass": 0.6, "ipos": 0.4, "friction": 0.4, "solref": 0.25, "frictionloss": 0.5}
+            likely = {"mass": 0.6, "ipos": 0.4, "friction": 0.4, "solref": 0.25, "solimp": 0.1, "frictionloss": 0.5}
             chosen = {word: draw for word, draw in draws.items() if self.chance(likely[word])}
             if not self._jointed.get(name):
                 chosen.pop("frictionloss", None)
@@ -228,6 +283,7 @@ class _Mixer:
             "ipos": {"add": [[-low, -low, -0.003], [high, high, 0.003]]},
             "friction": {"scale": [round(self.uniform(0.2, 1.0), 2), round(self.uniform(1.0, 1.5), 2)]},
             "solref": {"abs": soft},
+            "solimp": {"abs": [[0.8, 0.9, 0.001, 0.5, 2.0], [0.95, 0.99, 0.003, 0.5, 2.0]]},
             "frictionloss": {"scale": [0.5, 1.5]},
         }
 
@@ -240,6 +296,8 @@ class _Mixer:
         scene["attempts"], scene["restarts"] = int(self.rng.integers(1, 5)), int(self.rng.integers(0, 3))
         half = round(self.uniform(0.08, 0.2), 3)
         for words in scene["objects"].values():
-            if words.get("on") in ("floor", "carrier", "table") and words.get("region") != _BEFORE_THE_ARM:
-                if words.get("kind", "free") == "free" and words.get("asset") not in ("cabinet", "chest"):
-                    words["region"] = {"box": [[-half, -half], [half, half]]}
+            has_room = (
+                "relations" in words or words.get("region") == _BEFORE_THE_ARM or words.get("kind", "free") != "free"
+            )
+            if words.get("on") in ("floor", "carrier", "table") and not has_room and words.get("asset") not in _FREE:
+                words["region"] = {"box": [[-half, -half], [half, half]]}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -89,9 +90,8 @@ class WorldJudge:
         self.compiled, self.scene = compiled, compiled.scene.sim
         self.mjm = self.scene.mjm
         batch = Batch(compiled.scene, len(seeds), compiled.device, graph=False)
-        self.randomizer = ResetRandomizer(
-            compiled, batch.model, batch.data, seed=seeds.tolist(), fields=batch.fields, graph=False
-        )
+        words: dict[str, Any] = {"fields": batch.fields, "prefetch": False, "graph": False}
+        self.randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=seeds.tolist(), **words)
         self.randomizer.reset()
         self.worlds = WorldModels(self.mjm, batch.model, batch.data)
         layouts = self.randomizer.layouts

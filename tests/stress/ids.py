@@ -34,7 +34,7 @@ import numpy as np
 
 from tests.oracle.mixed_scenes import make
 from tests.stress.id_ways import BACK, WORLDS, Rows, Served
-from tests.stress.mixed import STATUS
+from tests.stress.mixed import MOST_SECONDS, STATUS
 from tests.stress.workers import try_all
 
 
@@ -159,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             Task(words or str(options.first + n), words, (options.seed << 32) + n * WORLDS, n % 2 == 1)
             for n, words in named
         ]
-        found = list(try_all(attempt, tasks, options.processes, _lost))
+        found = list(try_all(attempt, tasks, options.processes, _lost, MOST_SECONDS))
         if not any(o.counts for o in found):
             break
         outcomes += found

@@ -42,6 +42,8 @@ MOST_AGAIN = 5e-3
 """The same of a random scene that is tried again because something fell."""
 FAULTS = ("moved", "deep", "slipped")
 STATUS = {1: "valid", 2: "fallback"}
+MOST_SECONDS = 900.0
+"""What a scene may take [s]: on a new machine all processes compile kernels at once."""
 _CHUNK = 256  # worlds that are made and judged at once
 _KEPT = 6  # verdicts on faulty worlds of a scene that are kept of each status
 _README = Path(__file__).parents[2] / "README.md"
@@ -157,7 +159,7 @@ def try_scenes(
         there = [name for name, outcome in found.items() if not outcome.refused and not outcome.failed]
         starts = [(name, first) for name in there for first in chunks]
         tasks = [Task(name, scenes[name], (seed << 32) + k, min(_CHUNK, layouts - k)) for name, k in starts]
-        for i, part in enumerate(try_all(partial(try_worlds, device=device), tasks, processes, _lost), 1):
+        for i, part in enumerate(try_all(partial(try_worlds, device=device), tasks, processes, _lost, MOST_SECONDS), 1):
             found[part.name].add(part)
             if i % 50 == 0:
                 print(f"{i} of {len(tasks)}", file=sys.stderr, flush=True)

@@ -57,8 +57,22 @@ def test_a_scene_is_a_function_of_its_number():
 def test_scenes_mix_everything():
     """Every feature comes up, and most scenes have several of them."""
     count = Counter(feature for number in range(200) for feature in make(number).features)
-    draws = {f"drawn {word}" for word in ("mass", "ipos", "friction", "solref", "frictionloss", "gravity", "robot")}
-    more = {"stack", "variants", "joints", "group", "tight", "start held", "start place", "own model"}
+    draws = {
+        f"drawn {word}" for word in ("mass", "ipos", "friction", "solref", "solimp", "frictionloss", "gravity", "robot")
+    }
+    more = {
+        "stack",
+        "variants",
+        "joints",
+        "group",
+        "tight",
+        "start held",
+        "start place",
+        "own model",
+        "gap",
+        "tower",
+        "based",
+    }
     assert {*CARRIERS, *CURVED, *JOINTED, *draws, *more} <= set(count)
     assert sum(count.values()) > 5 * 200
 
