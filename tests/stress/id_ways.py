@@ -92,10 +92,9 @@ def rows_of(worlds: ResetRandomizer) -> Rows:
 
 def by_replay(served: Served, order: np.ndarray) -> Rows:
     """Return the layouts that the command replay makes, with the drawn numbers that it says."""
-    names = [LayoutId.parse(served.ids[world]) for world in order]
-    tables = [replay(served.compiled, name) for name in names]
+    tables = [replay(served.compiled, LayoutId.parse(served.ids[world])) for world in order]
     found = {f"layout {name}": np.concatenate([getattr(t, name) for t in tables]) for name in _LAYOUTS[:7]}
-    numbers = [drawn(served.compiled, name)[1] for name in names]
+    numbers = [drawn(served.compiled, table)[1] for table in tables]
     return found | {f"field drawn.{key}": np.array([each[key] for each in numbers]) for key in numbers[0]}
 
 

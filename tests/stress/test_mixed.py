@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.commands.replay import drawn
+from sceniris_gym.commands.replay import drawn, replay
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layout_id import LayoutId
@@ -83,7 +83,7 @@ def test_a_world_has_the_model_of_its_variant(judge: WorldJudge, compiled: Compi
     variants = judge.randomizer.variant.numpy()[:, 0]
     assert set(variants.tolist()) == {0, 1}
     for world, number in enumerate(variants.tolist()):
-        full, _ = drawn(compiled, ids[world])
+        full, _ = drawn(compiled, replay(compiled, ids[world]))
         own = build_model(SceneConfig.load(words({"asset": list(WORDS)[number]}))).mjm
         for field in DRAWN_FIELDS:
             getattr(own, field)[own.body("brick").id] = getattr(full, field)[full.body("brick").id]
