@@ -130,6 +130,12 @@ class ObjectConfig(Section):
         return self.stands and is_put_down and self.drawn_orientation.kind != "any"
 
     @property
+    def is_turned(self) -> bool:
+        """True if it may come to lie on another side: free, and in a drawn pose or meant to fall."""
+        is_free = self.kind == "free" and self.is_placed
+        return is_free and (self.drawn_orientation.kind == "stable" or not self.has_to_stand)
+
+    @property
     def joined_to(self) -> str | None:
         """The object that it is joined to at sites, or None."""
         return next((relation.beside.of for relation in self.relations if isinstance(relation, Joined)), None)

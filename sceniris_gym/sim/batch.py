@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -78,22 +78,23 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
     Contacts: 16, and four for every body that can move and collide, and four for every geom that such a body stands on
-    in the pose of the model (a plate may have a dozen). Rows: one for every edge of the friction pyramids, every limit
-    and every friction loss, and six for every equality.
+    (a plate may have a dozen). Rows: one for every edge of the friction pyramids, every limit and every friction loss,
+    and six for every equality.
 
     Args:
         mjm: The model that is simulated.
-        scene: Its scene, if objects have variants: those count that stand on most geoms.
+        scene: Its scene. Objects that may lie on another side count with the side that has most geoms, and objects with
+            variants with the variant that stands on most. Without it all stand as in the pose of the model.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
-    stood_on = int(_geoms_stood_on(mjm).sum())
-    if scene is not None and scene.shared is not None:
-        ours, theirs = _geoms_stood_on(mjm), _geoms_stood_on(scene.mjm)
-        for name, members in scene.config.variants.items():
-            most = max(theirs[scene.bodies[member]] for member in members)
-            stood_on += max(int(most - ours[scene.sim.bodies[name]]), 0)
-    nconmax = 16 + 4 * (len(moving) + stood_on)
+    stood_on = _geoms_stood_on(mjm, ())
+    if scene is not None:
+        stood_on = _geoms_stood_on(scene.mjm, {scene.bodies[n] for n, o in scene.config.objects.items() if o.is_turned})
+        for members in scene.config.variants.values():
+            bodies = [scene.bodies[member] for member in members]
+            stood_on[bodies[0]], stood_on[bodies[1:]] = stood_on[bodies].max(), 0
+    nconmax = 16 + 4 * (len(moving) + int(stood_on.sum()))
     condim = int(max(mjm.geom_condim, default=1))
     pyramidal = mjm.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     rows_per_contact = max(1, 2 * (condim - 1)) if pyramidal else condim
@@ -102,19 +103,29 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
     return nconmax, rows_per_contact * nconmax + limits + friction + 6 * mjm.neq
 
 
-def _geoms_stood_on(mjm: mujoco.MjModel) -> np.ndarray:
-    """Count the geoms at the bottom of each tree of moving bodies, in the pose of the model, by its root: (nbody,)."""
+def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
+    """Count the geoms at the bottom of each tree of moving bodies by its root, shape (nbody,).
+
+    The trees are in the pose of the model. The roots `turned` count the most on any side that a geom of theirs faces.
+    """
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
     geoms = np.flatnonzero(collides & (mjm.body_weldid[mjm.geom_bodyid] != 0))
-    down = data.geom_xmat[geoms, 6:]  # the world's z axis in the frame of each geom
+    roots, mats = mjm.body_rootid[mjm.geom_bodyid[geoms]], data.geom_xmat[geoms].reshape(-1, 3, 3)
     center, half = mjm.geom_aabb[geoms, :3], mjm.geom_aabb[geoms, 3:]
-    bottom = data.geom_xpos[geoms, 2] + (down * center).sum(axis=1) - (np.abs(down) * half).sum(axis=1)
-    roots = mjm.body_rootid[mjm.geom_bodyid[geoms]]
-    lowest = np.full(mjm.nbody, np.inf)
-    np.minimum.at(lowest, roots, bottom)
-    return np.bincount(roots[bottom < lowest[roots] + _LEVEL], minlength=mjm.nbody)
+    most = np.zeros(mjm.nbody, int)
+    for root in np.unique(roots):
+        mine = roots == root
+        ups = np.array([[0.0, 0.0, 1.0]])
+        if root in turned:
+            axes = mats[mine].transpose(0, 2, 1).reshape(-1, 3)
+            ups = np.concatenate([ups, axes, -axes])
+        down = ups @ mats[mine]  # each direction in the frame of each geom, shape (ngeom, nup, 3)
+        bottom = data.geom_xpos[geoms[mine]] @ ups.T
+        bottom += (down * center[mine, None]).sum(2) - (np.abs(down) * half[mine, None]).sum(2)
+        most[root] = (bottom < bottom.min(axis=0) + _LEVEL).sum(axis=0).max()
+    return most
 
 
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:

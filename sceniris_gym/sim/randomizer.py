@@ -78,8 +78,9 @@ class ResetRandomizer(Fixed, StaysHere):
             and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ. If objects
             have variants, `sceniris_gym.put_model(compiled, nworld)` makes it, and `data` is made from
             `compiled.sim_mjm`.
-        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm)` in sceniris_gym.sim.batch returns an
-            nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of `data`.
+        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm, compiled.scene)` in sceniris_gym.sim.batch
+            returns an nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of
+            `data`.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. A layout_source may have its own.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only

@@ -86,6 +86,31 @@ def test_things_that_come_to_rest_fit_into_the_default_budget(scene: str):
             assert data.nefc <= rows
 
 
+WAYS: dict[str, tuple[dict, bool]] = {
+    "upright": ({"on": "floor"}, False),
+    "in a stable pose": ({"on": "floor", "orientation": "stable"}, True),
+    "in any orientation": ({"on": "floor", "orientation": "any"}, True),
+    "in space": ({"region": {"box": [[-0.1, -0.1, 0.3], [0.1, 0.1, 0.4]]}}, True),
+    "meant to fall": ({"on": "floor", "stands": False}, True),
+}
+
+
+@pytest.mark.parametrize(("words", "turns"), WAYS.values(), ids=WAYS)
+def test_the_default_budget_counts_the_sides_that_things_may_lie_on(words: dict, turns: bool):
+    """A mug upside down stands on 16 walls: contacts and rows of MuJoCo C fit if, and only if, it may lie like that."""
+    objects = {"can": {"asset": "can", "on": "floor"}, "mug": {"asset": "mug", **words}}
+    scene = build_model(SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": objects}))
+    mjm, data = scene.mjm, mujoco.MjData(scene.mjm)
+    for name, pose in (("can", [0.3, 0, 0.0, 1, 0, 0, 0]), ("mug", [0, 0, 0.096, 0, 1, 0, 0])):
+        adr = mjm.jnt_qposadr[mjm.body_jntadr[scene.bodies[name]]]
+        data.qpos[adr : adr + 7] = pose
+    for _ in range(25):
+        mujoco.mj_step(mjm, data)
+    assert data.ncon >= 68
+    contacts, rows = default_budget(mjm, scene)
+    assert (data.ncon <= contacts, data.nefc <= rows) == (turns, turns)
+
+
 def test_an_unknown_need_names_the_valid_ones(small_scene):
     """A misspelt need is refused with the nearest name."""
     with pytest.raises(UnknownNameError, match="Did you mean 'contacts'"):
