@@ -132,8 +132,8 @@ class ObjectConfig(Section):
     @property
     def is_turned(self) -> bool:
         """True if it may come to lie on another side: free, and in a drawn pose or meant to fall."""
-        is_free = self.kind == "free" and self.is_placed
-        return is_free and (self.drawn_orientation.kind == "stable" or not self.has_to_stand)
+        is_drawn = self.drawn_orientation.kind == "stable" or not self.has_to_stand
+        return is_drawn and self.is_placed and self.kind == "free"
 
     @property
     def joined_to(self) -> str | None:

@@ -69,7 +69,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     if not kept:
         raise SceneKeyError(
             f"{where}: it has no pose that is stable in all states that its joints are drawn in. Draw "
-            f"{_drawn_joints(scene, o)} from less, or give it another orientation."
+            f"{drawn_joints(scene, o)} from less, or give it another orientation."
         )
     total = sum(share for _, share in kept)
     return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
@@ -135,7 +135,7 @@ def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
     return float(resting.margins.max()) + resting.bottom(quat) - whole.bottom(quat)
 
 
-def _drawn_joints(scene: SceneModel, o: PlacedObject) -> str:
+def drawn_joints(scene: SceneModel, o: PlacedObject) -> str:
     """Return the drawn joints of an object, as errors name them."""
     joints = [int(np.flatnonzero(scene.mjm.jnt_qposadr == d.qposadr)[0]) for d in o.joint_ranges]
     return ", ".join(f"'{scene.mjm.joint(j).name}'" for j in joints)

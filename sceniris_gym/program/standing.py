@@ -20,6 +20,7 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import drawn_states, touch_distances
 from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
 
 # A piece whose top is as near as this [m] to the height of a surface is part of it.
 _NEAR = 5.0e-4
@@ -73,12 +74,19 @@ class Foot:
         margin: Least distance [m] of the object's own centre of mass from the edge of its foot in the states that its
             joints are drawn in; negative outside, and -inf where draws of masses move it.
         most: The greatest one.
+        bottom: Height [m] over the object's root of the lowest point that no drawn joint moves.
+        hangs: How far [m] parts that drawn joints move reach below that at most; negative above.
+        drop: Height [m] from which it falls until its support carries it; negative inside of that. It is 0 unless other
+            geoms collide than it is placed by.
     """
 
     parts: list[np.ndarray]
     law: Law
     margin: float
     most: float
+    bottom: float = 0.0
+    hangs: float = -np.inf
+    drop: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -162,6 +170,9 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     support, mjm = o.support, scene.mjm
     assert support is not None
+    drawn = [adr for adr, (low, high) in o.spans.items() if low < high]
+    moved = {b for j in np.flatnonzero(np.isin(mjm.jnt_qposadr, drawn)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
+    fixed, moving = ([p for p in pieces if p.body in of and p.mesh is not None] for of in ({*o.bodies} - moved, moved))
     if scene.config.geometry != "physics":  # visible pieces carry nothing
         pieces = extract_pieces(mjm, "physics", {*o.bodies, support.body})
     found = [p for p in pieces if p.body in o.bodies]
@@ -178,16 +189,19 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
         and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
     ] or there
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
-    shape, root = HomeShape(scene.home, o.bodies[0], own), o.bodies[0]
-    centers = [shape.center_of_mass, *(HomeShape(state, root, []).center_of_mass for state in drawn_states(scene, o))]
+    parts = own, [p for p in own if p.body not in moved], fixed, moving
+    states = drawn_states(scene, o) if o.joint_ranges else [scene.home]
+    shapes = [[HomeShape(state, o.bodies[0], part) for part in parts] for state in states]
+    tops = [p.pos[2] if p.type == PieceType.PLANE else p.bounds()[1][2] for p in there]
+    lower = max((min((s.height - top for top in tops), key=abs) for s in surfaces), key=abs)
     contacts = [([a.body, b.body], *_contact(scene, a.geom, b.geom)) for a in own for b in below]
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
     heavy = set(np.flatnonzero(mjm.body_mass)) & set(o.bodies)
-    drawn = {draw.word.field for draw in scene.draws if heavy.intersection(draw.rows.tolist())}
-    is_shifted = "body_ipos" in drawn or ("body_mass" in drawn and len(heavy) > 1)  # its centre of mass
-    feet = [_foot(shape, v, law, centers, is_shifted) for v in o.variants]
+    fields = {draw.word.field for draw in scene.draws if heavy.intersection(draw.rows.tolist())}
+    is_shifted = "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)  # its centre of mass
+    feet = [_foot(shapes, v, law, lower, is_shifted) for v in o.variants]
     return Stance(
         levels=levels,
         feet=feet,
@@ -199,16 +213,29 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     )
 
 
-def _foot(shape: HomeShape, variant: Variant, law: Law, centers: list[np.ndarray], is_shifted: bool) -> Foot:
-    """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round."""
-    turn = matrix(variant.quat).T
-    ends = [(center - variant.pivot) @ turn for center in centers]
-    parts, curved = foot([(points - variant.pivot) @ turn for points in shape.points()], float(ends[0][2]))
+def _foot(shapes: list[list[HomeShape]], variant: Variant, law: Law, lower: float, is_shifted: bool) -> Foot:
+    """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round.
+
+    Args:
+        shapes: In each state of its joints: all that its support carries, the part of it that no drawn joint moves,
+            which makes the foot, all that it is placed by and no drawn joint moves, and what they move.
+        variant: The pose.
+        law: The law.
+        lower: Height [m] of the support that it is placed by over the support that it collides with.
+        is_shifted: Whether draws of masses move its centre of mass.
+    """
+    turn, quat, (whole, standing, fixed, _) = matrix(variant.quat).T, variant.quat, shapes[0]
+    ends = [(own.center_of_mass - variant.pivot) @ turn for own, *_ in shapes]
+    carrying = [(points - variant.pivot) @ turn for points in standing.points() or whole.points()]
+    parts, curved = foot(carrying, float(ends[0][2]))
     if len(parts) == 1 and len(parts[0]) > _FEW_CORNERS:
         law = CURVED if curved else ROUND
     hull, at = MultiPoint(np.concatenate(parts)).convex_hull, shapely.points(np.array(ends)[:, :2])
     margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at))
-    return Foot(parts, law, -np.inf if is_shifted else float(margins.min()), float(margins.max()))
+    bottom = fixed.bottom(quat) if standing.points() else np.inf
+    hangs = max(bottom - moving.bottom(quat) for *_, moving in shapes)
+    least, drop = -np.inf if is_shifted else float(margins.min()), whole.bottom(quat) - bottom + lower
+    return Foot(parts, law, least, float(margins.max()), bottom, hangs, drop)
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:

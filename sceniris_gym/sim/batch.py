@@ -92,8 +92,7 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
     if scene is not None:
         stood_on = _geoms_stood_on(scene.mjm, {scene.bodies[n] for n, o in scene.config.objects.items() if o.is_turned})
         for members in scene.config.variants.values():
-            bodies = [scene.bodies[member] for member in members]
-            stood_on[bodies[0]], stood_on[bodies[1:]] = stood_on[bodies].max(), 0
+            stood_on[sorted((scene.bodies[member] for member in members), key=lambda body: stood_on[body])[:-1]] = 0
     nconmax = 16 + 4 * (len(moving) + int(stood_on.sum()))
     condim = int(max(mjm.geom_condim, default=1))
     pyramidal = mjm.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
@@ -117,10 +116,8 @@ def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
     most = np.zeros(mjm.nbody, int)
     for root in np.unique(roots):
         mine = roots == root
-        ups = np.array([[0.0, 0.0, 1.0]])
-        if root in turned:
-            axes = mats[mine].transpose(0, 2, 1).reshape(-1, 3)
-            ups = np.concatenate([ups, axes, -axes])
+        axes = mats[mine if root in turned else []].transpose(0, 2, 1).reshape(-1, 3)
+        ups = np.concatenate([[[0.0, 0.0, 1.0]], axes, -axes])
         down = ups @ mats[mine]  # each direction in the frame of each geom, shape (ngeom, nup, 3)
         bottom = data.geom_xpos[geoms[mine]] @ ups.T
         bottom += (down * center[mine, None]).sum(2) - (np.abs(down) * half[mine, None]).sum(2)

@@ -10,11 +10,14 @@ import numpy as np
 
 from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.resting import check_weight
+from sceniris_gym.program.resting import check_weight, drawn_joints
+from sceniris_gym.program.standing import Stance
 from sceniris_gym.program.surfaces import UPRIGHT
+from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
 
@@ -23,8 +26,12 @@ _TILT = 1.0
 # Greatest depth [m] to which an object sinks into its support by its own weight, and to which that gives way.
 _GIVES = 5.0e-3
 _SECONDS, _LOOKS = 0.5, 10
-# Inertia [kg or kg m^2] that keeps free bodies where they are.
-_HELD = 1.0e9
+# Greatest motion [m] in that time of an object that stands.
+_STILL = 0.01
+# Greatest height [m] between the geoms that an object is placed by and the geoms that carry it.
+_DROP = 2.0e-3
+# Inertia [kg or kg m^2] that keeps joints where they are; with 1e9 in a hinge the body that it is on tips by rounding.
+_HELD = 1.0e6
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEVEL = 1.0e-3
 # Least friction of what leans, or may do so: the tangent of that angle.
@@ -58,6 +65,7 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: '{o.name}' slides off '{o.config.support.parent}', as the friction between them is "
                 f"{stance.friction:.3g} and should be {_FRICTION:g} at least. Give one of both more, {_ANYWAY}."
             )
+        _check_foot(plan, o, stance, where)
         check_weight(plan.scene.mjm, o.bodies, where)
         margin = max(f.most for f in stance.feet)
         if margin <= 0.0:
@@ -78,6 +86,21 @@ def check_standing(plan: Plan) -> None:
                 "another stack."
             )
         _check_joints(plan, o, stance.load, where)
+        _check_own_joints(plan, o, stance, where)
+
+
+def _check_foot(plan: Plan, o: PlacedObject, stance: Stance, where: str) -> None:
+    """Refuse an object with drawn parts below its foot, or whose lowest geom is not the one that is carried."""
+    if round(hangs := max(f.hangs for f in stance.feet), 4) > 0.0:
+        raise SceneKeyError(
+            f"{where}: '{o.name}' does not always stand on its foot: the drawn joints {drawn_joints(plan.scene, o)} "
+            f"move parts of it up to {1e3 * hangs:.3g} mm below that. Draw them from less, {_ANYWAY}."
+        )
+    if round(abs(drop := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
+        raise SceneKeyError(
+            f"{where}: '{o.name}' meets its support {1e3 * abs(drop):.3g} mm {'below' if drop > 0.0 else 'above'} its "
+            f"place, which should be {1e3 * _DROP:g} mm at most. Let visible and colliding geoms end at one height."
+        )
 
 
 def _check_gravity(scene: SceneModel, where: str) -> None:
@@ -106,16 +129,13 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
     is_loose = mjm.body_dofnum[root] == 6 and root not in placed
     if not joints and not is_loose:
         return
-    model, data = copy.copy(mjm), mujoco.MjData(mjm)
     held = np.isin(mjm.body_rootid, placed) | (not is_loose)  # what is loose may stand on what is there, too
+    is_free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+    model, data = _held(mjm, is_free & held[mjm.jnt_bodyid], held), mujoco.MjData(mjm)
     if not is_loose:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    model.geom_contype[held[mjm.geom_bodyid]] = model.geom_conaffinity[held[mjm.geom_bodyid]] = 0
-    for joint in np.flatnonzero((mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE) & held[mjm.jnt_bodyid]):
-        model.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + 6] = _HELD
     owner = next((x for x in plan.objects if o.support is not None and x.name == o.support.owner), o)
-    ends = [{r.qposadr: r.intervals[i][i] for r in owner.joint_ranges} for i in (0, -1)]
-    for state, at in itertools.product(({}, *ends), places):
+    for state, at in itertools.product(({}, *_states(owner)), places):
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.ctrl[:] = plan.scene.home.qpos, plan.scene.home_ctrl
         data.qpos[list(state)] = list(state.values())
@@ -136,6 +156,51 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
             raise SceneKeyError(
                 f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by {by}, {_ANYWAY}."
             )
+
+
+def _check_own_joints(plan: Plan, o: PlacedObject, stance: Stance, where: str) -> None:
+    """Refuse an object that moves on its support in MuJoCo C, but not with all of its joints held."""
+    mjm, home = plan.scene.mjm, plan.scene.home
+    is_own, ground = np.isin(mjm.jnt_bodyid, o.bodies), int(o.ground or 0)
+    inner = np.flatnonzero(is_own)[1:]  # the first one is free
+    loose = _held(mjm, ~is_own, ~np.isin(np.arange(mjm.nbody), [*o.bodies, ground]))
+    firm = _held(loose, np.isin(np.arange(mjm.njnt), inner), np.zeros(mjm.nbody, bool))
+    data, adr = mujoco.MjData(mjm), int(mjm.jnt_qposadr[mjm.body_jntadr[o.bodies[0]]])
+
+    def moves(model: mujoco.MjModel, state: dict[int, float], i: int) -> float:
+        surface, pose = o.surfaces[i][0], o.variants[i]
+        at = np.array([*surface.region.representative_point().coords[0], surface.height + stance.touch])
+        start = _point(home, ground, at) - [*(matrix(pose.quat) @ pose.pivot)[:2], stance.feet[i].bottom]
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.ctrl[:] = home.qpos, plan.scene.home_ctrl
+        data.qpos[adr : adr + 7] = [*start, *pose.quat]
+        data.qpos[list(state)] = list(state.values())
+        follow(o.followers, data.qpos)
+        mujoco.mj_step(model, data, round(_SECONDS / model.opt.timestep))
+        return float(np.linalg.norm(data.qpos[adr : adr + 3] - start))
+
+    # a servo holds a drawn joint where it is
+    states = [{}] if np.isin(mjm.actuator_trnid[:, 0], inner).any() else _states(o) or [{}]
+    for state, i in itertools.product(states, range(len(o.variants)) if len(inner) else ()):
+        if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
+            raise SceneKeyError(
+                f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm, as {[mjm.joint(j).name for j in inner]} give way. "
+                f"Hold them by frictionloss, stiffness or actuators, make it a robot with 'in_model', {_ANYWAY}."
+            )
+
+
+def _states(o: PlacedObject) -> list[dict[int, float]]:
+    """Return five sets of positions of an object's joints, from one end of their draws to the other, by qposadr."""
+    drawn = [(r.qposadr, r.choice or np.linspace(r.low, r.high, 5)) for r in o.joint_ranges]
+    return [{adr: values[(len(values) - 1) * i // 4] for adr, values in drawn} for i in range(5 if drawn else 0)]
+
+
+def _held(mjm: mujoco.MjModel, joints: np.ndarray, bodies: np.ndarray) -> mujoco.MjModel:
+    """Return the model with some joints (njnt,) held where they are, and without contacts of some bodies (nbody,)."""
+    model = copy.copy(mjm)
+    model.geom_contype[bodies[mjm.geom_bodyid]] = model.geom_conaffinity[bodies[mjm.geom_bodyid]] = 0
+    model.dof_armature[joints[mjm.dof_jntid]] = _HELD
+    return model
 
 
 def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:

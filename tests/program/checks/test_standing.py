@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
+import numpy as np
 import pytest
 
 from sceniris_gym.errors import SceneKeyError
@@ -116,3 +117,136 @@ def test_visible_pieces_carry_nothing():
     spec = mujoco.MjSpec.from_string(text)
     with pytest.raises(SceneKeyError, match="'crate' sinks into its support"):
         checked(scene_of({"crate": {"on": "bench"}}, model=spec, geometry="visual"))
+
+
+SWIVEL = """<mujoco><worldbody><body name="stand"><freejoint/><geom type="box" size=".06 .06 .02"/>
+  <body name="arm" pos="0 0 .03"><joint name="tilt" axis="0 1 0" range="-90 90" damping="100" frictionloss="20"/>
+    <geom type="capsule" fromto="0 0 .02 .2 0 .02" size=".01" density="100"/></body>
+  <body name="skid" pos="0 0 -.019"><joint name="out" type="slide" axis="1 0 0" range="0 .2" frictionloss="20"/>
+    <geom type="box" size=".05 .05 {skid}" density="100"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("joints", "skid", "below"),
+    [
+        ({"tilt": {"fraction": [0, 1]}}, 0.001, "160 mm"),
+        ({"tilt": {"choice": [0.0, 0.4]}}, 0.001, "19.5 mm"),
+        ({"tilt": {"range": [-1.5, 0.1]}, "out": {"fraction": [0, 1]}}, 0.001, None),
+        ({"tilt": {"value": -0.4}}, 0.001, None),
+        ({"out": {"fraction": [0, 1]}}, 0.002, "1 mm"),
+        ({"out": {"value": 0.0}}, 0.002, None),
+    ],
+    ids=["any tilt", "one of two tilts", "up or level", "always up", "on its skid", "with its skid still"],
+)
+def test_parts_that_drawn_joints_move_below_the_foot_are_refused(joints: dict, skid: float, below: str | None):
+    """An arm of 20 cm that hangs down, or a skid that is the lowest part; what is still is part of the foot."""
+    spec = mujoco.MjSpec.from_string(SWIVEL.format(skid=skid))
+    scene = scene_of({"stand": {"on": "floor", "joints": joints}}, model=spec)
+    if below is None:
+        checked(scene)
+        return
+    name = next(iter(joints))
+    message = rf"stand\.on: 'stand' does not always stand on its foot: the drawn joints '{name}' .* up to {below} below"
+    with pytest.raises(SceneKeyError, match=message):
+        checked(scene)
+
+
+SEEN = """<mujoco><worldbody><body name="bench">
+    <geom type="box" size=".3 .3 .2" pos="0 0 .2" contype="0" conaffinity="0"/>
+    <geom type="box" size=".3 .3 .2" pos="0 0 {bench}" group="3"/></body>
+  <body name="crate"><freejoint/><geom type="box" size=".05 .05 .05" contype="0" conaffinity="0" mass="0"/>
+    <geom type="box" size=".05 .05 .05" pos="0 0 {crate}" group="3"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("bench", "crate", "place"),
+    [
+        (0.2, 0.03, "30 mm below"),
+        (0.2, -0.03, "30 mm above"),
+        (0.17, 0.0, "30 mm below"),
+        (0.21, -0.01, "20 mm above"),
+        (0.2, 0.002, None),
+        (0.21, 0.01, None),
+    ],
+)
+def test_visible_geoms_end_where_colliding_ones_do(bench: float, crate: float, place: str | None):
+    """Up to 2 mm lower or higher, of an object and its support together."""
+    scene = scene_of(
+        {"crate": {"on": "bench"}},
+        model=mujoco.MjSpec.from_string(SEEN.format(bench=bench, crate=crate)),
+        geometry="visual",
+    )
+    if place is None:
+        checked(scene)
+        return
+    with pytest.raises(
+        SceneKeyError, match=rf"crate\.on: 'crate' meets its support {place} its place, which .* 2 mm at"
+    ):
+        checked(scene)
+
+
+def test_the_lowest_geom_is_one_that_the_support_carries():
+    """A peg that the bench does not collide with would hold the crate 2 cm over it."""
+    peg = '<geom type="sphere" size=".02" pos="0 0 -.05" contype="2" conaffinity="2"/>'
+    with pytest.raises(SceneKeyError, match=r"'crate' meets its support 20 mm below its place"):
+        made(more=peg)
+
+
+LEG = """<body name="thigh_{0}" pos="0 {1} -.05"><joint name="hip_{0}" axis="0 1 0" armature=".1" damping="1"/>
+  <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.18"/><body name="shin_{0}" pos="0 0 -.18">
+  <joint name="knee_{0}" axis="0 1 0" armature=".1" damping="1"/>
+  <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.15"/>
+  <geom type="box" size=".08 .03 .01" pos="0 0 -.18" euler="0 -34.4 0"/></body></body>"""
+SERVOS = "".join(f'<position joint="{joint}_{{0}}" kp="{{1}}"/>' for joint in ("hip", "knee"))
+WALKER = """<mujoco>{ground}<worldbody><body name="thing"><freejoint/><geom type="box" size=".1 .1 .05" mass="8"/>{legs}
+  </body></worldbody><actuator>{servos}</actuator>
+  <keyframe><key name="home" qpos="0 0 .34 1 0 0 0 -.6 1.2 -.6 1.2" ctrl="-.6 1.2 -.6 1.2"/></keyframe></mujoco>"""
+OVEN = """<mujoco>{ground}<worldbody><body name="thing"><freejoint/><geom type="box" size=".15 .15 .15" mass="{mass}"/>
+  <body name="flap" pos="0 -.16 0"><joint name="flap" axis="1 0 0" range="-90 90" {hold}/>
+    <geom type="box" size=".13 .1 .005" pos="0 -.1 0" mass=".3"/></body></body></worldbody>
+  <keyframe><key name="home" qpos="0 0 .15 1 0 0 0 -.8"/></keyframe></mujoco>"""
+GROUND = '<worldbody><geom type="plane" size="2 2 .1"/></worldbody>'
+
+
+def walker(strength: float) -> str:
+    """Return the text of a walker with bent knees, but for its ground."""
+    legs, servos = LEG.format(0, 0.08) + LEG.format(1, -0.08), SERVOS.format(0, strength) + SERVOS.format(1, strength)
+    return WALKER.replace("{legs}", legs).replace("{servos}", servos)
+
+
+def oven(mass: float, hold: str = "") -> str:
+    """Return the text of a box with a flap that starts half open, but for its ground."""
+    return OVEN.replace("{mass}", str(mass)).replace("{hold}", hold)
+
+
+JOINTED = {
+    "a walker on weak legs": (walker(5.0), r"\['hip_0', 'knee_0', 'hip_1', 'knee_1'\]"),
+    "a walker on strong legs": (walker(3000.0), None),
+    "a light box with a loose flap": (oven(0.2), r"\['flap'\]"),
+    "a heavy box with a loose flap": (oven(1.0), None),
+    "a light box with a flap that stays": (oven(0.3, 'frictionloss="2"'), None),
+}
+
+
+@pytest.mark.parametrize("case", JOINTED)
+def test_joints_that_give_way_are_refused_where_the_object_moves(case: str):
+    """As MuJoCo C moves the object by 1 cm in half a second, or not, on a plane of its own."""
+    text, names = JOINTED[case]
+    mjm = mujoco.MjModel.from_xml_string(text.format(ground=GROUND))
+    data = mujoco.MjData(mjm)
+    mujoco.mj_resetDataKeyframe(mjm, data, 0)
+    mujoco.mj_forward(mjm, data)
+    data.qpos[2] -= np.min(data.contact.dist, initial=0.0)
+    start = data.qpos[:3].copy()
+    mujoco.mj_step(mjm, data, 250)
+    moved = np.linalg.norm(data.qpos[:3] - start)
+    assert (moved > 0.01) == (names is not None)
+    spec = mujoco.MjSpec.from_string(text.format(ground=""))
+    scene = scene_of({"thing": {"on": "floor"}}, model=spec)
+    if names is None:
+        checked(scene)
+        return
+    with pytest.raises(
+        SceneKeyError, match=rf"thing\.on: 'thing' moves by [0-9.]+ mm, as {names} give way.*'in_model'"
+    ):
+        checked(scene)
