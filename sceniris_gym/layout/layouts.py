@@ -28,7 +28,7 @@ class Status(IntEnum):
     NONE = 0
     """No layout yet; while a scene is being compiled also: no valid one was found."""
     VALID = 1
-    """A fresh layout that passed every test."""
+    """A fresh layout that passed every test. Parts that no layout moves are not tested against each other."""
     FALLBACK = 2
     """Attempts and restarts ran out: a layout from the split's bank of valid ones in the CompiledScene."""
     KEPT = 3

@@ -111,8 +111,8 @@ def _sunk(plan: Plan) -> Iterator[str]:
         )
     if pushed:
         yield (
-            "movable geoms overlap others in the start pose, and contact forces push them out at the start: "
-            f"{_some(pushed)}. {'; '.join(cures)}; or exclude the pair if that is meant."
+            "movable geoms overlap others in the start pose, where layouts leave them untested, and contact forces "
+            f"push them out at the start: {_some(pushed)}. {'; '.join(cures)}; or exclude the pair if that is meant."
         )
 
 
