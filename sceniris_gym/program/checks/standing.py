@@ -44,7 +44,8 @@ def check_standing(plan: Plan) -> None:
 
     Raises:
         SceneKeyError: Gravity that does not point down, contacts that are switched off or too soft, an object that its
-            support does not carry, too many objects on each other, or a joint that gives way.
+            support does not carry or carries elsewhere, parts of it below its foot, too many objects on each other, or
+            a joint that gives way.
     """
     config = plan.scene.config
     for o, stance in zip(plan.objects, plan.stances, strict=True):
@@ -65,7 +66,16 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: '{o.name}' slides off '{o.config.support.parent}', as the friction between them is "
                 f"{stance.friction:.3g} and should be {_FRICTION:g} at least. Give one of both more, {_ANYWAY}."
             )
-        _check_foot(plan, o, stance, where)
+        if round(hangs := max(f.hangs for f in stance.feet), 4) > 0.0:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' may not stand on its foot: the drawn joints {drawn_joints(plan.scene, o)} "
+                f"move parts of it up to {1e3 * hangs:.3g} mm below that. Draw them from less, {_ANYWAY}."
+            )
+        if round(abs(gap := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' meets its support {1e3 * abs(gap):.3g} mm {'below' if gap > 0 else 'above'} its "
+                f"place, which should be {1e3 * _DROP:g} mm at most. Let visible and colliding geoms end at one height."
+            )
         check_weight(plan.scene.mjm, o.bodies, where)
         margin = max(f.most for f in stance.feet)
         if margin <= 0.0:
@@ -87,20 +97,6 @@ def check_standing(plan: Plan) -> None:
             )
         _check_joints(plan, o, stance.load, where)
         _check_own_joints(plan, o, stance, where)
-
-
-def _check_foot(plan: Plan, o: PlacedObject, stance: Stance, where: str) -> None:
-    """Refuse an object with drawn parts below its foot, or whose lowest geom is not the one that is carried."""
-    if round(hangs := max(f.hangs for f in stance.feet), 4) > 0.0:
-        raise SceneKeyError(
-            f"{where}: '{o.name}' does not always stand on its foot: the drawn joints {drawn_joints(plan.scene, o)} "
-            f"move parts of it up to {1e3 * hangs:.3g} mm below that. Draw them from less, {_ANYWAY}."
-        )
-    if round(abs(drop := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
-        raise SceneKeyError(
-            f"{where}: '{o.name}' meets its support {1e3 * abs(drop):.3g} mm {'below' if drop > 0.0 else 'above'} its "
-            f"place, which should be {1e3 * _DROP:g} mm at most. Let visible and colliding geoms end at one height."
-        )
 
 
 def _check_gravity(scene: SceneModel, where: str) -> None:
@@ -162,10 +158,12 @@ def _check_own_joints(plan: Plan, o: PlacedObject, stance: Stance, where: str) -
     """Refuse an object that moves on its support in MuJoCo C, but not with all of its joints held."""
     mjm, home = plan.scene.mjm, plan.scene.home
     is_own, ground = np.isin(mjm.jnt_bodyid, o.bodies), int(o.ground or 0)
-    inner = np.flatnonzero(is_own)[1:]  # the first one is free
+    free, *inner = np.flatnonzero(is_own).tolist()
+    if not inner:
+        return
     loose = _held(mjm, ~is_own, ~np.isin(np.arange(mjm.nbody), [*o.bodies, ground]))
     firm = _held(loose, np.isin(np.arange(mjm.njnt), inner), np.zeros(mjm.nbody, bool))
-    data, adr = mujoco.MjData(mjm), int(mjm.jnt_qposadr[mjm.body_jntadr[o.bodies[0]]])
+    data, adr = mujoco.MjData(mjm), int(mjm.jnt_qposadr[free])
 
     def moves(model: mujoco.MjModel, state: dict[int, float], i: int) -> float:
         surface, pose = o.surfaces[i][0], o.variants[i]
@@ -181,7 +179,7 @@ def _check_own_joints(plan: Plan, o: PlacedObject, stance: Stance, where: str) -
 
     # a servo holds a drawn joint where it is
     states = [{}] if np.isin(mjm.actuator_trnid[:, 0], inner).any() else _states(o) or [{}]
-    for state, i in itertools.product(states, range(len(o.variants)) if len(inner) else ()):
+    for state, i in itertools.product(states, range(len(o.variants))):
         if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
             raise SceneKeyError(
                 f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm, as {[mjm.joint(j).name for j in inner]} give way. "

@@ -146,7 +146,7 @@ def test_parts_that_drawn_joints_move_below_the_foot_are_refused(joints: dict, s
         checked(scene)
         return
     name = next(iter(joints))
-    message = rf"stand\.on: 'stand' does not always stand on its foot: the drawn joints '{name}' .* up to {below} below"
+    message = rf"stand\.on: 'stand' may not stand on its foot: the drawn joints '{name}' .* up to {below} below"
     with pytest.raises(SceneKeyError, match=message):
         checked(scene)
 
