@@ -90,7 +90,7 @@ def _settle(
         elif last == program.restarts or unsound != 0:
             if unsound != 0:
                 layouts.row_rejections[worldid, wp.max(program.nobject - 1, 0), Cause.UNSOUND] += 1
-            layouts.status[worldid] = fall_back(bank, layouts, worldid, split, width)
+            layouts.status[worldid] = fall_back(program, bank, layouts, worldid, split, width)
             layouts.first_pass_valid[worldid] = 0
             search.pending[worldid] = False
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from scipy import stats
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import copied
+from sceniris_gym.program.device import Program, copied
 from sceniris_gym.program.device_bank import Bank
-from tests.layout.scenes import Rows, bank_rows, full_tray, make, posed, read
+from tests.layout.scenes import Rows, bank_rows, box_mjcf, compile_on_cpu, full_tray, make, posed, read
 from tests.oracle.solids import Solids
 
 
@@ -88,3 +89,50 @@ def test_a_scene_without_a_bank_serves_no_fallback(hard: CompiledScene):
     assert set(rows.status.tolist()) == {Status.NONE, Status.VALID}
     assert ((rows.status == Status.NONE) == (filled.status == Status.FALLBACK)).all()
     assert rows[rows.status == Status.VALID].bits() == filled[filled.status == Status.VALID].bits()
+
+
+def mixed_tray(folder: Path) -> CompiledScene:
+    """Compile a tray with variants, a group and two kinds of starts, one attempt each: large variants fail most."""
+    on = {"on": "floor", "orientation": "fixed"}
+    things = {f"m{i}": {"asset": box_mjcf(folder, f"m{i}", 0.1, 0.1, 0.05), **on} for i in range(3)}
+    sizes = {"small": 0.05, "middle": 0.12, "large": 0.2}
+    variants = {name: {"asset": box_mjcf(folder, name, size, size, 0.05)} for name, size in sizes.items()}
+    placed = {"q": {"asset": box_mjcf(folder, "q", 0.03, 0.03, 0.03), **on}, "goal": {"kind": "marker", "on": "floor"}}
+    words = {"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0}
+    groups = {"g": {"of": [*things], "count": [0, 3]}}
+    start = [{}, {"place": {"q": "goal"}}]
+    objects = {"x": {"variants": variants, **on}, **things, **placed}
+    return compile_on_cpu({**words, "objects": objects, "groups": groups, "start": start}, bank=32)
+
+
+@pytest.mark.parametrize("split", ["train", "eval"])
+def test_a_fallback_is_nearest_to_what_was_drawn(tmp_path: Path, split: str):
+    """First the same kind of start, then the same variant, then the most members of a group; by seed and episode."""
+    compiled = mixed_tray(tmp_path)
+    usual, patient = LayoutGenerator(compiled, 600, split=split), copied(Program, compiled.program)
+    patient.attempts = 500  # makes all layouts, of the same choices
+    made = LayoutGenerator(replace(compiled, program=patient), 600, split=split)
+    usual.generate()
+    made.generate()
+    fell = (usual.layouts.status.numpy() == Status.FALLBACK) & (made.layouts.status.numpy() == Status.VALID)
+    assert 150 < fell.sum() < 500
+
+    variants = [compiled.slots.index(name) for name in compiled.config.variants["x"]]
+
+    def apart(world: int, present: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Return how far rows are from what a world drew."""
+        other = present != made.layouts.present.numpy()[world]
+        kind = start != made.layouts.start.numpy()[world]
+        return 1e6 * kind + 1e3 * other[:, variants].any(axis=1) + np.delete(other, variants, axis=1).sum(axis=1)
+
+    rows = bank_rows(compiled, split)
+    bank = [getattr(compiled.bank, name).numpy()[rows] for name in ("present", "start")]
+    states = [state.tobytes() for state in compiled.bank.qpos.numpy()[rows]]
+    for world in np.flatnonzero(fell).tolist():
+        served = [getattr(usual.layouts, name).numpy()[[world]] for name in ("present", "start")]
+        assert apart(world, *served) == apart(world, *bank).min()
+        assert usual.layouts.qpos.numpy()[world].tobytes() in states
+    for world in np.flatnonzero(fell)[:5].tolist():
+        assert make(compiled, 1, seed=world, split=split).qpos.tobytes() == usual.layouts.qpos.numpy()[world].tobytes()
+    ids = {usual.layouts.qpos.numpy()[world].tobytes() for world in np.flatnonzero(fell)}
+    assert len(ids) > len(states) // 2  # and many rows are served
