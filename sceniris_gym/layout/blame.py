@@ -1,4 +1,4 @@
-"""The geoms that candidates are rejected for: which they hit, and how deep."""
+"""The geoms that candidates are rejected for: which they hit, and how deep; and the error if no layout can be made."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.collide.leaves import SKIN
+from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.geometry.colliders import collect_colliders
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import allocate_record
@@ -20,11 +21,16 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
+from sceniris_gym.program.surfaces import UPRIGHT
 
 # Recorded candidates for each world, so that most objects have some.
 _RECORDED = 8
 _LOOKED_AT = 48  # of the recorded candidates of one object
 _UNDECIDED = 1.0e-6  # m; geoms that are apart by no more than this beyond the margin and the skin may be rejected
+# Objects on a support, from which on it is called too small for them.
+_CROWD = 5
+# Causes that only come up once all objects are placed.
+_LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 
 
 @dataclass(frozen=True)
@@ -133,6 +139,66 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
             share = f"{len(most) / len(rows):.0%} of them"
             found[generator.compiled.placed[number]] = f"{most[0].words} ({gap}; {share})"
     return found
+
+
+def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
+    """Return the error that blames the last object ever tried: all before it could be placed, and stages come last.
+
+    Args:
+        compiled: The scene.
+        probe: A generator that has recorded candidates and made no valid layout; see `recording`.
+        key: The choice that all layouts made, as ": start.1".
+    """
+    counts = probe.rejection_counts()
+    late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
+    tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
+    name, causes = tried[-1]
+    cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
+    leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
+    orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
+    obstruction = obstructions(probe, name).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
+    return InfeasibleSceneError(
+        compiled.config.where + key,
+        name,
+        cause,
+        counts,
+        leaning,
+        orientation if orientation in ("any", "stable") else None,
+        obstruction,
+        None if part is None else part.joined_to,
+        _room(compiled, name) if cause == Cause.COLLISION.name.lower() else None,
+    )
+
+
+def _room(compiled: CompiledScene, name: str) -> str | None:
+    """Return the advice for a support that is full before all its objects are placed; None where that is not the case.
+
+    Equal objects that are placed at random, one after another, fill a share of a large area that does not depend on its
+    size (random sequential adsorption, Feder 1980), so the area that they need grows with their number. Those that were
+    placed are counted in the luckiest of many worlds, and twice the area is what most worlds need.
+    """
+    (one,) = (o for o in compiled.plan.objects if o.name == name)
+    crowd = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]
+    placed = crowd.index(name) if name in crowd else 0
+    if placed < _CROWD:
+        return None
+    area = sum(surface.outline.area for surface in one.surfaces[0])
+    assert one.config.support is not None
+    return (
+        f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects; "
+        f"about {2.0 * area * len(crowd) / placed:.2g} m2 would do."
+    )
+
+
+def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
+    """Return the name of an object's support, if that leans in most worlds as they were left."""
+    ground = int(compiled.program.obj_ground.numpy()[compiled.placed.index(name)])
+    part = compiled.config.parts.get(name)
+    if ground < 0 or part is None or part.support is None:
+        return None
+    x, y = probe.layouts.view.body_quat.numpy()[:, ground, 1:3].T
+    leans = 1.0 - 2.0 * (x * x + y * y) < UPRIGHT  # the z component of the body's z axis
+    return part.support.parent if leans.mean() > 0.5 else None
 
 
 def _geom_margins(rules: PairRules, ground: int | None, pairs: Sequence[Pair]) -> dict[tuple[int, int], float]:

@@ -18,9 +18,10 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.launch_lock import launching
-from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError, SceneKeyError, UnknownNameError
+from sceniris_gym.device.random import SPLITS
+from sceniris_gym.errors import FallbackWarning, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import obstructions, recording
+from sceniris_gym.layout.blame import infeasible, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -29,8 +30,8 @@ from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_bank import Bank
+from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
-from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
@@ -46,12 +47,9 @@ _MOST_DRAWN = 20 * _BUDGET
 # A scene gets a warning above this share of layouts from the bank, and this number: fewer say little of a small probe.
 _MOST_FALLBACKS = 0.05
 _FEWEST_FAILED = 3
-# A kind of start that was drawn so often, and never made, is refused: its episodes would begin as those of other kinds.
-_ENOUGH_TRIES = 8
-# Objects on a support, from which on it is called too small for them.
-_CROWD = 5
-# Causes that only come up once all objects are placed.
-_LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
+# A choice is a present member of a group, such as a variant, or a kind of start. It is refused if all layouts with it
+# fail, in `_ROUNDS` of at least this many worlds. Its weight there, in units of its group, leaves bits for the others.
+_ALONE, _FAVOUR = 64, 2.0**20
 # Causes that end a layout without further attempts.
 _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
 # The entries of a file of the cache beside the scene.
@@ -74,8 +72,8 @@ def compile_scene(
 
     Raises:
         UnknownNameError: There is no such device.
-        InfeasibleSceneError: No valid layout was found; the message says which object fails and why.
-        SceneKeyError: No valid layout of a kind of `start` was found.
+        InfeasibleSceneError: No valid layout was found, or none with some variant, member of a group or kind of
+            `start`. The message names it, the object that fails and the cause.
         ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `upload_scene`.
     """
     start_warp()
@@ -134,20 +132,16 @@ def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | Non
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
     """Return the scene with a bank for each split, made from streams of their own."""
     probed = _within_budget(compiled)
-    train, evaluation = _Probe(probed, "train_bank"), _Probe(probed, "eval_bank")
-    if not train.fill(_ROUNDS):
-        raise _infeasible(probed, train.generator)
-    if not evaluation.fill(_ROUNDS, _MOST_ROUNDS):  # layouts are rare, but there are some
-        raise _infeasible(probed, evaluation.generator)
-    tried, valid = train.starts + evaluation.starts
-    for kind in np.flatnonzero((tried >= _ENOUGH_TRIES) & (valid == 0)):
-        reason = f"should be possible, but none of its {tried[kind]} layouts was valid. Relax it, or raise 'restarts'."
-        raise SceneKeyError(f"{compiled.config.where}: start.{kind}: {reason}")
+    train, evaluation = (_Probe(probed, split, compiled.config.bank) for split in ("train_bank", "eval_bank"))
+    for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # once there are some, others may be rare
+        if not probe.fill(_ROUNDS, most):
+            raise infeasible(probed, probe.generator)
+    found = [_with_all_choices(probed, probe) for probe in (train, evaluation)]
     _warn_of_fallbacks(compiled, train, evaluation)
-    columns = (np.stack(rows) for rows in zip(*train.found, *evaluation.found, strict=True))
+    columns = (np.stack(rows) for rows in zip(*found[0], *found[1], strict=True))
     bank, program = Bank(), copied(Program, compiled.program)
     fill_struct(Bank, bank, dict(zip(BANKED, columns, strict=True)), compiled.device)
-    bank.ntrain = len(train.found)
+    bank.ntrain = len(found[0])
     # these two set how much is tried at once, and change no layout
     made, first = train.made + evaluation.made, train.first + evaluation.first
     program.restart_rate = (made - first + 0.5) / (made + 1.0)
@@ -161,49 +155,93 @@ def _within_budget(compiled: CompiledScene) -> CompiledScene:
 
     The budget is a number of candidates and no time, so that a scene compiles everywhere or nowhere.
     """
-    restarts = max(_BUDGET // (_probed_worlds(compiled) * compiled.attempts) - 1, 0)
+    restarts = max(_BUDGET // (_probed_worlds(compiled, compiled.config.bank) * compiled.attempts) - 1, 0)
     program = copied(Program, compiled.program)
     program.restarts = min(restarts, compiled.config.restarts)
     return replace(compiled, program=program)
 
 
-def _probed_worlds(compiled: CompiledScene) -> int:
-    """Return the number of worlds of the probe."""
-    return min(compiled.config.bank, max(_BUDGET // compiled.attempts, 1))
+def _probed_worlds(compiled: CompiledScene, size: int) -> int:
+    """Return the number of worlds of a probe for so many layouts."""
+    return min(size, max(_BUDGET // compiled.attempts, 1))
 
 
 class _Probe:
     """Makes layouts for one split's bank, records rejected candidates, and counts worlds that ran out of restarts."""
 
-    def __init__(self, compiled: CompiledScene, split: str) -> None:
-        self.size = compiled.config.bank
-        self.generator = recording(LayoutGenerator(compiled, _probed_worlds(compiled), seed=0, split=split))
+    def __init__(self, compiled: CompiledScene, split: str, size: int) -> None:
+        self.size = size
+        self.generator = recording(LayoutGenerator(compiled, _probed_worlds(compiled, size), seed=0, split=split))
         self.found: list[tuple[np.ndarray, ...]] = []
         self.made = self.failed = self.first = 0
-        self.starts = np.zeros((2, len(compiled.config.start)), int)  # worlds of each kind of start, and valid ones
 
-    def fill(self, rounds: int, most: int = 0) -> bool:
-        """Make layouts until the bank is full, for `rounds`, or `most` for a first one; return if there are any."""
+    def fill(self, rounds: int, most: int = 0) -> list[tuple[np.ndarray, ...]]:
+        """Make layouts until the bank is full, for `rounds`, or `most` for a first one; return its rows."""
         layouts, nworld = self.generator.layouts, self.generator.nworld
         rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
-        done = drawn = 0
-        while len(self.found) < self.size and done < (rounds if self.found else max(rounds, most)):
+        drawn = 0
+        while len(self.found) < self.size and self.made < nworld * (rounds if self.found else max(rounds, most)):
             if drawn > (_MOST_DRAWN if self.found or most > rounds else _BUDGET):
                 break
             self.generator.generate()
             drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
             valid = layouts.status.numpy() == Status.VALID
-            rows = [getattr(layouts, name).numpy()[valid] for name in BANKED]
-            self.found += zip(*rows, strict=True)
-            of_kind = layouts.start.numpy() == np.arange(self.starts.shape[1])[:, None]
-            self.starts += [of_kind.sum(axis=1), (of_kind & valid).sum(axis=1)]
+            self.found += zip(*(getattr(layouts, name).numpy()[valid] for name in BANKED), strict=True)
             self.made += nworld
             self.first += int(layouts.first_pass_valid.numpy().sum())
             self.failed += int(nworld - valid.sum())
-            done += 1
             tell(self.generator.split.replace("_", " "), min(len(self.found), self.size), self.size)
         self.found = self.found[: self.size]
-        return bool(self.found)
+        return self.found
+
+
+def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.ndarray, ...]]:
+    """Return the rows of a split's bank, and further rows with choices that the split may draw and these rows lack.
+
+    A probe favours all lacking choices together. If it finds no row with any of them, the next one favours the first.
+
+    Raises:
+        InfeasibleSceneError: A choice without a valid layout.
+    """
+    config, split, rows, before = compiled.config, probe.generator.split, list(probe.found), 0
+    while (number := len(lacking := _lacking_choices(compiled, split, rows))) > 0:
+        asked = lacking[:1] if number == before else lacking
+        other = _Probe(_favouring(compiled, asked), split, max(_ALONE, len(asked)))
+        rows += other.fill(_ROUNDS - 1, _ROUNDS)
+        if len(asked) == 1 and asked[0] in _lacking_choices(compiled, split, rows):
+            members = [config.key(compiled.slots[slot]) for slot in compiled.program.group_slot.numpy()]
+            key = [*members, *(f"start.{kind}" for kind in range(len(config.start)))][asked[0]]
+            raise infeasible(compiled, other.generator, f": {key}")
+        before = number
+    if len(rows) > len(probe.found):  # spread by the golden ratio, since a world takes the next row that fits
+        rows = [rows[i] for i in np.argsort(np.arange(len(rows)) * (0.5 + 0.5 * 5.0**0.5) % 1.0, kind="stable")]
+    return rows
+
+
+def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.ndarray, ...]]) -> np.ndarray:
+    """Return the choices that a split may draw and the rows lack: numbers of members by group, then of kinds."""
+    program, kinds = compiled.program, np.arange(len(compiled.config.start))
+    present, start = (np.stack([row[BANKED.index(name)] for row in rows]) for name in ("present", "start"))
+    group, weight = program.group.numpy()[0], program.group_weight.numpy()[0, :, SPLITS[split] % 2]
+    never = weight * np.repeat(group[:, 3], group[:, 1]) == 0.0
+    return np.flatnonzero(~np.append(never | present[:, program.group_slot.numpy()].any(axis=0), np.isin(kinds, start)))
+
+
+def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
+    """Return the scene with weights by which nearly all layouts make one of these choices, or one for each group."""
+    made, starts = copied(Program, compiled.program), compiled.starts
+    group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()
+    members, kinds = choices[choices < len(weight)], choices[choices >= len(weight)] - len(weight)
+    owner = np.repeat(np.arange(len(group)), group[:, 1])[members]
+    weight[members] = _FAVOUR * np.add.reduceat(weight, group[:, 0])[owner]
+    group[owner, 2] = np.maximum(group[owner, 2], 1)
+    fields = {"group": group, "group_weight": weight, "group_uniform": 0 * group[:, 0]}
+    fill_struct(Program, made, fields, compiled.device)
+    if starts is not None:
+        starts, weight = copied(Starts, starts), starts.weight.numpy().copy()
+        weight[kinds] = _FAVOUR * weight.sum()
+        fill_struct(Starts, starts, {"weight": weight}, compiled.device)
+    return replace(compiled, program=made, starts=starts)
 
 
 def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
@@ -230,57 +268,3 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
     warn(FallbackWarning(config.where, share, name, cause, cures, held))
-
-
-def _infeasible(compiled: CompiledScene, probe: LayoutGenerator) -> InfeasibleSceneError:
-    """Return the error that blames the last object ever tried: all before it could be placed, and stages come last."""
-    counts = probe.rejection_counts()
-    late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
-    tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
-    name, causes = tried[-1]
-    cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
-    leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
-    orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
-    obstruction = obstructions(probe, name).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
-    return InfeasibleSceneError(
-        compiled.config.where,
-        name,
-        cause,
-        counts,
-        leaning,
-        orientation if orientation in ("any", "stable") else None,
-        obstruction,
-        None if part is None else part.joined_to,
-        _room(compiled, name) if cause == Cause.COLLISION.name.lower() else None,
-    )
-
-
-def _room(compiled: CompiledScene, name: str) -> str | None:
-    """Return the advice for a support that is full before all its objects are placed; None where that is not the case.
-
-    Equal objects that are placed at random, one after another, fill a share of a large area that does not depend on its
-    size (random sequential adsorption, Feder 1980), so the area that they need grows with their number. Those that were
-    placed are counted in the luckiest of many worlds, and twice the area is what most worlds need.
-    """
-    (one,) = (o for o in compiled.plan.objects if o.name == name)
-    crowd = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]
-    placed = crowd.index(name) if name in crowd else 0
-    if placed < _CROWD:
-        return None
-    area = sum(surface.outline.area for surface in one.surfaces[0])
-    assert one.config.support is not None
-    return (
-        f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects; "
-        f"about {2.0 * area * len(crowd) / placed:.2g} m2 would do."
-    )
-
-
-def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
-    """Return the name of an object's support, if that leans in most worlds as they were left."""
-    ground = int(compiled.program.obj_ground.numpy()[compiled.placed.index(name)])
-    part = compiled.config.parts.get(name)
-    if ground < 0 or part is None or part.support is None:
-        return None
-    x, y = probe.layouts.view.body_quat.numpy()[:, ground, 1:3].T
-    leans = 1.0 - 2.0 * (x * x + y * y) < UPRIGHT  # the z component of the body's z axis
-    return part.support.parent if leans.mean() > 0.5 else None

@@ -272,6 +272,72 @@ def test_a_word_that_the_roof_rules_out_is_told_with_one_that_it_does_not(word: 
     _refused({"objects": objects}, InfeasibleSceneError, "mostly because of overhead", "'in' accepts both")
 
 
+EASY = {"asset": "apple", "on": "floor"}
+NEVER = {"asset": "block", "on": "cabinet/upper_drawer"}
+"""A place below a roof, as the drawer is shut."""
+
+
+@pytest.mark.parametrize(
+    ("words", "count"),
+    [
+        ({"x": {"variants": {"easy": EASY, "never": NEVER}}}, None),
+        ({"x": {"variants": {"easy": EASY, "never": {**NEVER, "weight": 1e-5}}}}, None),
+        ({"x": {"variants": {"easy": EASY, "never": {**NEVER, "split": "eval"}}}}, None),
+        ({"never": NEVER, "easy": EASY}, [0, 1]),
+    ],
+    ids=["variant", "hardly ever drawn", "drawn in eval", "member"],
+)
+def test_what_may_be_drawn_and_is_never_possible_is_refused(words: dict, count: list[int] | None):
+    """By its key and the cause, however seldom it is drawn: its worlds would get another thing from the bank."""
+    cabinet = {"cabinet": {"asset": "cabinet", "kind": "static"}}
+    groups = {} if count is None else {"g": {"of": [*words], "count": count}}
+    scene = {"floor": FLOOR, "objects": {**cabinet, **words}, "groups": groups}
+    error = _refused(scene, InfeasibleSceneError, ": no valid layout was found: ", "mostly because of overhead")
+    assert isinstance(error, InfeasibleSceneError)
+    name = "x/never" if count is None else "never"
+    assert (error.where, error.name, error.cause) == (f"scene: objects.{name}", name, "overhead")
+
+
+def test_a_variant_that_leaves_no_room_is_named_beside_what_it_leaves_none_for(tmp_path: Path, crate: dict):
+    """It is placed itself, and the crate after it never is."""
+    middle = {"on": "floor", "region": {"box": [[-0.1, -0.1], [0.1, 0.1]]}}
+    variants = {"small": {"asset": crate["asset"]}, "wide": {"asset": box_mjcf(tmp_path, "wide", 0.5, 0.5, 0.1)}}
+    objects = {"thing": {**middle, "variants": variants}, "crate": {**crate, **middle}}
+    says = (": objects.thing/wide: no valid layout", "'crate' could not be placed", "collision", "of body 'thing/wide'")
+    _refused({"floor": FLOOR, "objects": objects}, InfeasibleSceneError, *says)
+
+
+def test_what_is_hardly_ever_drawn_has_rows_in_both_banks(crate: dict):
+    """A variant, and a member of a group: alone, and beside each of the others."""
+    rare = {"asset": crate["asset"], "weight": 1e-5}
+    objects = {"x": {"variants": {"usual": {"asset": crate["asset"]}, "rare": rare}, "on": "floor"}}
+    group = {"of": ["a", "b", "c", "d"], "count": [0, 2], "weights": {"a": 1e-5}}
+    scene = {"floor": FLOOR, "objects": objects | dict.fromkeys("abcd", crate), "groups": {"g": group}}
+    compiled = compile_on_cpu(scene, bank=16)
+    columns = [compiled.slots.index(name) for name in ("x/rare", "a", "b", "c", "d")]
+    for split in ("train", "eval"):
+        present = compiled.bank.present.numpy()[bank_rows(compiled, split)][:, columns]
+        assert (present.sum(axis=0) > 0).all()
+        assert np.diff(np.flatnonzero(present[:, 0] == 0)).min() > 1  # spread, as worlds take the next one that fits
+        beside = present[present[:, 1] > 0][:, 2:]
+        assert (beside.sum(axis=0) > 0).all()
+        assert set(beside.sum(axis=1).tolist()) == {0, 1}
+
+
+def test_a_kind_of_start_that_is_hard_is_kept_and_has_rows_in_both_banks(tmp_path: Path):
+    """It works in 3% of its layouts: that none of the few that are drawn is valid proves nothing."""
+    post, thing = box_mjcf(tmp_path, "post", 0.37, 0.4, 0.3), box_mjcf(tmp_path, "thing", 0.01, 0.01, 0.01)
+    objects = {
+        "post": {"asset": post, "kind": "static"},
+        "goal": {"kind": "marker", "on": "floor"},
+        "thing": {"asset": thing, "on": "floor", "region": {"box": [[0.192, -0.2], [0.2, 0.2]]}},
+    }
+    scene = {"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0, "objects": objects}
+    compiled = compile_on_cpu({**scene, "start": [{"weight": 12}, {"place": {"thing": "goal"}}]})
+    kinds = compiled.bank.start.numpy()
+    assert all(set(kinds[bank_rows(compiled, split)].tolist()) == {0, 1} for split in ("train", "eval"))
+
+
 def test_an_open_mesh_is_refused_where_it_is_seen_and_is_a_hull_where_it_collides(tmp_path: Path):
     """A tetrahedron without one of its faces."""
     asset = _mesh(tmp_path, TETRAHEDRON.removesuffix("f 2 3 4\n"))

@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -158,9 +158,9 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
 
 
 def test_a_kind_of_start_that_is_never_made_is_refused():
-    """By its number, as all its episodes would begin as another kind from the bank."""
+    """By its number and the cause, as all its episodes would begin as another kind from the bank."""
     start = [{"weight": 2}, {"robot": "grasp", "of": "block", "lift": [2.0, 3.0]}]
-    with pytest.raises(SceneKeyError, match=r"start\.1: should be possible, but none of its \d+ layouts was valid"):
+    with pytest.raises(InfeasibleSceneError, match=r": start\.1: no valid layout .*'block' .* because of blocked"):
         compile_scene({**SCENE, "start": start}, "cpu", cache=False)
 
 
