@@ -91,6 +91,16 @@ def as_ids(ids: Any, nworld: int, device: Any) -> wp.array:
     return _upload_numbers(ids, "env_ids", 0, nworld, "", device)
 
 
+def as_numbers(values: Any) -> np.ndarray:
+    """Return numbers of a user, in an array of any library or in lists, on the host; an empty array for all else."""
+    try:
+        given = values.detach().cpu() if _kind(values) == "torch" else values
+        found = np.asarray(given.numpy() if _kind(values) in ("torch", "warp") else given)
+    except (TypeError, ValueError, RuntimeError):  # lists of different lengths, or a tensor that has no values
+        return np.zeros(0)
+    return found if found.dtype.kind in "iuf" else np.zeros(0)
+
+
 @wp.func
 def row_of(worldid: int, rows: wp.array[int]) -> int:
     """Return the row of layouts that a world gets: that of its own number, unless there are `rows`."""

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from sceniris_gym.config.bounds import BOUNDS
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.masks import as_numbers
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
 from sceniris_gym.scene.draws import FieldDraw
 
 STARTS = "start.weights"
 """The knob of the weights of the kinds of starts."""
+# Share of a limit by which rounding may go beyond it: to six digits, as messages have it, or to single precision.
+_ROUNDING = 5.0e-6
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Knob:
             or "clearance" (a least distance).
         least: The number of weights that should be above 0.
         places: Where it is held: the name of an array, the element of a row, and which of its numbers.
+        written: The ends as they are in the scene file, where these may reach beyond `default`: over the edge of a
+            support or the limit of a joint. Empty where `default` has them.
     """
 
     name: str
@@ -40,15 +44,15 @@ class Knob:
     form: str = "interval"
     least: int = 0
     places: tuple[tuple[str, int, int], ...] = ()
+    written: tuple[float, ...] = ()
 
-    @cached_property
-    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """The least and the greatest value of each number."""
+    def _limits(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the least and the greatest value of each number where a scene file has these, shape (2, n)."""
         if self.half:
-            return np.tile(self.default[: self.half], 2), np.tile(self.default[self.half :], 2)
+            return np.tile(numbers.reshape(2, -1), 2)
         bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
-        least = 0.0 * self.default if self.form == "weights" else self.default
-        return least, np.full_like(least, bound.high)
+        least = 0.0 * numbers if self.form == "weights" else numbers
+        return np.array([least, np.full_like(least, bound.high)])
 
     @property
     def half(self) -> int:
@@ -58,27 +62,29 @@ class Knob:
     def checked(self, value: Any, nworld: int) -> np.ndarray:
         """Return a value for all worlds, or one for each, as float32 of shape (1 or nworld, number of numbers).
 
+        Numbers that the scene file has, but the model or single precision does not, become the nearest possible ones.
+
         Raises:
             ArgumentError: Anything else, or beyond what the scene file says.
         """
-        value = value.detach().cpu().numpy() if hasattr(value, "detach") else value
-        try:
-            given = np.asarray(value.numpy() if isinstance(value, wp.array) else value, np.float32)
-        except (TypeError, ValueError):
-            given = np.zeros(0, np.float32)
-        width, half = len(self.default), self.half
-        if given.size not in (width, nworld * width):
+        width, half, given = len(self.default), self.half, as_numbers(value)
+        if given.ndim == 0 and self.form == "count":
+            given = given.repeat(2)  # as in "count: 2"
+        if given.size != width and (given.size != nworld * width or len(given) != nworld):
             each = {"interval": "[low, high]", "count": "[low, high]", "clearance": "a number"}
             wanted = f"{each.get(self.form, f'{width} numbers')}, or such for each of {nworld} worlds"
             raise ArgumentError(f"{self.name} should be {wanted}, got {short(value)}.")
-        rows = given.reshape(-1, width)
+        rows, written = given.reshape(-1, width), np.array(self.written or self.default, float)
+        least, most = limits = self._limits(written)
+        slack = _ROUNDING * np.maximum(1.0, np.abs(limits))
+        fits = ((rows >= least - slack[0]) & (rows <= most + slack[1])).all()
+        rows = np.clip(rows, *self._limits(self.default)).astype(np.float32)
         low, high = rows[:, :half], rows[:, half:]
-        least, most = self._limits
-        fits = ((rows >= least) & (rows <= most)).all() and (low <= high[:, :half]).all()
-        if not fits or (self.form == "box" and (low == high).any()):
+        is_flat = (low == high[:, :half]) & (least[:half] < most[:half])
+        if not fits or (low > high[:, :half]).any() or (self.form == "box" and is_flat.any()):
             limits = f"from {least[0]:g} to {most[0]:g}"
             if half:
-                ends = (f"[{', '.join(map(str, part))}]" for part in (least[:half], most[half:]))
+                ends = (f"[{', '.join(f'{x:g}' for x in part)}]" for part in (least[:half], most[half:]))
                 limits = f"low and high from {' to '.join(ends)}, as in the scene file"
             raise ArgumentError(f"{self.name} should be {limits}, got {short(value)}.")
         if self.form == "count" and (rows != np.round(rows)).any():
@@ -101,12 +107,15 @@ def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
     ranges = program.draw_range.numpy()[0]
     for i, owner in enumerate(compiled.placed):
         names = {joint: name for name, joint in scene.joints(owner).items()}
-        for k, joint in enumerate(scene.joint_configs(owner), first[i]):
+        for k, (joint, words) in enumerate(scene.joint_configs(owner).items(), first[i]):
             name = f"{compiled.config.key(owner)}.joints.{names[joint]}"
+            home = float(scene.home_qpos[scene.mjm.jnt_qposadr[joint]])
+            written = () if words.noise is None else (home - words.noise, home + words.noise)
             if choices[k] > 0:
                 yield name, "it is a 'choice' of positions. Give a 'range' in the scene file."
             else:
-                yield name, Knob(name, ranges[k], places=(("draw_range", 2 * k, 0), ("draw_range", 2 * k + 1, 1)))
+                places = (("draw_range", 2 * k, 0), ("draw_range", 2 * k + 1, 1))
+                yield name, Knob(name, ranges[k], places=places, written=written)
 
 
 def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
@@ -157,7 +166,7 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
     program = compiled.program
     cuts, heaps = program.obj_cutnum.numpy(), program.obj_heap.numpy()[:, 0]
     first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
-    corners = np.concatenate([[getattr(program, f"tri_{name}").numpy()] for name in "abc"])
+    triangles = np.concatenate([[getattr(program, f"tri_{name}").numpy()] for name in "abc"])
     triadr, trinum = program.variant_triadr.numpy(), program.variant_trinum.numpy()
     for i, owner in enumerate(compiled.placed):
         name, part = f"{compiled.config.key(owner)}.region", compiled.config.parts.get(owner)
@@ -171,8 +180,10 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
             yield name, Knob(name, box, "box", places=tuple((ends[k // 3], 3 * i + k % 3, k) for k in range(6)))
         else:
             own = range(first[i], first[i] + number[i])
-            xy = np.concatenate([corners[:, triadr[v] : triadr[v] + trinum[v]].reshape(-1, 2) for v in own])
-            yield name, Knob(name, np.concatenate([xy.min(axis=0), xy.max(axis=0)]), "box")
+            xy = np.concatenate([triangles[:, triadr[v] : triadr[v] + trinum[v]].reshape(-1, 2) for v in own])
+            corners = () if part.region is None else part.region.box or ()
+            ends = np.concatenate([xy.min(axis=0), xy.max(axis=0)])
+            yield name, Knob(name, ends, "box", written=tuple(itertools.chain(*corners)))
 
 
 def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:

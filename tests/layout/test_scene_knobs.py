@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, UnknownNameError
@@ -13,6 +15,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.knobs import launch_write
 from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import box_mjcf, write_mjcf
 
 
 def test_what_cannot_be_a_knob_says_so(knobbed: CompiledScene):
@@ -60,3 +63,71 @@ def test_pairs_keep_the_larger_of_two_clearances(request: pytest.FixtureRequest,
     launch_write(targets, 4, None, view.next_knob, view.default_knob)
     np.testing.assert_array_equal(program.pair_margin.numpy(), np.where(mask[:, None], wanted, usual))
     assert (wanted != usual).any()
+
+
+def _generous_scene(folder: Path) -> dict[str, Any]:
+    """Words of which the model has less, or has in single precision, or that are written in another form."""
+    crate = box_mjcf(folder, "crate", 0.02, 0.02, 0.02)
+    flap = """<geom type="box" size=".05 .05 .05" pos="0 0 .05"/><body name="flap">
+    <joint name="flap" type="hinge" axis="0 0 1" range="0 70"/>
+    <joint name="pin" type="slide" axis="0 0 1" range="0 .0333333333"/>
+    <geom type="box" size=".01 .01 .01" pos="0 0 .2" contype="0" conaffinity="0"/></body>"""
+    drawn = {"mass": {"scale": [0.8, 1.2]}, "friction": {"abs": [[0.1, 0.003, 1e-7], [0.7, 0.006, 1.1e-4]]}}
+    objects: dict[str, Any] = {
+        "chest": {
+            **{"asset": write_mjcf(folder, "chest", flap), "kind": "fixture", "on": "floor"},
+            **{"joints": {"flap": {"fraction": [0.1, 1.0]}, "pin": {"noise": 0.05}}},
+        },
+        "wide": {"asset": crate, "on": "floor", "region": {"box": [[-0.4, -0.36], [0.56, 0.36]]}, "randomize": drawn},
+        "level": {"asset": crate, "region": {"box": [[-0.3, -0.3, 0.7], [0.3, 0.3, 0.7]]}, "clearance": 0.0033},
+        "near": {"asset": crate, "on": "floor", "relations": [{"near": "chest", "distance": {"min": 0.1, "max": 0.7}}]},
+        "exact": {"asset": crate, "on": "floor", "relations": [{"near": "chest", "distance": {"equal": 0.3}}]},
+        **{name: {"asset": crate, "on": "floor"} for name in ("a", "b", "c")},
+    }
+    groups = {"two": {"of": ["a", "b", "c"], "count": 2, "weights": {"a": 0.1}}}
+    return {"floor": {"size": [0.9, 0.7]}, "objects": objects, "groups": groups, "bank": 2}
+
+
+WRITTEN = {
+    "objects.chest.joints.flap": [np.radians(7.0), np.radians(70.0)],
+    "objects.chest.joints.pin": [-0.05, 0.05],
+    "objects.wide.region": [[-0.4, -0.36], [0.56, 0.36]],
+    "objects.wide.randomize.mass": [0.8, 1.2],
+    "objects.wide.randomize.friction": [[0.1, 0.003, 1e-7], [0.7, 0.006, 1.1e-4]],
+    "objects.level.region": [[-0.3, -0.3, 0.7], [0.3, 0.3, 0.7]],
+    "objects.level.clearance": 0.0033,
+    "objects.near.relations.0.distance": [0.1, 0.7],
+    "objects.exact.relations.0.distance": [0.29, 0.31],
+    "groups.two.count": 2,
+    "groups.two.weights": [0.1, 1, 1],
+}
+
+
+def test_every_knob_takes_what_the_scene_file_says(tmp_path: Path):
+    """In double precision, in every form: with the bits of the scene file. Six digits are taken as well."""
+    generator = LayoutGenerator(compile_scene(_generous_scene(tmp_path), "cpu"), 2, knobs="*")
+    knobs = generator.layouts.knobs.knobs
+    for name, value in WRITTEN.items():
+        np.testing.assert_array_equal(knobs[name].checked(value, 2)[0], knobs[name].default, err_msg=name)
+        told = np.vectorize(lambda x: float(f"{x:g}"))(knobs[name].default)
+        rows = np.tile(told, (2, 1)).astype(float)
+        np.testing.assert_allclose(knobs[name].checked(rows, 2)[1], knobs[name].default, rtol=5e-6, err_msg=name)
+    generator.set_knobs(WRITTEN)
+    generator.set_knobs({"objects.wide.region": [[-0.4, -0.36], [0.1, 0.36]]})  # narrowed along x alone
+    wide = generator.layouts.knobs.named(generator.layouts.view.next_knob.numpy())["objects.wide.region"]
+    np.testing.assert_array_equal(wide[0], np.array([-0.4, -0.35, 0.1, 0.35], np.float32))
+
+
+def test_messages_of_knobs_have_the_numbers_of_the_scene_file(tmp_path: Path):
+    """Rather than the edges of a support, or more digits than anyone wrote; and rows that are no rows are refused."""
+    generator = LayoutGenerator(compile_scene(_generous_scene(tmp_path), "cpu"), 4, knobs="*")
+    with pytest.raises(ArgumentError, match=r"low and high from \[-0\.4, -0\.36\] to \[0\.56, 0\.36\], as in the"):
+        generator.set_knobs({"objects.wide.region": [[-0.4, -0.36], [0.5601, 0.36]]})
+    with pytest.raises(ArgumentError, match=r"from \[0\.122173\] to \[1\.22173\], as in the scene file"):
+        generator.set_knobs({"objects.chest.joints.flap": [0.12, 1.2]})
+    with pytest.raises(ArgumentError, match=r"from \[-0\.4, -0\.36\]"):
+        generator.set_knobs({"objects.wide.region": [[0.46, 0.0], [0.56, 0.1]]})  # all of it beyond the edge
+    strange = [10**400, [[0.2], [0.3, 0.4]], np.full((2, 4), 0.3), [True, True], "ab", torch.ones(2, device="meta")]
+    for value in strange:
+        with pytest.raises(ArgumentError, match=r"joints\.flap should be \[low, high\], or such for each of 4 worlds"):
+            generator.set_knobs({"objects.chest.joints.flap": value})
