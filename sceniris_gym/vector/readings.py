@@ -19,6 +19,7 @@ from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import base_frame
 from sceniris_gym.vector.grasps import TargetGrasps
 from sceniris_gym.vector.names import SLIDE, Joints, find_body, find_element, find_free_dof, find_joints, unknown
+from sceniris_gym.vector.outcome import finite_rows
 from sceniris_gym.vector.variants import Boxes, VariantView
 
 
@@ -39,7 +40,7 @@ class Readings:
         d = batch.data
         self.ctrl = wp.to_torch(d.ctrl)
         self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
-        self._qpos, self._qvel = wp.to_torch(d.qpos), wp.to_torch(d.qvel)
+        self._qpos, self._qvel, self._act = wp.to_torch(d.qpos), wp.to_torch(d.qvel), wp.to_torch(d.act)
         self._xpos, self._xquat = wp.to_torch(d.xpos), wp.to_torch(d.xquat)
         self._site_xpos = wp.to_torch(d.site_xpos)
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
@@ -50,10 +51,8 @@ class Readings:
 
     @property
     def finite(self) -> Tensor:
-        """Worlds of which all positions and velocities are finite, shape (num_envs,), bool."""
-        # a sum is finite if its terms are, and a finite number minus itself is 0
-        total = self._qpos.sum(dim=1) + self._qvel.sum(dim=1)
-        return total - total == 0.0
+        """Worlds whose positions, velocities, activations and controls are all finite, shape (num_envs,), bool."""
+        return finite_rows((self._qpos, self._qvel, self._act, self.ctrl))
 
     def pose(self, name: str) -> Tensor:
         """Return position [m] and orientation (wxyz) of a body, shape (num_envs, 7)."""

@@ -27,7 +27,7 @@ class EpisodeStatistics:
 
     Attributes:
         names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), "broken"
-            (ended since its state was no longer finite), and the reward terms, which are known after the first step.
+            (ended since its numbers were no longer finite), and the reward terms, which are known after the first step.
         finished: Worlds whose episode finished in the last step, shape (num_envs,), bool.
     """
 
@@ -81,7 +81,7 @@ class EpisodeStatistics:
         Returns:
             `episodes` (their number), `return`, `length` [control steps], `success` (share of the episodes whose last
             step was a success) and `reward_terms` (sum over an episode, by name); NaN if no episode finished. `broken`
-            is the number of episodes that ended since positions or velocities were no longer finite.
+            is the number of episodes that ended since their numbers were no longer finite.
         """
         sums = self.sums().tolist()
         if clear:

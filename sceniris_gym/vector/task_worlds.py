@@ -14,7 +14,7 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.vector.outcome import Outcome
+from sceniris_gym.vector.outcome import Outcome, finite_rows
 from sceniris_gym.vector.snapshot import live_tensors, put
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
@@ -92,11 +92,11 @@ class TaskWorlds:
         if not self._is_checked:
             check_outcome(task, terms, success, terminated, s.num_envs)
             self._is_checked = True
-        broken = ~s.finite
-        gained = torch.where(broken, 0.0, torch.stack(list(terms.values()))).float()
-        truncated = torch.zeros_like(broken) if most is None else s.elapsed >= most
+        gained = torch.stack(list(terms.values())).float()
+        truncated = torch.zeros_like(success) if most is None else s.elapsed >= most
         # the task may write to its success in a reset
-        return Outcome(tuple(terms), gained, success.clone(), broken, terminated | broken, truncated)
+        outcome = Outcome(tuple(terms), gained, success.clone(), torch.zeros_like(success), terminated, truncated)
+        return outcome.breaking(~(s.finite & finite_rows([gained.T])))
 
     def count(self, outcome: Outcome) -> None:
         """Add a step to the statistics, and to levels the successes of episodes on layouts of their own."""

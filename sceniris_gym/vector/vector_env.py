@@ -30,6 +30,7 @@ from sceniris_gym.vector import arguments, spaces
 from sceniris_gym.vector.arguments import KNOBS, LAYOUTS, STATE, ChosenLayouts
 from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer
+from sceniris_gym.vector.outcome import finite_rows
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing, as_sensing
@@ -71,8 +72,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     `compiled`, `randomizer` and the like cannot be exchanged: captured steps and resets, also in graphs of the
     caller's, use the arrays of the scene that the environment was made with. Make another environment instead.
 
-    A world whose positions or velocities are no longer finite is `broken`: it is terminated, with reward 0, and
-    `statistics` counts it. With autoreset DISABLED, a finished world keeps running until it is reset.
+    A world with numbers that are no longer finite is `broken`: positions, velocities, activations, controls, rewards or
+    observations. It is terminated in the same step, with reward 0, and `statistics` counts it. With autoreset DISABLED,
+    a finished world keeps running until it is reset.
 
     Args:
         task: A Task, its class, or "module:Class".
@@ -424,24 +426,28 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Return the results of the step, and reset the worlds that are due."""
-        outcome = self._worlds.judge(action, self.max_episode_steps)
+        outcome, observer = self._worlds.judge(action, self.max_episode_steps), self._observer
+        same_step, due = self.autoreset_mode is AutoresetMode.SAME_STEP, torch.zeros_like(self._autoreset)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             # worlds that ended in the last step are reset by this one, in which nothing counts for them
             due = self._autoreset.clone()
-            outcome = outcome.without(due)
             self._worlds.reset(due)
+        observation = observer.flat(int(same_step))
+        outcome = outcome.breaking(~finite_rows(observation.values())).without(due)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._autoreset.copy_(outcome.done)
         self._worlds.count(outcome)
         info = outcome.info()
-        if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            done, observer = outcome.done, self._observer
+        if same_step:
+            done = outcome.done
             info["final_info"] = outcome.info() | self._worlds.layout_info()
-            info["final_obs"] = observer.flat(1) | (observer.pictures(done, copy=True) if self.final_images else {})
+            info["final_obs"] = observation | (observer.pictures(done, copy=True) if self.final_images else {})
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._worlds.reset(done)
+            observation = observer.flat(0)
         info |= self._worlds.layout_info()
-        observation, reward = self._observer.flat(0) | self._observer.pictures(), outcome.gained.sum(dim=0)
-        returned = (observation, reward, outcome.terminated, outcome.truncated, info)
+        observation |= observer.pictures()
+        returned = (observation, outcome.gained.sum(dim=0), outcome.terminated, outcome.truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
     def _returned(self, value: Any) -> Any:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+import warp as wp
+from torch import Tensor
 
+from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.stepping import actions, leaves
 
 
@@ -48,6 +51,49 @@ def test_a_world_with_nans_is_ended_and_cured(make_env):
     twin.reset(seed=0)
     twin.reset()
     np.testing.assert_array_equal(envs.step(actions(2))[0]["critic"][0], twin.step(actions(2))[0]["critic"][0])
+
+
+def _poison_ctrl(envs: SceneVectorEnv, value: Tensor) -> None:
+    envs.task.apply = lambda s, action: s.ctrl[:, 2].copy_(value)  # which its range keeps from the positions
+
+
+def _poison_act(envs: SceneVectorEnv, value: Tensor) -> None:
+    act = wp.to_torch(envs.batch.data.act)
+    envs.task.apply = lambda s, action: act[:, 0].copy_(value)
+
+
+def _poison_reward(envs: SceneVectorEnv, value: Tensor) -> None:
+    envs.task.reward = lambda s, action: {"near": value.clone(), "one": torch.ones(2)}
+
+
+def _poison_observation(envs: SceneVectorEnv, value: Tensor) -> None:
+    envs.task.observe = lambda s: {"policy": {"x": value[:, None] * s.elapsed[:, None].clamp(max=1)}}
+
+
+POISONS = (_poison_ctrl, _poison_act, _poison_reward, _poison_observation)
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])
+@pytest.mark.parametrize("poison", POISONS)
+def test_a_world_is_broken_in_the_step_that_has_the_nan(make_env, poison, mode: str):
+    """By controls, activations, rewards or observations: terminated with reward 0, once, and finite after its reset."""
+    envs, value = make_env(2, autoreset_mode=mode, observation_groups="policy"), torch.zeros(2)
+    poison(envs, value)
+    envs.reset(seed=0)
+    assert not envs.step(actions(2))[-1]["broken"].any()
+    value[1] = np.nan if mode != "NextStep" else np.inf
+    _, reward, terminated, _, info = envs.step(actions(2))
+    assert info["broken"].tolist() == terminated.tolist() == [False, True]
+    assert float(reward[1]) == 0.0
+    assert info["reward_terms"]["near"].isfinite().all()
+    assert envs.statistics.read()["broken"] == 1
+    value.zero_()
+    if mode == "Disabled":
+        envs.reset(options={"reset_mask": terminated})
+    observation, _, terminated, _, info = envs.step(actions(2))
+    assert not (info["broken"] | terminated).any()
+    assert observation["policy"].isfinite().all()
+    assert envs.state.finite.all()
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float16, torch.int64])
