@@ -124,6 +124,15 @@ class KnobTable:
         ends = {name: self.first[name] + len(knob.default) for name, knob in self.knobs.items()}
         return {name: rows[:, self.first[name] : end] for name, end in ends.items()}
 
+    def check(self, rows: np.ndarray) -> None:
+        """Refuse rows with numbers that a knob cannot have.
+
+        Raises:
+            ArgumentError: There are some.
+        """
+        for name, values in self.named(rows).items():
+            self.knobs[name].checked(values, len(values))
+
     def text(self, row: np.ndarray) -> str:
         """Return the fifth part of a layout id: the knobs that differ from the scene file, sorted, float32 in hex."""
         parts = []

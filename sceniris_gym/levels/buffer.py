@@ -1,7 +1,7 @@
 """`Buffer`: levels and their values on the device, and the kernels that choose and update them."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -287,11 +287,11 @@ def launch_update(buffer: Buffer, episodes: Episodes) -> None:
 
 def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
     """Allocate an empty buffer for the worlds of some layouts; what is chosen for them is what they get next."""
-    buffer, capacity, (nworld, nknob) = Buffer(), levels.capacity, layouts.next_knob.shape
+    buffer, capacity, nworld = Buffer(), levels.capacity, layouts.next_knob.shape[0]
     zeros, vacant = partial(allocate, Buffer, buffer), min(-(-capacity // _LOWEST), _SHARE * nworld)
     with wp.ScopedDevice(layouts.next_knob.device):
         zeros(capacity, "seed episode value age cumulative")
-        zeros((capacity, nknob), "knob")
+        buffer.knob = wp.array(np.tile(layouts.default_knob.numpy(), (capacity, 1)), dtype=float, ndim=2)
         zeros(BINS, "count better ages weight")
         zeros(1, "total_weight total_age")
         zeros(nworld, "decision level next_level inserted probe next_probe")
@@ -303,6 +303,23 @@ def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
     buffer.base, buffer.base_knob = wp.clone(layouts.next_seed), wp.clone(layouts.next_knob)
     buffer.score, buffer.rate = SCORES.index(levels.score), levels.rate
     return buffer
+
+
+def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
+    """Return the least and the greatest value of each array of a buffer, by name: kernels take some as indices."""
+    of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "step", "band")}
+    most = np.finfo(np.float32).max
+    return {
+        **dict.fromkeys(arrays_of(buffer), (0, np.inf)),
+        **dict.fromkeys(("knob", "base_knob", "next_knob"), (-most, most)),
+        **dict.fromkeys(("vacant", "level", "next_level"), (-1, buffer.age.shape[0] - 1)),
+        **dict.fromkeys(("probe", "next_probe"), (-1, buffer.column.shape[0] - 1)),
+        **dict.fromkeys(("age", "next_episode"), (-1, np.inf)),
+        **{name: (values, values) for name, values in of_words.items()},
+        "present": (of_words["least"], of_words["most"]),
+        "inserted": (0, buffer.vacant.shape[0]),
+        "value": (-most, most) if buffer.score == _GIVEN else (0.0, 1.0),
+    }
 
 
 def arrays_of(buffer: Buffer) -> dict[str, wp.array]:

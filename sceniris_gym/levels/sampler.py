@@ -9,12 +9,21 @@ import numpy as np
 import warp as wp
 from warp.utils import array_cast
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import LayoutKeys
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.levels.buffer import Episodes, arrays_of, create_buffer, launch_choose, launch_forget, launch_update
+from sceniris_gym.levels.buffer import (
+    Episodes,
+    arrays_of,
+    bounds_of,
+    create_buffer,
+    launch_choose,
+    launch_forget,
+    launch_update,
+)
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.ranges import launch_move, set_ranges
 from sceniris_gym.levels.weights import launch_refresh
@@ -190,22 +199,43 @@ class LevelSampler(LayoutSource):
         return self.source.rejection_counts()
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device."""
-        arrays = {name: array.numpy().copy() for name, array in arrays_of(self._buffer).items()}
-        return arrays | {"resets": np.array(self._since)}
+        """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device.
 
-    def restore(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from a `state` of a sampler of the same capacity and number of worlds.
+        `source` has the hash of the scene, the split and the names of the knobs.
+        """
+        arrays = {name: array.numpy().copy() for name, array in arrays_of(self._buffer).items()}
+        source = self.layouts.compiled.hash, self.split, *self.layouts.knobs.names
+        return arrays | {"resets": np.array(self._since), "source": np.array(source)}
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from a `state` of a sampler with the same levels, scene, split, knobs and number of worlds.
 
         Raises:
-            ArgumentError: It is of another one.
+            SceneMismatchError: It is of another scene, of another split, or has other knobs.
+            ArgumentError: It is of another sampler, or has a number that no sampler has.
+            ArgumentTypeError: No mapping.
         """
-        arrays = arrays_of(self._buffer)
-        shapes = {name: array.shape for name, array in arrays.items()} | {"resets": ()}
-        for name, shape in shapes.items():
-            if name not in state or state[name].shape != shape:
-                raise ArgumentError(f"LevelSampler.restore: {name} should have shape {shape}.")
-        for name, array in arrays.items():
+        check_type(state, Mapping, "LevelSampler.restore: state")
+        where, own = "LevelSampler.restore", self.state()
+        if not np.array_equal(state.get("source", ()), own["source"]):
+            raise SceneMismatchError(
+                f"{where}: state['source'] (scene, split, knobs) should be {own['source'].tolist()}, got "
+                f"{short(state.get('source'))}. Give the state of a sampler of this scene, split and knobs."
+            )
+        for name, (least, most) in {**bounds_of(self._buffer), "resets": (0, np.inf)}.items():
+            values = state.get(name)
+            if not isinstance(values, np.ndarray) or (values.shape, values.dtype) != (own[name].shape, own[name].dtype):
+                raise ArgumentError(f"{where}: {name} should have shape {own[name].shape} and type {own[name].dtype}.")
+            if name == "cumulative":
+                least = np.maximum.accumulate(np.maximum(values, 0))
+            wrong = np.flatnonzero(~((values >= least) & (values <= most)))
+            if len(wrong):
+                ends = (np.broadcast_to(end, values.shape).flat[wrong[0]] for end in (least, most))
+                limits, got = " to ".join(map(str, ends)), values.flat[wrong[0]]
+                raise ArgumentError(f"{where}: {name} should be from {limits}, got {got} at {wrong[0]}.")
+        for name in ("knob", "base_knob", "next_knob"):
+            self.layouts.knobs.check(state[name])
+        for name, array in arrays_of(self._buffer).items():
             if array.size:
                 array.assign(state[name])
         self._since = int(state["resets"])

@@ -20,6 +20,7 @@ def created(levels: Levels, nworld: int, nknob: int = 0) -> Buffer:
     with wp.ScopedDevice("cpu"):
         allocate(LayoutsView, layouts, nworld, "next_seed next_episode")
         allocate(LayoutsView, layouts, (nworld, nknob), "next_knob")
+        allocate(LayoutsView, layouts, nknob, "default_knob")
     return create_buffer(levels, layouts)
 
 

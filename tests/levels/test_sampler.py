@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError
-from sceniris_gym.levels import Levels
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
+from sceniris_gym.levels import Levels, Ranges
 from tests.vector.conftest import Reach, make_env, reach_scene  # noqa: F401, fixtures
 from tests.vector.stepping import actions, assert_equal
 
+SLIDE = "objects.cabinet.joints.slide"
 LEVELS = Levels("failure", replay=0.5, every=1, capacity=64)
 
 
@@ -122,3 +123,46 @@ def test_a_level_beyond_the_buffer_is_inserted(make_env):  # noqa: F811
     levels = make_env(2, levels=Levels("given", capacity=64)).randomizer.levels
     levels.update(np.array([1 << 29]), np.array([3]), np.array([0]), np.array([1.0]))
     assert levels.size == 1
+
+
+OUTSIDE = {
+    **{"vacant": (64, 10**8, -2), "level": (64,), "next_level": (10**8, -2), "probe": (2, -2), "next_probe": (10**6,)},
+    **{"column": (10**6, -1), "other": (5,), "step": (0.5,), "present": (5.0, np.nan), "inserted": (-1, 17, 2**31 - 1)},
+    **{"age": (-(2**31),), "value": (np.nan, -0.1), "episode": (-5,), "next_episode": (-2,), "successes": (-1,)},
+    **{"knob": (0.5, np.nan), "next_knob": (-1.0,), "base_knob": (np.inf,), "cumulative": (-1,), "resets": (-1,)},
+}
+
+
+def test_a_state_with_a_number_out_of_range_is_refused(make_env):  # noqa: F811
+    """By the array's name, before anything is written; so are other types, falling sums, and what is no array."""
+    words = Levels("failure", capacity=64, every=1, ranges=Ranges({SLIDE: [0.1, 0.11]}))
+    levels = make_env(4, levels=words).randomizer.levels
+    levels.insert(np.arange(40), np.zeros(40, int), np.full(40, 0.5))
+    before = levels.state()
+    wrong = [(name, value) for name, values in OUTSIDE.items() for value in values]
+    for name, value in wrong:
+        array = before[name].copy()
+        array[np.unravel_index(array.size - 1, array.shape)] = value
+        with pytest.raises(ArgumentError, match=f"({SLIDE}|{name}) should be"):
+            levels.restore(before | {name: array})
+    for strange in (before["value"].astype(np.float64), before["value"].tolist(), None, 3):
+        with pytest.raises(ArgumentError, match=r"value should have shape \(64,\) and type float32"):
+            levels.restore(before | {"value": strange})
+    with pytest.raises(ArgumentError, match=r"cumulative should be from 7 to inf, got 5 at 2"):
+        levels.restore(before | {"cumulative": np.array([0, 7, 5, *[8] * 61], np.int32)})
+    with pytest.raises(ArgumentTypeError, match="state should be a Mapping"):
+        levels.restore([before])
+    np.testing.assert_equal(levels.state(), before)
+    levels.restore(before)
+
+
+def test_a_state_of_another_scene_split_or_knobs_is_refused(make_env):  # noqa: F811
+    """Its levels would be other layouts under the same seeds."""
+    levels = make_env(4, levels=LEVELS, knobs=SLIDE).randomizer.levels
+    for words in ({"split": "eval", "knobs": SLIDE}, {"knobs": ()}):
+        other = make_env(4, levels=LEVELS, **words).randomizer.levels.state()
+        with pytest.raises(SceneMismatchError, match=rf"\['{levels.layouts.compiled.hash}', 'train', '{SLIDE}'\]"):
+            levels.restore(other)
+    for source in (None, [["a"], ["b", "c"]], np.array(["0" * 16, "train", SLIDE])):
+        with pytest.raises(SceneMismatchError, match="Give the state of a sampler of this scene"):
+            levels.restore(levels.state() | {"source": source})
