@@ -71,7 +71,7 @@ class LayoutFunction:
         Args:
             seed: Two words of 32 bits for each 64-bit seed, the high one first, shape (..., 2), uint32, as of
                 `jax.random.PRNGKey`; or keys of `jax.random.key`, or with x64 uint64 seeds, shape (...).
-            episode: Episodes from 0 to 2^31 - 1, integers of shape (...).
+            episode: Episodes from 0 to 2^31 - 2, integers of shape (...).
             where: Layouts to make, booleans of shape (...); the others are the start pose and cost nothing.
 
         Raises:

@@ -138,8 +138,9 @@ def _check_members(scene: SceneWords, where: str) -> None:
         for label, part in parts.items():
             path = f"{where}: {kind}s.{label}.of"
             for name in part.of:
-                if name in scene.variants and label != name:
-                    raise SceneKeyError(f"{path}: '{name}' has variants, so it cannot be in a {kind}. Leave it out.")
+                owner = scene.owners.get(name, name)
+                if owner in scene.variants and label != owner:
+                    raise SceneKeyError(f"{path}: '{owner}' has variants, so it cannot be in a {kind}. Leave it out.")
                 if name not in scene.objects:
                     raise UnknownNameError("object", name, path, _alone(scene))
                 if name in owners:

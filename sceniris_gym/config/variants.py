@@ -155,7 +155,9 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
         _refuse((*at, TAGS), "should be beside an 'asset' with a '*', of whose files they choose some", part[TAGS])
     if not is_pattern(assets) and not isinstance(assets, list | tuple):
         if VARIANTS not in part and not isinstance(assets, str):
-            _refuse((*at, "asset"), "should be an asset, a list of assets, or a pattern of files", assets)
+            word = next(word for word in ("asset", "scale", HOLDOUT) if word in part)
+            advice = "should be an asset, a list of assets, or a pattern of files"
+            _refuse((*at, word), advice if word == "asset" else "should be beside an 'asset'", part[word])
         return _named(at, part[VARIANTS]) if VARIANTS in part else {_stem(assets): {}}
     if VARIANTS in part:
         advice = (
@@ -212,7 +214,7 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
                 _refuse(place, BOUNDS["scale"].advice, scales)
             named = {f"{name}-{100 * scale:g}".replace(".", "_"): {**words, "scale": scale} for scale in scales}
             if len(named) < len(scales):
-                _refuse(place, "should have each scale once", scales)
+                _refuse(place, "should have each scale once: each is a variant, scaled along all axes", scales)
         twice = next((new for new in named if new in found), None)
         if twice is not None:
             _refuse((*at, VARIANTS), "should be the name of one variant only", twice)

@@ -77,4 +77,4 @@ def named_stream(split: str) -> int:
 
 def name_hash(name: str) -> int:
     """Return the 31 bits that stand for a name."""
-    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little") >> 1
+    return int.from_bytes(hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()[:4], "little") >> 1

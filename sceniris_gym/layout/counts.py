@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Sequence
 from typing import Any, SupportsIndex
@@ -17,9 +18,11 @@ def as_shape(shape: SupportsIndex | Sequence[SupportsIndex], name: str) -> tuple
     """Return a shape, given as a sequence or as the length of its only axis.
 
     Raises:
-        CountError: A length that is no integer of at least 0.
+        CountError: A length that is no integer of at least 0, or too many numbers.
     """
-    return tuple(as_count(n, name, 0) for n in (shape if isinstance(shape, Sequence) else (shape,)))
+    found = tuple(as_count(n, name, 0) for n in (shape if isinstance(shape, Sequence) else (shape,)))
+    as_count(math.prod(found), name, 0)
+    return found
 
 
 def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> int:

@@ -14,9 +14,10 @@ from urllib.parse import quote, unquote
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.device.random import BANK_BIT
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_type
-from sceniris_gym.layout.masks import row_of
+from sceniris_gym.layout.masks import as_numbers, row_of
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
@@ -124,14 +125,18 @@ class KnobTable:
         ends = {name: self.first[name] + len(knob.default) for name, knob in self.knobs.items()}
         return {name: rows[:, self.first[name] : end] for name, end in ends.items()}
 
-    def check(self, rows: np.ndarray) -> None:
-        """Refuse rows with numbers that a knob cannot have.
+    def checked(self, rows: Any, nrow: int) -> np.ndarray:
+        """Return rows with a number for each column, shape (nrow, nvalue), as float32.
 
         Raises:
-            ArgumentError: There are some.
+            ArgumentError: Anything else, or numbers that a knob cannot have.
         """
-        for name, values in self.named(rows).items():
-            self.knobs[name].checked(values, len(values))
+        given = as_numbers(rows)
+        if given.shape != (nrow, len(self.default)):
+            raise ArgumentError(f"knobs should have shape {(nrow, len(self.default))}, got {short(rows)}.")
+        for name, values in self.named(given).items():
+            self.knobs[name].checked(values, nrow)
+        return given.astype(np.float32)
 
     def text(self, row: np.ndarray) -> str:
         """Return the fifth part of a layout id: the knobs that differ from the scene file, sorted, float32 in hex."""

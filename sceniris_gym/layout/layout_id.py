@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import unquote
 
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.layout.knobs import PARTS
@@ -29,15 +30,18 @@ class LayoutId:
         """Read `scenehash:split:seed:episode`, and `:knobs` where some differ from the scene file.
 
         Raises:
-            LayoutIdError: The text is not of this form.
+            LayoutIdError: The text is not of this form, or has a knob twice.
         """
         found = _FORM.fullmatch(text)
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
             raise LayoutIdError(
                 f"layout id '{text}' should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
-                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31. Knobs may follow "
-                "as name=hex, with 8 digits a number."
+                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31 - 1. Knobs may "
+                "follow as name=hex, with 8 digits a number."
             )
+        names = [unquote(part.partition("=")[0]) for part in (found[5] or "").split(",")]
+        if len({*names}) < len(names):
+            raise LayoutIdError(f"layout id '{text}' should have each knob once, and has: {', '.join(names)}.")
         return cls(found[1], found[2], int(found[3]), int(found[4]), found[5] or "")
 
     @classmethod

@@ -12,7 +12,7 @@ import warp as wp
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.layout.knobs import KnobTable
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
 from sceniris_gym.program.device import Cause, allocate, repeat
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -83,7 +83,7 @@ class LayoutsView:
 def next_key(layouts: LayoutsView, worldid: int):
     """Return seed and episode of a world's next layout: what a reseed asked for, or else the next episode."""
     seed = layouts.seed[worldid]
-    episode = layouts.episode[worldid] + 1
+    episode = (layouts.episode[worldid] + 1) % MOST_EPISODES
     if layouts.next_episode[worldid] >= 0:
         seed = layouts.next_seed[worldid]
         episode = layouts.next_episode[worldid]

@@ -92,13 +92,13 @@ def as_ids(ids: Any, nworld: int, device: Any) -> wp.array:
 
 
 def as_numbers(values: Any) -> np.ndarray:
-    """Return numbers of a user, in an array of any library or in lists, on the host; an empty array for all else."""
+    """Return numbers of a user, in an array of any library or in lists, on the host; all else has shape (0, 0)."""
     try:
         given = values.detach().cpu() if _kind(values) == "torch" else values
         found = np.asarray(given.numpy() if _kind(values) in ("torch", "warp") else given)
     except (TypeError, ValueError, RuntimeError):  # lists of different lengths, or a tensor that has no values
-        return np.zeros(0)
-    return found if found.dtype.kind in "iuf" else np.zeros(0)
+        return np.zeros((0, 0))
+    return found if found.dtype.kind in "iuf" else np.zeros((0, 0))
 
 
 @wp.func

@@ -107,7 +107,7 @@ def episodes_on_device(episode: Any, nworld: int, device: Any) -> wp.array:
         device: The device.
 
     Raises:
-        SeedError: Not integers from 0 to 2^31 - 1, or not one per world.
+        SeedError: Not integers from 0 to 2^31 - 2, or not one per world.
     """
     if isinstance(episode, wp.array):
         if episode.dtype is not wp.int32 or episode.shape != (nworld,) or episode.device != wp.get_device(device):
@@ -118,7 +118,7 @@ def episodes_on_device(episode: Any, nworld: int, device: Any) -> wp.array:
     except ValueError:
         raise SeedError(f"episodes should be one integer, or {nworld} of them; got {short(episode)}.") from None
     if wanted.dtype.kind not in "iu" or (wanted < 0).any() or (wanted >= MOST_EPISODES).any():
-        raise SeedError(f"episodes should be integers from 0 to 2^31 - 1, got {short(episode)}.")
+        raise SeedError(f"episodes should be integers from 0 to 2^31 - 2, got {short(episode)}.")
     return wp.array(wanted.astype(np.int32), dtype=int, device=device)
 
 

@@ -108,17 +108,18 @@ class LayoutSource(StaysHere):
             knobs: Numbers of the knobs, a row for each world, shape (nworld, nvalue); None leaves them as they are.
 
         Raises:
-            SeedError: Not 64-bit seeds, episodes below 2^31, or not one per world.
+            SeedError: Not 64-bit seeds, episodes below 2^31 - 1, or not one per world.
+            ArgumentError: Numbers that the knobs cannot have, or not a row for each world.
             MaskError, MaskTypeError: As in generate.
         """
         nworld, device = self.layouts.nworld, self.layouts.seed.device
         keeps = seeds is None and episodes is not None
         wanted = None if keeps else seeds_on_device(seeds, nworld, device)
         first = None if episodes is None else episodes_on_device(episodes, nworld, device)
-        on_device = self._checked(mask)
+        on_device, rows = self._checked(mask), None if knobs is None else self.layouts.knobs.checked(knobs, nworld)
         self.launch_reseed(wanted, on_device, first)
-        if knobs is not None:
-            self._set_knobs(np.arange(knobs.shape[1]), knobs, on_device)
+        if rows is not None:
+            self._set_knobs(np.arange(rows.shape[1]), rows, on_device)
 
     @launching
     def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:

@@ -9,6 +9,7 @@ import warp as wp
 from sceniris_gym.device.random import philox, uniform
 from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.levels.choice import SCORES, Levels
+from sceniris_gym.program.compiled import MOST_EPISODES
 from sceniris_gym.program.device import allocate
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -75,7 +76,7 @@ class Episodes(NamedTuple):
         level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32. Rows with -2
             do not count.
         seed: Its seed, shape (n,), uint64.
-        episode: Its episode, shape (n,), int32. Rows below 0 do not count.
+        episode: Its episode, shape (n,), int32. Rows with an episode that no seed has do not count.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
         knob: Numbers of its knobs, shape (n, nvalue), float32; None if there are none.
         mask: Rows that count, shape (n,), bool; None is all.
@@ -253,7 +254,7 @@ def _update(
         if buffer.score == _GIVEN:
             return
     place = level[row]
-    if place < -1 or episode[row] < 0:
+    if place < -1 or episode[row] < 0 or episode[row] >= MOST_EPISODES:
         return
     if place >= 0 and place < buffer.seed.shape[0]:
         if buffer.seed[place] == seed[row] and buffer.episode[place] == episode[row]:
@@ -311,14 +312,12 @@ def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
     most = np.finfo(np.float32).max
     return {
         **dict.fromkeys(arrays_of(buffer), (0, np.inf)),
-        **dict.fromkeys(("knob", "base_knob", "next_knob"), (-most, most)),
+        **dict.fromkeys(("value", "knob", "base_knob", "next_knob"), (-most, most)),
         **dict.fromkeys(("vacant", "level", "next_level"), (-1, buffer.age.shape[0] - 1)),
         **dict.fromkeys(("probe", "next_probe"), (-1, buffer.column.shape[0] - 1)),
         **dict.fromkeys(("age", "next_episode"), (-1, np.inf)),
         **{name: (values, values) for name, values in of_words.items()},
-        "present": (of_words["least"], of_words["most"]),
-        "inserted": (0, buffer.vacant.shape[0]),
-        "value": (-most, most) if buffer.score == _GIVEN else (0.0, 1.0),
+        **{"present": (of_words["least"], of_words["most"]), "inserted": (0, buffer.vacant.shape[0])},
     }
 
 

@@ -12,18 +12,12 @@ from warp.utils import array_cast
 from sceniris_gym.config.messages import short
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import LayoutKeys
+from sceniris_gym.layout.masks import as_numbers
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.levels.buffer import (
-    Episodes,
-    arrays_of,
-    bounds_of,
-    create_buffer,
-    launch_choose,
-    launch_forget,
-    launch_update,
-)
+from sceniris_gym.levels.buffer import Episodes, bounds_of, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.ranges import launch_move, set_ranges
 from sceniris_gym.levels.weights import launch_refresh
@@ -121,7 +115,10 @@ class LevelSampler(LayoutSource):
 
         Raises:
             ArgumentError: The buffer is empty.
+            CountError: A number or a seed that is no integer of at least 0.
         """
+        as_count(number, "LevelSampler.sample: number", 0)
+        as_count(seed, "LevelSampler.sample: seed", 0, (1 << 64) - 1)
         sums = self._buffer.cumulative.numpy()
         if sums[-1] == 0:
             raise ArgumentError("LevelSampler.sample: the buffer is empty. Play, or insert levels, first.")
@@ -156,25 +153,29 @@ class LevelSampler(LayoutSource):
             ArgumentError: Not arrays of one length.
             UnknownNameError: A knob that the worlds do not have.
         """
-        level_in = np.full(np.shape(seed), -1) if level is None else level
-        columns = (level_in, wp.int32), (seed, wp.uint64), (episode, wp.int32), (score, wp.float32)
-        shapes = [tuple(np.shape(values)) for values, _ in columns]
+        columns = seed, episode, score, level
+        given = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
+        given[3] = np.full(np.shape(given[0]), -1) if level is None else given[3]
+        shapes = [tuple(np.shape(values)) for values in given]
         if len({*shapes}) != 1 or len(shapes[0]) != 1:
-            raise ArgumentError(f"LevelSampler.update: arrays should have one length, shape (n,), got {shapes}.")
-        arrays = [self._column(*column) for column in columns]
+            raise ArgumentError(
+                f"LevelSampler.update: numbers should have one length, shape (n,), got shapes {shapes}."
+            )
+        types = wp.uint64, wp.int32, wp.float32, wp.int32
+        seeds, episodes, scores, places = map(self._column, given, types)
         rows = self.layouts.knobs.rows(knobs or {}, shapes[0][0])
         most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # so each row of a launch has places of its own
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             knob = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
-            launch_update(self._buffer, Episodes(*(array[part] for array in arrays), knob=knob))
+            columns = (array[part] for array in (places, seeds, episodes, scores))
+            launch_update(self._buffer, Episodes(*columns, knob=knob))
             if level is None:
                 launch_refresh(self._buffer, self.levels)
 
     def _column(self, values: Any, dtype: type) -> wp.array:
         """Return a column on the device, seeds as the 64 bits that they are."""
-        numbers = values.detach().contiguous() if hasattr(values, "detach") else np.asarray(values)
-        given = wp.array(numbers) if isinstance(numbers, np.ndarray) else wp.from_torch(numbers)
+        given = wp.array(values) if isinstance(values, np.ndarray) else wp.from_torch(values.detach().contiguous())
         given = given.to(self._device)
         if dtype is wp.uint64 and given.dtype in (wp.int64, wp.uint64):
             return given.view(wp.uint64)
@@ -203,7 +204,7 @@ class LevelSampler(LayoutSource):
 
         `source` has the hash of the scene, the split and the names of the knobs.
         """
-        arrays = {name: array.numpy().copy() for name, array in arrays_of(self._buffer).items()}
+        arrays = {name: getattr(self._buffer, name).numpy().copy() for name in bounds_of(self._buffer)}
         source = self.layouts.compiled.hash, self.split, *self.layouts.knobs.names
         return arrays | {"resets": np.array(self._since), "source": np.array(source)}
 
@@ -216,26 +217,25 @@ class LevelSampler(LayoutSource):
             ArgumentTypeError: No mapping.
         """
         check_type(state, Mapping, "LevelSampler.restore: state")
-        where, own = "LevelSampler.restore", self.state()
+        where, own, bounds = "LevelSampler.restore", self.state(), bounds_of(self._buffer)
         if not np.array_equal(state.get("source", ()), own["source"]):
             raise SceneMismatchError(
                 f"{where}: state['source'] (scene, split, knobs) should be {own['source'].tolist()}, got "
                 f"{short(state.get('source'))}. Give the state of a sampler of this scene, split and knobs."
             )
-        for name, (least, most) in {**bounds_of(self._buffer), "resets": (0, np.inf)}.items():
+        for name, (least, most) in {**bounds, "resets": (0, np.inf)}.items():
             values = state.get(name)
             if not isinstance(values, np.ndarray) or (values.shape, values.dtype) != (own[name].shape, own[name].dtype):
                 raise ArgumentError(f"{where}: {name} should have shape {own[name].shape} and type {own[name].dtype}.")
-            if name == "cumulative":
-                least = np.maximum.accumulate(np.maximum(values, 0))
+            if name == "cumulative":  # sums that rise
+                least = np.maximum.accumulate([0, *values])[1:]
             wrong = np.flatnonzero(~((values >= least) & (values <= most)))
             if len(wrong):
-                ends = (np.broadcast_to(end, values.shape).flat[wrong[0]] for end in (least, most))
-                limits, got = " to ".join(map(str, ends)), values.flat[wrong[0]]
-                raise ArgumentError(f"{where}: {name} should be from {limits}, got {got} at {wrong[0]}.")
+                got = f"got {values.flat[wrong[0]]} at {wrong[0]}"
+                raise ArgumentError(f"{where}: {name} should be from {least} to {most}, {got}.")
         for name in ("knob", "base_knob", "next_knob"):
-            self.layouts.knobs.check(state[name])
-        for name, array in arrays_of(self._buffer).items():
+            self.layouts.knobs.checked(state[name], len(state[name]))
+        for array, name in ((getattr(self._buffer, name), name) for name in bounds):
             if array.size:
                 array.assign(state[name])
         self._since = int(state["resets"])

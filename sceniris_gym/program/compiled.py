@@ -63,8 +63,9 @@ FEWEST_ATTEMPTS = 10
 """The number of attempts from which `attempts: auto` goes up."""
 USER_SPLITS = ("train", "eval")
 """The splits that a user chooses from: independent streams of the same seeds."""
-MOST_EPISODES = 1 << 31
-"""The number of episodes that a seed has: they are counted in 32 bits, and -1 stands for none yet."""
+MOST_EPISODES = (1 << 31) - 1
+"""The number of episodes that a seed has: they are counted in 32 bits, and -1 stands for none yet. After the last one
+comes the first."""
 # Lanes of a warp, which share a candidate on a GPU.
 _WARP = 32
 
@@ -145,7 +146,7 @@ class CompiledScene:
             raise SeedError(f"layout_id: seed={short(number)} should be an integer of 64 bits.")
         if not 0 <= count < MOST_EPISODES:
             raise ArgumentError(
-                f"layout_id: episode={short(count)} should be from 0 to 2^31 - 1. "
+                f"layout_id: episode={short(count)} should be from 0 to 2^31 - 2. "
                 "A world has none before its first reset."
             )
         if split not in USER_SPLITS:

@@ -41,11 +41,12 @@ def chosen_objects(
         UnknownNameError: Not an object that the scene places.
     """
     config = compiled.config
-    names = with_variants(as_names(objects, f"{where}: objects"), config.variants)
+    given = as_names(objects, f"{where}: objects")
+    names = with_variants(given, config.variants)
     valid = [name for name in compiled.placed if name in config.objects]
     named = list(dict.fromkeys(config.owners.get(name, name) for name in valid))
-    for name in names:
-        if name not in valid:
+    for name in given:
+        if name not in named:
             raise UnknownNameError("placed object", str(name), where, named)
     if not names:
         raise ArgumentError(f"{where}: objects should name one object at least. Valid: {', '.join(named)}.")

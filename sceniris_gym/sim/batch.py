@@ -15,6 +15,7 @@ import warp as wp
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields, widen
 from sceniris_gym.sim.variants import fields_of_variants
@@ -32,6 +33,8 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
 LINE_SEARCH = 20
 """Limit of line-search iterations, below MuJoCo's default: in a batch one slow world stalls all others."""
 
+# Most contacts and constraint rows of a world: more need gigabytes in a single one.
+_MOST_ROWS = 1 << 20
 # Geoms of a body tree whose lowest points differ by less than this [m] carry it together.
 _LEVEL = 0.002
 
@@ -173,6 +176,7 @@ class Batch(Fixed):
 
     Raises:
         UnknownNameError: MjOption has no such field.
+        CountError: A limit that is no integer of at least 1, or too large for so many worlds.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
@@ -197,6 +201,10 @@ class Batch(Fixed):
         self.scene, self.nworld, self.device = scene.sim, nworld, wp.get_device(device)
         mjm = with_options(self.scene.mjm, options or {})
         contacts, rows = default_budget(mjm, scene)
+        most = min(_MOST_ROWS, (1 << 31) // nworld - 1)
+        for name, value, end in (("nconmax", nconmax, most), ("njmax", njmax, most), ("nvmax", nvmax, mjm.nv)):
+            if value is not None:
+                as_count(value, name, most=end)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
         # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need all

@@ -3,15 +3,15 @@
 import warp as wp
 
 from sceniris_gym.device.random import SPLITS, STREAM_BITS, TASK_STREAM, name_hash, named_stream, uniforms
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import check_type
+from sceniris_gym.layout.counts import as_count
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def task_stream(split: str, stream: int) -> int:
     """Return the Philox stream of a task's own `stream`, 0 to 2^24 - 1, in a split."""
-    if not 0 <= stream < 1 << STREAM_BITS:
-        raise ArgumentError(f"stream should be from 0 to {(1 << STREAM_BITS) - 1}, got {stream}.")
+    as_count(stream, "stream", 0, (1 << STREAM_BITS) - 1)
     return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
 
 
@@ -61,4 +61,5 @@ def draw_uniform(
 
 def draw_named(seed: wp.array, episode: wp.array, split: str, name: str, values_out: wp.array) -> None:
     """Fill `values_out` with uniform numbers in [0, 1) by name; see `draw_uniform`."""
+    check_type(name, str, "random: name")
     draw_uniform(seed, episode, name_hash(name), named_stream(split), 0.0, 1.0, values_out)

@@ -26,7 +26,7 @@ from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.masks import as_host_mask
+from sceniris_gym.layout.masks import as_host_mask, as_numbers
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
@@ -88,7 +88,7 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
                 "a CompiledScene cannot be changed."
             )
         return scene
-    return compile_scene(SceneConfig.load(scene, dict(overrides or {})), device)
+    return compile_scene(SceneConfig.load(scene, overrides or {}), device)
 
 
 def as_autoreset_mode(value: Any) -> AutoresetMode:
@@ -209,7 +209,7 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
         names = ("seed", "episode")
         seeds, episodes = (_numbers_of_worlds(value[name], num_envs, f"{where}['{name}']") for name in names)
         if (episodes < 0).any() or (episodes >= MOST_EPISODES).any():
-            raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 1, got {short(value['episode'])}.")
+            raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
         rows = table.rows(value[KNOBS], num_envs) if KNOBS in value else None
         return ChosenLayouts(seeds.astype(np.uint64), np.ones(num_envs, bool), episodes.astype(np.int32), rows)
     texts = [value] * num_envs if isinstance(value, str | LayoutId) else value
@@ -235,7 +235,7 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
 
 def _numbers_of_worlds(value: Any, num_envs: int, name: str) -> np.ndarray:
     """Return integers, one for each world, shape (num_envs,); torch tensors may be on any device."""
-    found = value.detach().cpu().numpy() if isinstance(value, Tensor) else np.asarray(value)
+    found = as_numbers(value)
     if found.dtype.kind not in "iu" or found.shape not in ((), (num_envs,)):
         raise ArgumentError(f"{name} should be an integer, or one for each of {num_envs} worlds, got {short(value)}.")
     return np.broadcast_to(found, (num_envs,))

@@ -10,7 +10,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.layout.counts import as_shape
+from sceniris_gym.layout.counts import as_count, as_shape
 from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.vector.joint_writer import JointWriter
@@ -207,7 +207,7 @@ class State(Readings):
             values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
             draw_named(layouts.seed, layouts.episode, self._split, n, wp.from_torch(values))
             return values.reshape(self.num_envs, *shape)
-        values = torch.empty(self.num_envs, n, device=self.device)
+        values = torch.empty(self.num_envs, as_count(n, "random: n", 0), device=self.device)
         number, low = task_stream(self._split, stream), low or 0.0
         draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values

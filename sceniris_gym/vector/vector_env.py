@@ -20,7 +20,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.masks import as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
@@ -123,7 +123,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         ContactBudgetError: There are more contacts than room for them; raised in the first reset.
     """
 
-    FIXED = ("compiled", "batch", "randomizer", "state", "statistics", "num_envs", "device", "split", "rank")
+    FIXED = (
+        *("task", "autoreset_mode", "output", "compiled", "batch", "randomizer", "state", "statistics", "num_envs"),
+        *("device", "split", "rank"),
+    )
     ARGUMENTS = (
         "scene",
         "overrides",
@@ -181,15 +184,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
         every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
-        groups, self.max_episode_steps = arguments.as_groups(observation_groups), None
-        if max_episode_steps is not None:
-            self.max_episode_steps = as_count(max_episode_steps, "max_episode_steps")
+        groups, self.max_episode_steps = arguments.as_groups(observation_groups), max_episode_steps
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
         self.output, self.copy = output, copy
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
         self.render_mode, self.final_images = render_mode, final_images
 
+        if layout_source is not None and not callable(layout_source):
+            raise ArgumentTypeError(f"layout_source should be a function (compiled, num_envs), got {layout_source!r}.")
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
@@ -220,6 +223,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._autoreset, self._ready = torch.zeros(num_envs, dtype=torch.bool, device=self.device), False
         self._np_random, self._np_random_seed = seeding.np_random(arguments.fresh_seed())
         self._made = versions(self._live())
+
+    @property
+    def max_episode_steps(self) -> int | None:
+        """See the class; it may change at any time."""
+        return self._most_steps
+
+    @max_episode_steps.setter
+    def max_episode_steps(self, steps: int | None) -> None:
+        self._most_steps = None if steps is None else as_count(steps, "max_episode_steps")
 
     @exclusive
     def reset(
@@ -347,6 +359,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do."""
+        check_type(name, str, "set_attr: name")
         if "." in name:
             self.set_knob(name, values)
         else:
@@ -360,6 +373,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         if info is None:
             return self.randomizer.layout_ids()
+        if not isinstance(info, Mapping) or not {"layout_seed", "layout_episode"} <= {*info}:
+            raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
         knobs = self.randomizer.layouts.knobs.rows(info.get("layout_knobs", {}), self.num_envs)
         seed, episode = (np.array(info[f"layout_{name}"].tolist()) for name in ("seed", "episode"))
         return self.randomizer.layout_source.ids(self.split, (seed, episode, knobs))

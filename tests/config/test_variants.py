@@ -186,6 +186,14 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"heaps.pile": {"of": ["target"], "fill": "can"}},
         r"heaps\.pile\.of: 'target' has variants, so it cannot be in a heap",
     ),
+    "one in a group": (
+        {"groups.some": {"of": ["target/can"], "count": 1}},
+        r"some\.of: 'target' has variants, so it can",
+    ),
+    "a share of nothing": (
+        {"objects.other": {"holdout": 0.5, "on": "table"}},
+        r"other\.holdout: 0\.5 should be beside",
+    ),
     "a negative weight": (
         {"objects.target.variants.can.weight": -1},
         r": objects\.target/can\.weight: .*at least 0",
@@ -210,7 +218,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
     "scales of nothing": (
         {"objects.other": {"scale": [1, 2], "on": "table"}},
-        r"other\.asset: None should be an asset",
+        r"other\.scale: \[1, 2\] should be beside an 'asset'",
     ),
     "two of a name by scale": (
         {"objects.target.variants": {"can": {"asset": "can", "scale": [0.8, 1]}, "can-80": {"asset": "can"}}},

@@ -38,6 +38,19 @@ def test_a_wrong_seed_is_refused(seed):
     assert generator.layouts.seed.numpy().tolist() == [8, 9, 10]
 
 
+def test_after_the_last_episode_comes_the_first():
+    """So that every layout has an id, and its bits; more episodes than a seed has are refused."""
+    generator = LayoutGenerator(compile_on_cpu({"objects": {}}), 2, seed=5)
+    generator.reseed(5, episodes=2**31 - 2)
+    found = []
+    for _ in range(2):
+        generator.generate()
+        found += generator.layouts.ids("train")[:1]
+    assert [name.split(":")[2:] for name in found] == [["5", str(2**31 - 2)], ["5", "0"]]
+    with pytest.raises(SeedError, match=r"from 0 to 2\^31 - 2, got 2147483647"):
+        generator.reseed(5, episodes=2**31 - 1)
+
+
 @pytest.mark.parametrize(
     "given",
     [

@@ -218,3 +218,5 @@ def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device
             alone = Judge(own.mjm, [own.bodies[name] for name in names])
             assert alone.deepest(after, int(world)) < DEEP
     np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 2 * HALF)
+    with pytest.raises(UnknownNameError, match=r"placed object 'target/\w+'\. Did you mean 'target'\?"):
+        randomizer.replace(compiled.config.variants["target"][0])  # other worlds have another one

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ from gymnasium.vector import AutoresetMode
 from sceniris_gym.errors import (
     ArgumentError,
     ArgumentTypeError,
+    CountError,
+    FixedError,
+    LayoutIdError,
     MaskError,
     MaskTypeError,
     SeedError,
@@ -34,9 +38,12 @@ from sceniris_gym.vector.arguments import (
     fresh_seeds,
 )
 from sceniris_gym.vector.ranks import Rank
+from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
+from tests.vector.stepping import assert_equal
 
 CPU = torch.device("cpu")
+SLIDE = "objects.cabinet.joints.slide"
 SPACE = Box(-1.0, 1.0, (2, 3), np.float32)
 
 
@@ -297,3 +304,69 @@ def test_a_task_that_cannot_be_imported_is_refused(task: str):
     """By what Python says."""
     with pytest.raises(ArgumentError, match="should be 'module:Class', as Python can import it"):
         as_task(task)
+
+
+WRONG_CALLS = {
+    "task": (FixedError, "task", lambda envs: envs.set_attr("task", {})),
+    "autoreset_mode": (FixedError, "autoreset_mode", lambda envs: envs.set_attr("autoreset_mode", {})),
+    "steps": (CountError, "max_episode_steps should be", lambda envs: envs.set_attr("max_episode_steps", {})),
+    "attribute": (ArgumentTypeError, "set_attr: name", lambda envs: envs.set_attr(3, 4)),
+    "knob": (UnknownNameError, "unknown knob", lambda envs: envs.set_knob([SLIDE], [0.05, 0.06])),
+    "value": (ArgumentError, SLIDE, lambda envs: envs.set_knob(SLIDE, 10**400)),
+    "ragged": (ArgumentError, SLIDE, lambda envs: envs.set_knob(SLIDE, [[0.05], [0.05, 0.06]])),
+    "rows": (ArgumentError, "knobs should have shape", lambda envs: envs.randomizer.reseed(0, knobs=[[1], [1, 2]])),
+    "nan": (ArgumentError, SLIDE, lambda envs: envs.randomizer.reseed(0, knobs=np.full((2, 2), np.nan))),
+    "replace": (ArgumentTypeError, "objects should be a name", lambda envs: envs.replace(3)),
+    "name": (ArgumentTypeError, "random: name should be a str", lambda envs: envs.randomizer.random(3, 3)),
+    "shape": (CountError, "random: shape", lambda envs: envs.randomizer.random("a", (10**6, 10**6))),
+    "number": (CountError, "random: n should be", lambda envs: envs.state.random(-1)),
+    "stream": (CountError, "stream should be", lambda envs: envs.state.random(1, stream="a")),
+    "info": (ArgumentError, "layout_ids: info", lambda envs: envs.layout_ids({})),
+    "episodes": (ArgumentError, r"\['episode'\]", lambda envs: _reset_to(envs, {"seed": 0, "episode": [[1], [1, 2]]})),
+    "last": (SeedError, r"2\^31 - 2", lambda envs: _reset_to(envs, {"seed": 0, "episode": 2**31 - 1})),
+    "id": (
+        LayoutIdError,
+        r"below 2\^31 - 1",
+        lambda envs: _reset_to(envs, f"{envs.compiled.hash}:train:0:{2**31 - 1}"),
+    ),
+    "meta": (ArgumentError, "seed", lambda envs: _reset_to(envs, {"seed": torch.ones(2, device="meta"), "episode": 0})),
+}
+
+
+def _reset_to(envs: SceneVectorEnv, layouts: Any) -> None:
+    envs.reset(options={"layouts": layouts})
+
+
+def test_calls_with_anything_end_in_errors_of_the_package(make_env):
+    """Of methods of an environment and its randomizer; the environment goes on as if nothing had been called."""
+    envs, plain = make_env(2, knobs=SLIDE), make_env(2, knobs=SLIDE)
+    for each in (envs, plain):
+        each.reset(seed=0)
+    for name, (error, match, call) in WRONG_CALLS.items():
+        try:
+            call(envs)
+        except error as told:
+            assert re.search(match, str(told)), name  # noqa: PT017, as the name is of use
+        else:
+            pytest.fail(name)
+    assert_equal(envs.step(torch.zeros(2, 5))[0], plain.step(torch.zeros(2, 5))[0])
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        ({"nconmax": -1}, CountError),
+        ({"nconmax": 10**10}, CountError),
+        ({"njmax": 10**10}, CountError),
+        ({"nconmax": 1.5}, CountError),
+        ({"nvmax": -1}, CountError),
+        ({"nvmax": "all"}, CountError),
+        ({"layout_source": 3}, ArgumentTypeError),
+        ({"overrides": 3}, ArgumentError),
+    ],
+    ids=str,
+)
+def test_environments_refuse_wrong_arguments_by_name(make_env, words: dict[str, Any], error: type):
+    """Rather than by an error of MuJoCo-Warp, Warp or Python."""
+    with pytest.raises(error, match=next(iter(words))):
+        make_env(2, **words)

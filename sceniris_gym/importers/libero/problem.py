@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 
 from sceniris_gym.config.messages import short
@@ -137,6 +138,10 @@ def read_problem(path: str | Path) -> Problem:
         goal=tuple(_goal(sections["goal"])),
         places=places,
     )
+    for first, second in (pair for part in (problem.init, problem.goal) for pair in combinations(part, 2)):
+        if first.names == second.names and first.word != second.word and len(first.names) == 1:
+            told = f"({second.word} {second.names[0]}) should be left out: it is against ({first.word} ...)"
+            raise SceneKeyError(f"{second.where}: {told} in {first.where}.")
     for predicate in (*problem.init, *problem.goal):
         for i, name in enumerate(predicate.names):
             if predicate.word == "In" and i == 1 and name not in regions:
@@ -195,7 +200,7 @@ def _region(group: Group) -> Region:
         boxes = _rows(given.pop(":ranges", []), 4)
         low, high = (_rows(given.pop(":yaw_rotation", []), 2) or [(0.0, 0.0)])[-1]
         given.pop(":rgba", None)
-        if any(box[0] > box[2] or box[1] > box[3] for box in boxes) or not isinstance(name, Word):
+        if any(box[0] > box[2] or box[1] > box[3] for box in boxes) or low > high or not isinstance(name, Word):
             raise ValueError
     except (IndexError, KeyError, TypeError, ValueError):
         raise SceneKeyError(
@@ -204,7 +209,7 @@ def _region(group: Group) -> Region:
         ) from None
     for word in given:
         raise UnknownNameError("attribute of a region", word, f"{group.where}: {name}", _ATTRIBUTES)
-    return Region(str(target), name, tuple(boxes), (min(low, high), max(low, high)), group.where)
+    return Region(str(target), name, tuple(boxes), (low, high), group.where)
 
 
 def _rows(value: list, size: int) -> list[tuple[float, ...]]:

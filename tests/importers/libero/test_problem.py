@@ -71,6 +71,13 @@ WRONG = [
         "unknown region 'plate_1'",
     ),
     ("(:target flat_stove_1)", "(:goal flat_stove_1)", SceneKeyError, "should be a region: a name, '(:target"),
+    (
+        "(Open wooden_cabinet_1_top_region)",
+        "(Open wooden_cabinet_1_top_region) (Close wooden_cabinet_1_top_region)",
+        SceneKeyError,
+        "(Close wooden_cabinet_1_top_region) should be left out: it is against (Open ...) in ",
+    ),
+    ("(:yaw_rotation ((0.0 0.0)))", "(:yaw_rotation ((3.2 3.0)))", SceneKeyError, "with '(:yaw_rotation ((LEAST GREA"),
     ("(:rgba (0 0 1 0))", "(:colour (0 0 1 0))", UnknownNameError, "unknown attribute of a region ':colour'"),
     ("(0.02 0.1 0.06 0.14)", "(0.06 0.1 0.02 0.14)", SceneKeyError, "(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))"),
     ("(0.02 0.1 0.06 0.14)", "(0.02 0.1 nan 0.14)", SceneKeyError, "should be a region"),
