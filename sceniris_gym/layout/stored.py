@@ -1,6 +1,6 @@
 """`StoredLayouts`: a source of stored layouts, for tests and for evaluation on a fixed set."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import warp as wp
@@ -83,7 +83,7 @@ class StoredLayouts(LayoutSource):
         ArgumentTypeError: `compiled` is no CompiledScene, or `table` no LayoutTable.
         CountError: A number of worlds or a stride that is no integer, or out of range.
         SeedError: Not 64-bit integers, or not one per world.
-        SceneMismatchError: A table without rows, or of another scene.
+        SceneMismatchError: A table without rows, of another scene, or with rows that no layout of the scene has.
     """
 
     def __init__(
@@ -101,8 +101,8 @@ class StoredLayouts(LayoutSource):
         self._stride = as_count(stride, "StoredLayouts: stride")
         compiled.scene.check_hash(table.scene, "StoredLayouts: table", "Store layouts of this scene.")
         self.layouts = Layouts.create(compiled, nworld, knobs=table.knobs)
-        _check_table(compiled, table)
-        _check_rows(compiled, table)
+        check_table(compiled, table, "StoredLayouts: table")
+        self.layouts.knobs.checked(table.knob, len(table))
         self.device = compiled.device
         self._table, self._stored = table, _on_device(table, self.device)
         self.reseed(seed)
@@ -130,8 +130,17 @@ class StoredLayouts(LayoutSource):
         return self.layouts.ids(table.split, (table.seed, np.where(episode < 0, -1, table.episode), table.knob))
 
 
-def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
-    """Refuse columns of another size, beyond whose ends the kernel would read."""
+def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None:
+    """Refuse columns of another size, beyond whose ends a kernel would read, and rows that no layout has.
+
+    Args:
+        compiled: The scene.
+        table: The layouts.
+        where: The argument, with which errors begin.
+
+    Raises:
+        SceneMismatchError: There are such columns or rows.
+    """
     mjm, nrow, nreach = compiled.mjm, len(table), table.grasp.shape[1]
     known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
     joints = table.grasp_qpos.shape[2] if table.grasp_qpos.ndim == 3 else -1
@@ -140,6 +149,7 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
         "mocap_pos": (mjm.nmocap, 3),
         "mocap_quat": (mjm.nmocap, 4),
         "present": (len(compiled.slots),),
+        **dict.fromkeys(("seed", "episode", "start", *columns("draw")), ()),
         "knob": (table.knob.shape[1],),
         "grasp": (0 if nreach == 0 else known,),
         "grasp_qpos": (nreach, min(joints, MAX_JOINTS)),
@@ -150,13 +160,9 @@ def _check_table(compiled: CompiledScene, table: LayoutTable) -> None:
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
             raise SceneMismatchError(
-                f"StoredLayouts: table.{name} should have shape ({wanted_shape}), one row or more and as many in "
-                f"all columns, got {found}. Store layouts of the same scene."
+                f"{where}.{name} should have shape ({wanted_shape}), one row or more and as many in all columns, got "
+                f"{found}. Store layouts of the same scene."
             )
-
-
-def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
-    """Refuse rows with a number that is not finite, or with a quaternion whose length is not 1."""
     first = compiled.program.quat_qposadr.numpy()
     quats = np.concatenate([table.qpos[:, first[:, None] + np.arange(4)], table.mocap_quat], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -165,9 +171,32 @@ def _check_rows(compiled: CompiledScene, table: LayoutTable) -> None:
     wrong = np.flatnonzero(~(finite & unit.all(axis=1)))
     if len(wrong):
         raise SceneMismatchError(
-            f"StoredLayouts: row {wrong[0]} of the table holds a number that is not finite, or a quaternion whose "
-            f"length is not 1 ({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
+            f"{where}: row {wrong[0]} has a number that is not finite, or a quaternion whose length is not 1 "
+            f"({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
         )
+    check_numbers(compiled, {name: getattr(table, name) for name in ("present", "start", "grasp")}, where)
+
+
+def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], where: str) -> None:
+    """Refuse rows of `present`, `start`, `grasp` and `tree_asleep` beyond the scene, or with two variants at once.
+
+    Raises:
+        SceneMismatchError: There are such rows.
+    """
+    targets = () if compiled.reaching is None else compiled.reaching.targets
+    grasps = np.array([len(target.grasp_set.grasps) for target in targets], int)
+    kinds = {"present": (0, 1), "start": (-1, len(compiled.config.start) - 1), "grasp": (-1, grasps - 1)}
+    kinds["tree_asleep"] = -(1 << 31), compiled.sim_mjm.ntree - 1
+    for name, (least, most) in kinds.items():
+        values = numbers.get(name, np.zeros(0))
+        wrong = np.argwhere(~((values >= least) & (values <= most)) if values.size else [])
+        if len(wrong):
+            got = f"got {values[tuple(wrong[0])]} in row {wrong[0][0]}"
+            raise SceneMismatchError(f"{where}.{name} should be from {least} to {most}, {got}.")
+    for name, members in compiled.config.variants.items():
+        there = numbers["present"][:, [compiled.slots.index(member) for member in members]].sum(axis=1)
+        if (there != 1).any():
+            raise SceneMismatchError(f"{where}.present: each row should have one of the variants of '{name}'.")
 
 
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:

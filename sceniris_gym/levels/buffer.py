@@ -248,7 +248,7 @@ def _update(
             return
     if probe:
         end = probe[row]
-        if end >= 0:
+        if end >= 0 and end < buffer.episodes.shape[0]:
             wp.atomic_add(buffer.episodes, end, 1)
             wp.atomic_add(buffer.successes, end, int(outcome[row]))
         if buffer.score == _GIVEN:

@@ -14,13 +14,17 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.stored import check_numbers
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import PROMISED
 from sceniris_gym.sim.versions import fields_of_data
+from sceniris_gym.vector.outcome import finite_rows
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
 _OF_DATA = (*PROMISED, *fields_of_data("tree_awake"))
-
+_FINITE = tuple(f"data.{name}" for name in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"))
+_INDICES = {f"layout.{name}": name for name in ("present", "start", "grasp")} | {"data.tree_asleep": "tree_asleep"}
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
 """Packages whose objects hold no memory of a task."""
 
@@ -66,26 +70,40 @@ def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) 
     return {name: tensor for name, tensor in live.items() if name not in kept}
 
 
-def put(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
-    """Write a snapshot back, into its own worlds or, in order, into those of a mask, and return the mask of them.
+def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], compiled: CompiledScene) -> None:
+    """Refuse what cannot be written into the worlds.
 
     Raises:
         ArgumentTypeError: No Snapshot.
-        SceneMismatchError: A snapshot of another scene, split or task, or of worlds with other knobs.
-        ArgumentError: As many rows as the mask has worlds are needed; or a world that does not exist, or twice.
+        SceneMismatchError: A snapshot of another scene, split or task, of worlds with other knobs, or with numbers that
+            no world can have.
     """
     check_type(snapshot, Snapshot, "options['state']")
-    found = {name: tuple(rows.shape[1:]) for name, rows in snapshot.rows.items()}
-    wanted = {name: tuple(tensor.shape[1:]) for name, tensor in live.items()}
-    if snapshot.source != source or not wanted.items() <= found.items():
+    found = {name: (rows.dtype, tuple(rows.shape)) for name, rows in snapshot.rows.items()}
+    wanted = {name: (tensor.dtype, (len(snapshot), *tensor.shape[1:])) for name, tensor in live.items()}
+    is_whole = snapshot.worlds.dtype is torch.int64 and wanted.items() <= found.items()
+    if snapshot.source != source or not is_whole:
         raise SceneMismatchError(
             "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."
         )
+    of_state = [rows.flatten(1) for name, rows in snapshot.rows.items() if name in _FINITE]
+    if not finite_rows(of_state).all():
+        raise SceneMismatchError("options['state'] should have finite numbers. Leave out the rows of broken worlds.")
+    numbers = {name: snapshot.rows[key].cpu().numpy() for key, name in _INDICES.items() if key in snapshot.rows}
+    check_numbers(compiled, numbers, "options['state']")
+
+
+def put(snapshot: Snapshot, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
+    """Write a snapshot back, into its own worlds or, in order, into those of a mask, and return the mask of them.
+
+    Raises:
+        ArgumentError: As many rows as the mask has worlds are needed; or a world that does not exist, or twice.
+    """
     num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
     worlds = snapshot.worlds.to(device) if mask is None else mask.nonzero().flatten()
     if len(worlds) != len(snapshot):
         raise ArgumentError(f"options['state'] should have {len(worlds)} rows, one per masked world: {len(snapshot)}.")
-    if len(worlds.unique()) != len(worlds) or (worlds >= num_envs).any():
+    if len(worlds.unique()) != len(worlds) or ((worlds < 0) | (worlds >= num_envs)).any():
         raise ArgumentError(f"options['state'] should be of different worlds below {num_envs}: {worlds.tolist()}.")
     for name, tensor in live.items():
         tensor[worlds] = snapshot.rows[name].to(device)

@@ -15,7 +15,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.outcome import Outcome, finite_rows
-from sceniris_gym.vector.snapshot import live_tensors, put
+from sceniris_gym.vector.snapshot import check_snapshot, live_tensors, put
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics
 from sceniris_gym.vector.task import Task
@@ -119,10 +119,11 @@ class TaskWorlds:
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
         """Write a snapshot into its own worlds, or into those of a mask, and return the mask of them; see `put`."""
-        due = put(snapshot, self.source, live, mask)
+        check_snapshot(snapshot, self.source, live, self._compiled)
+        due = put(snapshot, live, mask)
         if self._compiled.config.variants:  # which brings the model of the variants as it was made
             self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
-            put(snapshot, self.source, live, mask)
+            put(snapshot, live, mask)
         self.batch.update()
         self.statistics.start(due)
         return due

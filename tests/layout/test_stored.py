@@ -108,6 +108,37 @@ def test_columns_of_another_width_are_refused(crane: CompiledScene, table: Layou
             StoredLayouts(crane, replace(table, **{name: other}), 2)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "match"),
+    [
+        ("grasp", 10**6, r"table\.grasp should be from -1 to \[\d+ \d+\], got 1000000 in row 2"),
+        ("grasp", -7, r"table\.grasp should be .* got -7 in row 2"),
+        ("start", 0, r"table\.start should be from -1 to -1, got 0 in row 2"),
+        ("present", 2, r"table\.present should be from 0 to 1, got 2 in row 2"),
+        ("present", -1, r"table\.present should be"),
+        ("qpos", np.nan, r"table: row 2 has a number that is not finite"),
+    ],
+)
+def test_rows_with_numbers_that_no_layout_has_are_refused(
+    crane: CompiledScene, table: LayoutTable, name: str, value: float, match: str
+):
+    """Tasks and kernels use them as indices; the error has the row and what there is."""
+    values = getattr(table, name).astype(float if name == "qpos" else np.int64)
+    values[2] = value
+    with pytest.raises(SceneMismatchError, match=match):
+        StoredLayouts(crane, replace(table, **{name: values}), 2)
+
+
+def test_a_row_has_one_variant_of_each_object(tmp_path: Path):
+    """Rather than none or two, of which a world would keep the body of whichever it had before."""
+    boxes = [box_mjcf(tmp_path, name, 0.04, 0.04, 0.04) for name in ("cube", "brick")]
+    compiled = compile_on_cpu({"floor": FLOOR, "objects": {"thing": {"asset": boxes, "on": "floor"}}}, bank=2)
+    table = make_table(compiled, 3, 0)
+    for present in (np.zeros_like(table.present), np.ones_like(table.present)):
+        with pytest.raises(SceneMismatchError, match="each row should have one of the variants of 'thing'"):
+            StoredLayouts(compiled, replace(table, present=present), 2)
+
+
 def test_worlds_that_are_left_out_keep_their_rows(crane: CompiledScene, table: LayoutTable):
     """Under a mask; one that is false everywhere changes nothing, and before its first row a world is at home."""
     stored = StoredLayouts(crane, table, 3, seed=2)
@@ -268,7 +299,7 @@ def test_a_row_that_no_scene_can_be_in_is_refused(crane: CompiledScene, table: L
     """A number that is not finite, or a quaternion that is not of length one, by the row."""
     values = getattr(table, column).copy()
     values[3].flat[-1] = value
-    with pytest.raises(SceneMismatchError, match="row 3 of the table"):
+    with pytest.raises(SceneMismatchError, match="table: row 3 has"):
         StoredLayouts(crane, replace(table, **{column: values}), 2)
 
 

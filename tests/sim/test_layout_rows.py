@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import MaskError, MaskTypeError, SceneMismatchError
+from sceniris_gym.errors import ArgumentTypeError, MaskError, MaskTypeError, SceneMismatchError
 from tests.sim.stepping import DERIVED, STATE, snapshot, step
 
 
@@ -47,10 +47,20 @@ def test_stored_layouts_of_another_scene_or_shape_are_refused(make_randomizer, r
     """The error has the shape that there is, and the one that should be."""
     randomizer = make_randomizer(2)
     short = replace(rows, qpos=rows.qpos[:, :5])
-    with pytest.raises(SceneMismatchError, match=r"layouts\.qpos has shape \(7, 5\)"):
+    with pytest.raises(SceneMismatchError, match=r"layouts\.qpos should have shape \(nrow, 12\).* got \(7, 5\)"):
         randomizer.write(short, [0, 1])
     with pytest.raises(SceneMismatchError, match="is of scene 0123456789abcdef, and this one is"):
         randomizer.write(replace(rows, scene="0123456789abcdef"), [0, 1])  # in which places may mean something else
     flat = replace(rows, mocap_quat=rows.mocap_quat[:, :, :3])
-    with pytest.raises(SceneMismatchError, match=r"layouts\.mocap_quat has shape \(7, \d, 3\) and .* \(7, \d, 4\)"):
+    with pytest.raises(SceneMismatchError, match=r"layouts\.mocap_quat should have shape .*, 4\).* got \(7, \d, 3\)"):
         randomizer.write(flat, [0, 1])
+    for name in ("present", "start", "draw_seed"):
+        with pytest.raises(SceneMismatchError, match=rf"layouts\.{name} should have shape"):
+            randomizer.write(replace(rows, **{name: np.zeros((7, 3), np.int32)}), [0, 1])
+    broken = np.where(np.arange(7)[:, None] == 3, np.nan, rows.qpos)
+    with pytest.raises(SceneMismatchError, match=r"layouts: row 3 has a number that is not finite"):
+        randomizer.write(replace(rows, qpos=broken), [0, 1])
+    with pytest.raises(SceneMismatchError, match=r"layouts\.start should be from -1 to -1, got 7 in row 0"):
+        randomizer.write(replace(rows, start=np.full(7, 7, np.int32)), [0, 1])
+    with pytest.raises(ArgumentTypeError, match="layouts should be Layouts or a LayoutTable"):
+        randomizer.write(3, [0, 1])

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
+from sceniris_gym.vector.snapshot import Snapshot
 from sceniris_gym.vector.task import SLEEPING
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
@@ -170,3 +171,35 @@ def test_a_world_that_ended_is_reset_by_the_next_step(make_env):
     observation, *_, truncated, _ = envs.step(actions(2))
     assert not truncated.any()
     assert_equal(observation, wanted)
+
+
+def _with(kept: Snapshot, name: str, value: float) -> Snapshot:
+    rows = kept.rows[name].clone()
+    rows[1] = value
+    return replace(kept, rows={**kept.rows, name: rows})
+
+
+def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
+    """Edited on the way: the worlds stay as they were, and the rows of the others can still be restored."""
+    envs = make_env(2)
+    envs.reset(seed=4)
+    kept, before = envs.snapshot(), state(envs)
+    wrong = {
+        "finite numbers": [_with(kept, "data.qpos", np.nan), _with(kept, "data.ctrl", np.inf)],
+        r"start should be from -1 to -1, got 5 in row 1": [_with(kept, "layout.start", 5)],
+        r"present should be from 0 to 1, got 7 in row 1": [_with(kept, "layout.present", 7)],
+        r"of this scene, split, task and knobs": [
+            replace(kept, rows={**kept.rows, "data.qpos": kept.rows["data.qpos"][:1]}),
+            replace(kept, rows={**kept.rows, "elapsed": kept.rows["elapsed"].float()}),
+            replace(kept, worlds=kept.worlds.float()),
+        ],
+        "different worlds": [replace(kept, worlds=torch.tensor([0, -1]))],
+    }
+    for match, snapshots in wrong.items():
+        for snapshot in snapshots:
+            with pytest.raises((ArgumentError, SceneMismatchError), match=match):
+                envs.reset(options={"state": snapshot})
+    assert_equal(state(envs), before)
+    mask = np.array([True, False])
+    envs.reset(options={"state": _with(kept, "data.qpos", np.nan)[:1], "reset_mask": mask})
+    assert_equal(state(envs), before)
