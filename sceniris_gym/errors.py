@@ -61,7 +61,7 @@ class UnknownNameError(ScenirisError):
     def __init__(self, kind: str, name: str, where: str, valid: Iterable[str]) -> None:
         self.kind, self.name, self.where, self.valid = kind, name, where, sorted(valid)
         listing = ", ".join(self.valid) if self.valid else "none"
-        super().__init__(f"{where}: unknown {kind} '{name}'.{did_you_mean(name, self.valid)} Valid: {listing}.")
+        super().__init__(f"{where}: unknown {kind} '{name}'.{did_you_mean(str(name), self.valid)} Valid: {listing}.")
 
 
 class NoSupportError(ScenirisError):

@@ -159,7 +159,8 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         rows = self.rows(np.arange(first, first + count))
         states = LayoutTable.from_states(rows["qpos"], rows["mocap_pos"], rows["mocap_quat"], rows["present"])
         if "draw_seed" not in rows:  # nothing is drawn, or the file is older: then the keys of fallbacks are unknown
-            rows["draw_seed"], rows["draw_episode"] = rows["seed"], np.where(rows["valid"], rows["episode"], -1)
+            held = {name: getattr(states, name) for name in ("seed", "episode", "valid")} | rows
+            rows["draw_seed"], rows["draw_episode"] = held["seed"], np.where(held["valid"], held["episode"], -1)
             rows["draw_stream"] = np.full(count, named_stream(self.manifest["split"]), np.int32)
         columns = {name: rows[name] for name in COLUMNS if name in rows}
         return replace(states, **columns, scene=self.manifest["hash"], split=self.manifest["split"])

@@ -141,22 +141,23 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
     Raises:
         SceneMismatchError: There are such columns or rows.
     """
-    mjm, nrow, nreach = compiled.mjm, len(table), table.grasp.shape[1]
+    shapes = {name: array.shape for name, array in vars(table).items() if isinstance(array, np.ndarray)}
+    mjm, nrow, nreach = compiled.mjm, len(table), (*shapes.get("grasp", ()), 0, 0)[1]
     known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
-    joints = table.grasp_qpos.shape[2] if table.grasp_qpos.ndim == 3 else -1
+    joints = (*shapes.get("grasp_qpos", ()), -1, -1, -1)[2]
     wanted = {
         "qpos": (mjm.nq,),
         "mocap_pos": (mjm.nmocap, 3),
         "mocap_quat": (mjm.nmocap, 4),
         "present": (len(compiled.slots),),
         **dict.fromkeys(("seed", "episode", "start", *columns("draw")), ()),
-        "knob": (table.knob.shape[1],),
+        "knob": shapes.get("knob", ())[1:2],
         "grasp": (0 if nreach == 0 else known,),
         "grasp_qpos": (nreach, min(joints, MAX_JOINTS)),
         "pregrasp_qpos": (nreach, min(joints, MAX_JOINTS)),
     }
     for name, shape in wanted.items():
-        found = getattr(table, name).shape
+        found = shapes.get(name)
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
             raise SceneMismatchError(

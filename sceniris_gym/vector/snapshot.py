@@ -79,10 +79,11 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
             no world can have.
     """
     check_type(snapshot, Snapshot, "options['state']")
-    found = {name: (rows.dtype, tuple(rows.shape)) for name, rows in snapshot.rows.items()}
-    wanted = {name: (tensor.dtype, (len(snapshot), *tensor.shape[1:])) for name, tensor in live.items()}
-    is_whole = snapshot.worlds.dtype is torch.int64 and wanted.items() <= found.items()
-    if snapshot.source != source or not is_whole:
+    rows: dict[str, Any] = {**snapshot.rows, "worlds": snapshot.worlds}
+    found = {name: (values.dtype, tuple(values.shape)) for name, values in rows.items()}
+    wanted: dict[str, Any] = {"worlds": (torch.int64, (len(snapshot),))}
+    wanted |= {name: (tensor.dtype, (len(snapshot), *tensor.shape[1:])) for name, tensor in live.items()}
+    if snapshot.source != source or not wanted.items() <= found.items():
         raise SceneMismatchError(
             "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."
         )

@@ -42,7 +42,8 @@ def compiled() -> CompiledScene:
 
 
 @functools.cache
-def _generator() -> LayoutGenerator:
+def generator() -> LayoutGenerator:
+    """Layouts of it."""
     return LayoutGenerator(compiled(), 4)
 
 
@@ -51,7 +52,7 @@ def _arm() -> SerialArm:
     return gantry()[1]
 
 
-def _array(draws: np.random.Generator) -> Any:
+def some_array(draws: np.random.Generator) -> Any:
     """An array of some library, of a shape and type that may fit."""
     shape = [(4,), (4, 1), (3,), (), (0,), (4, 4)][int(draws.integers(6))]
     dtype = [bool, np.int64, np.float32, np.uint8, np.uint64][int(draws.integers(5))]
@@ -72,7 +73,7 @@ def _array(draws: np.random.Generator) -> Any:
 
 def _calls(draws: np.random.Generator) -> list[Callable[[], object]]:
     cpu, space = torch.device("cpu"), _space()
-    wrong, array = (lambda: value(draws)), (lambda: _array(draws))
+    wrong, array = (lambda: value(draws)), (lambda: some_array(draws))
     return [
         lambda: SceneConfig.load(wrong()),
         lambda: SceneConfig.load({"objects": {}}, wrong()),
@@ -82,9 +83,9 @@ def _calls(draws: np.random.Generator) -> list[Callable[[], object]]:
         lambda: LayoutGenerator(compiled(), 1, seed=wrong()),
         lambda: LayoutGenerator(compiled(), 1, split=wrong()),
         lambda: LayoutGenerator(wrong(), 1),
-        lambda: _generator().reseed(array()),
-        lambda: _generator().reseed(0, array()),
-        lambda: _generator().generate(array()),
+        lambda: generator().reseed(array()),
+        lambda: generator().reseed(0, array()),
+        lambda: generator().generate(array()),
         lambda: as_mask(array(), 4, wp.get_device("cpu")),
         lambda: as_rows(array(), 4, 4, wp.get_device("cpu")),
         lambda: as_reset_mask({"reset_mask": array()}, 4),
@@ -120,10 +121,10 @@ def wrong_file(draws: np.random.Generator, folder: Path) -> None:
     match int(draws.integers(5)):
         case 0:
             text = json.dumps(base_scene(folder), indent=1).encode()
-            path.write_bytes(_changed(text, draws))
+            path.write_bytes(changed(text, draws))
             SceneConfig.load(path)
         case 1:
-            path.write_bytes(_changed(_map_bytes(draws), draws))
+            path.write_bytes(changed(_map_bytes(draws), draws))
             ReachMap.load(path, _arm())
         case 2:
             path.write_bytes(_map_bytes(draws))
@@ -133,7 +134,7 @@ def wrong_file(draws: np.random.Generator, folder: Path) -> None:
         case _:
             file = io.BytesIO()
             np.save(file, np.tile(np.eye(4), (3, 1, 1)))
-            path.write_bytes(_changed(file.getvalue(), draws))
+            path.write_bytes(changed(file.getvalue(), draws))
             read_poses(path)
 
 
@@ -165,14 +166,14 @@ def _wrong_dataset(draws: np.random.Generator, folder: Path) -> None:
     except (TypeError, ValueError, RecursionError):  # JSON has no such value
         return
     if draws.random() < 0.7:
-        path.write_bytes(_changed(path.read_bytes(), draws))
+        path.write_bytes(changed(path.read_bytes(), draws))
     dataset = LayoutDataset(folder)
     dataset.rows(range(len(dataset)))
     dataset.table()
     verify(folder)
 
 
-def _changed(text: bytes, draws: np.random.Generator) -> bytes:
+def changed(text: bytes, draws: np.random.Generator) -> bytes:
     """The same bytes with some changed, cut off, or put in."""
     found = bytearray(text)
     for _ in range(int(draws.integers(1, 8))):

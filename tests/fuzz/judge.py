@@ -20,6 +20,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.fuzz.calls import wrong_call, wrong_file
 from tests.fuzz.scenes import write_assets, wrong_model, wrong_scene
+from tests.fuzz.uses import wrong_use
 
 SLOW = 20.0
 """Seconds after which a case counts as a hang."""
@@ -35,14 +36,16 @@ class Findings:
     bad: list[str] = field(default_factory=list)
 
 
-def fuzz(first: int, number: int, folder: Path, tell: Callable[[int], object] = lambda _: None) -> Findings:
-    """Run cases `first` to `first + number - 1`; each is a function of its number alone."""
+def fuzz(
+    first: int, number: int, folder: Path, tell: Callable[[int], object] = lambda _: None, *, uses: bool = False
+) -> Findings:
+    """Run cases `first` to `first + number - 1`, each a function of its number alone; those of `uses` are others."""
     write_assets(folder)
     found = Findings()
     for case in range(first, first + number):
         draws = np.random.default_rng(case)
         start = time.monotonic()
-        what, why = _ended(draws, folder)
+        what, why = _ended(draws, folder, uses)
         if time.monotonic() - start > SLOW:
             what, why = "hang", f"{time.monotonic() - start:.0f} s ({what})"
         found.counts[what] += 1
@@ -52,12 +55,16 @@ def fuzz(first: int, number: int, folder: Path, tell: Callable[[int], object] = 
     return found
 
 
-def _ended(draws: np.random.Generator, folder: Path) -> tuple[str, str]:
+def _ended(draws: np.random.Generator, folder: Path, uses: bool) -> tuple[str, str]:
     kind = draws.random()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            if kind < 0.25:
+            if uses:
+                wrong = wrong_use(draws, folder)
+                if wrong is not None:
+                    return "nonsense", wrong
+            elif kind < 0.25:
                 wrong_call(draws)
             elif kind < 0.45:
                 wrong_file(draws, folder)

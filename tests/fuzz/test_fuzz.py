@@ -19,6 +19,14 @@ def test_bad_input_ends_in_words_or_in_sound_layouts(tmp_path: Path):
     assert found.counts["accepted"] > 25
 
 
+def test_wrong_uses_end_in_words_or_in_sound_layouts(tmp_path: Path):
+    """Of environments, snapshots, levels, tables, ids and files; the ids of what follows make it again."""
+    found = fuzz(0, 40, tmp_path, uses=True)
+    assert found.bad == []
+    assert found.counts["refused"] > 20
+    assert found.counts["accepted"] > 1
+
+
 def test_all_sections_of_a_scene_file_are_fuzzed():
     """Their fields come from the config itself, so that a new word is fuzzed as well."""
     for path in (

@@ -1,8 +1,9 @@
 """Bad scenes, models, maps, files and calls, as many as wanted: what of them ends in anything but words or layouts.
 
-python -m tests.stress.fuzz --n 20000 [--first 0] [--jobs 2]
+python -m tests.stress.fuzz --n 20000 [--first 0] [--jobs 2] [--uses]
 
-Case i is a function of i alone; `tests/fuzz/` makes and judges it. Cases run in processes of their own, so that a crash
+Case i is a function of i alone; `tests/fuzz/` makes and judges it. With `--uses` cases are wrong uses of environments,
+snapshots, levels, tables, problem files and runs. Cases run in processes of their own, so that a crash
 is found as well. The exit status is 1 if there is a traceback, a hang, nonsense that was accepted, or a crash.
 """
 
@@ -30,11 +31,14 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=20_000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--uses", action="store_true")
     words = parser.parse_args()
     counts: Counter[str] = Counter()
     starts = range(words.first, words.first + words.n, _CASES)
     with ThreadPoolExecutor(words.jobs) as pool, tqdm(total=words.n, file=sys.stderr) as bar:
-        for found, bad in pool.map(lambda s: _in_a_process(s, min(_CASES, words.first + words.n - s)), starts):
+        for found, bad in pool.map(
+            lambda s: _in_a_process(s, min(_CASES, words.first + words.n - s), words.uses), starts
+        ):
             counts += found
             bar.update(sum(found.values()))
             for text in bad:
@@ -44,14 +48,14 @@ def main() -> None:
     sys.exit(int(wrong > 0))
 
 
-def _in_a_process(first: int, number: int) -> tuple[Counter[str], list[str]]:
+def _in_a_process(first: int, number: int, uses: bool) -> tuple[Counter[str], list[str]]:
     """Run some cases; where the process dies, the case that it was at is a crash, and the rest run in another one."""
     counts: Counter[str] = Counter()
     bad: list[str] = []
     at, end = first, first + number
     while at < end:
         ours, theirs = multiprocessing.get_context("spawn").Pipe()
-        process = multiprocessing.get_context("spawn").Process(target=_run, args=(theirs, at, end), daemon=True)
+        process = multiprocessing.get_context("spawn").Process(target=_run, args=(theirs, at, end, uses), daemon=True)
         process.start()
         theirs.close()
         try:
@@ -75,7 +79,7 @@ def _in_a_process(first: int, number: int) -> tuple[Counter[str], list[str]]:
     return counts, bad
 
 
-def _run(pipe: Connection, first: int, end: int) -> None:
+def _run(pipe: Connection, first: int, end: int, uses: bool) -> None:
     import warp as wp
 
     from tests.fuzz.judge import fuzz
@@ -83,7 +87,7 @@ def _run(pipe: Connection, first: int, end: int) -> None:
     wp.config.log_level = wp.LOG_ERROR
     with tempfile.TemporaryDirectory() as folder:
         for case in range(first, end):
-            found = fuzz(case, 1, Path(folder))
+            found = fuzz(case, 1, Path(folder), uses=uses)
             pipe.send((next(iter(found.counts)), found.bad))
 
 
