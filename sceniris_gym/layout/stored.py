@@ -141,7 +141,8 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
     Raises:
         SceneMismatchError: There are such columns or rows.
     """
-    shapes = {name: array.shape for name, array in vars(table).items() if isinstance(array, np.ndarray)}
+    arrays = {name: array for name, array in vars(table).items() if isinstance(array, np.ndarray)}
+    shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in "biuf"}
     mjm, nrow, nreach = compiled.mjm, len(table), (*shapes.get("grasp", ()), 0, 0)[1]
     known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
     joints = (*shapes.get("grasp_qpos", ()), -1, -1, -1)[2]
@@ -150,7 +151,8 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         "mocap_pos": (mjm.nmocap, 3),
         "mocap_quat": (mjm.nmocap, 4),
         "present": (len(compiled.slots),),
-        **dict.fromkeys(("seed", "episode", "start", *columns("draw")), ()),
+        **dict.fromkeys(("seed", "episode", "start", "valid", *columns("draw", "count")), ()),
+        "grasp_pose": (nreach, 7),
         "knob": shapes.get("knob", ())[1:2],
         "grasp": (0 if nreach == 0 else known,),
         "grasp_qpos": (nreach, min(joints, MAX_JOINTS)),
@@ -206,6 +208,6 @@ def _on_device(table: LayoutTable, device: str) -> LayoutsView:
     rows = {name: getattr(table, name) for name in ("knob", *columns("draw", "pose", "grasp"))}
     padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
     for name in ("grasp_qpos", "pregrasp_qpos"):
-        rows[name] = np.pad(rows[name], padding, constant_values=np.nan)
+        rows[name] = np.pad(rows[name].astype(np.float32), padding, constant_values=np.nan)
     fill_struct(LayoutsView, view, rows, device)
     return view

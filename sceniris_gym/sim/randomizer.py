@@ -327,7 +327,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def set_knob(self, name: str, value: Any, mask: Any = None) -> None:
         """Change a knob of the masked worlds; their next layouts follow. See `LayoutSource.set_knobs`."""
-        self.layout_source.set_knobs({str(name): value}, mask)
+        check_type(name, str, "set_knob: name")
+        self.layout_source.set_knobs({name: value}, mask)
 
     def layout_ids(self) -> list[str]:
         """Return the ids of the present layouts, see `Layouts.ids`."""

@@ -70,6 +70,10 @@ def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) 
     return {name: tensor for name, tensor in live.items() if name not in kept}
 
 
+def _form(tensor: Tensor) -> tuple[Any, ...]:
+    return tensor.dtype, tensor.layout, tensor.is_meta
+
+
 def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], compiled: CompiledScene) -> None:
     """Refuse what cannot be written into the worlds.
 
@@ -80,9 +84,9 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
     """
     check_type(snapshot, Snapshot, "options['state']")
     rows: dict[str, Any] = {**snapshot.rows, "worlds": snapshot.worlds}
-    found = {name: (values.dtype, tuple(values.shape)) for name, values in rows.items()}
-    wanted: dict[str, Any] = {"worlds": (torch.int64, (len(snapshot),))}
-    wanted |= {name: (tensor.dtype, (len(snapshot), *tensor.shape[1:])) for name, tensor in live.items()}
+    found = {name: (*_form(values), tuple(values.shape)) for name, values in rows.items()}
+    tensors = {"worlds": torch.zeros(1, dtype=torch.int64), **live}
+    wanted = {name: (*_form(tensor), (len(snapshot), *tensor.shape[1:])) for name, tensor in tensors.items()}
     if snapshot.source != source or not wanted.items() <= found.items():
         raise SceneMismatchError(
             "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."

@@ -311,7 +311,7 @@ WRONG_CALLS = {
     "autoreset_mode": (FixedError, "autoreset_mode", lambda envs: envs.set_attr("autoreset_mode", {})),
     "steps": (CountError, "max_episode_steps should be", lambda envs: envs.set_attr("max_episode_steps", {})),
     "attribute": (ArgumentTypeError, "set_attr: name", lambda envs: envs.set_attr(3, 4)),
-    "knob": (UnknownNameError, "unknown knob", lambda envs: envs.set_knob([SLIDE], [0.05, 0.06])),
+    "knob": (ArgumentTypeError, "set_knob: name", lambda envs: envs.set_knob([SLIDE], [0.05, 0.06])),
     "value": (ArgumentError, SLIDE, lambda envs: envs.set_knob(SLIDE, 10**400)),
     "ragged": (ArgumentError, SLIDE, lambda envs: envs.set_knob(SLIDE, [[0.05], [0.05, 0.06]])),
     "rows": (ArgumentError, "knobs should have shape", lambda envs: envs.randomizer.reseed(0, knobs=[[1], [1, 2]])),
