@@ -361,7 +361,7 @@ def as_names(value: Any, name: str) -> tuple[str, ...]:
         return (value,)
     names = tuple(value) if isinstance(value, Iterable) else (value,)
     if not all(isinstance(each, str) for each in names):
-        raise ArgumentTypeError(f"{name} should be a name or several, got {value!r}.")
+        raise ArgumentTypeError(f"{name} should be a name or several, got {type(value)}.")
     return names
 
 
