@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from shapely.geometry import MultiPoint
 
@@ -10,24 +12,23 @@ from sceniris_gym.geometry.resting_poses import ROCKING
 
 # Points this far [m] above the lowest one are on the same level.
 _FLAT = 2.0e-4
+# Angle [rad] by which a direction is turned to see how far a foot reaches next to it.
+_TURN = 1.0e-3
 # A foot that shrinks to less than this share of its area as it leans by a fifth of the angle is curved.
 _SHARE = 0.5
 
 
-def foot(pieces: list[np.ndarray], height: float) -> tuple[list[np.ndarray], bool]:
-    """Return the foot of convex pieces on level ground, and whether it is curved, so that it rolls as it leans.
+def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
+    """Return the foot of convex pieces on level ground; nothing if it is curved, so that it rolls as it leans.
 
     A piece has a foot if it reaches the ground, also as the whole leans by the angle that a stable pose may rock by.
-    Its corners are the points that touch the ground as it leans by that in all directions. A curved foot is one part,
-    and wider by the way that the centre of mass may be off as it leans.
+    Its corners are the points that touch the ground as it leans by that in all directions.
 
     Args:
         pieces: Vertices of each piece [m], z up, shape (n, 3).
-        height: Height of the centre of mass over the ground [m].
 
     Returns:
-        For each piece with a foot its corners [m], counter-clockwise, `MAX_FOOT` at most, shape (m, 2); and True for a
-        curved foot.
+        For each piece with a foot its corners [m], counter-clockwise, `MAX_FOOT` at most, shape (m, 2).
     """
     points = np.concatenate(pieces)
     owner = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
@@ -36,8 +37,29 @@ def foot(pieces: list[np.ndarray], height: float) -> tuple[list[np.ndarray], boo
     level, whole = (MultiPoint(points[found, :2]).convex_hull.area for found in (_touching(points, 0.2), touching))
     carrying = {*owner[touching].tolist(), *owner[points[:, 2] < bottom].tolist()}
     if level > _SHARE * whole:
-        return [_corners(pieces[i]) for i in sorted(carrying)], False
-    return [points[touching, :2] + height * np.sin(np.radians(ROCKING)) * around(MAX_FOOT)], True
+        return [_corners(pieces[i]) for i in sorted(carrying)]
+    return []
+
+
+def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.ndarray:
+    """Return the corners [m] of a curved foot, counter-clockwise, shape (`MAX_FOOT`, 2).
+
+    A centre of mass has risen as the whole leans by the angle in any direction if it is inside of the corners by more
+    than its height times the tangent of half the angle.
+
+    Args:
+        lowest: Height of the lowest point [m], shape (n,), along upward directions, shape (n, 3); around a point of the
+            ground below.
+        angle: The angle [rad].
+    """
+    sides, upward = around(MAX_FOOT), np.full(MAX_FOOT, np.cos(angle))
+    along = np.column_stack([-sides[:, 1], sides[:, 0]])
+    before, after = (
+        -lowest(np.column_stack([-np.sin(angle) * (sides + step * along), upward])) / np.sin(angle)
+        for step in (-_TURN, _TURN)
+    )
+    # the point of a convex curve that is furthest along a direction, from its distance and how that changes
+    return (0.5 * (before + after))[:, None] * sides + (0.5 * (after - before) / _TURN)[:, None] * along
 
 
 def _touching(points: np.ndarray, share: float = 1.0) -> np.ndarray:

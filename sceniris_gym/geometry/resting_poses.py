@@ -230,10 +230,14 @@ class HomeShape:
 
     def _height(self, up: np.ndarray) -> np.ndarray:
         """Return the height [m] of the centre of mass over the lowest point for directions `up` in the root's frame."""
+        return up @ self.center_of_mass - self.lowest(up)
+
+    def lowest(self, up: np.ndarray) -> np.ndarray:
+        """Return the height [m] of the lowest point, margins included, for directions `up` in the root's frame."""
         lowest = np.full(len(up), np.inf)
         for p, mat, at, margin in zip(self._pieces, self._mats, self._at, self.margins, strict=True):
             lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at - margin)
-        return up @ self.center_of_mass - lowest
+        return lowest
 
 
 def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:

@@ -7,6 +7,10 @@ mean of the outer products of the patch's corners around their mean, as each cor
 with it, so leaning is worked out in passes; what is top-heavy does not come to rest. A load that falls by f until it is
 carried is shaken, so that the margin is to be above t sqrt(f h), with h the height of its centre; `Law` has t.
 
+MuJoCo keeps four contacts of a face, the largest quadrilateral of its corners. Where a round support has more, a load
+near its rim is outside of them, so it tips until others take over. That adds s sqrt(d h) to the margin, at most. A load
+on a curved foot has risen after leaning by an angle a if its margin is above h tan(a / 2).
+
 The corners of a patch are those that are furthest in each of 16 directions, so its hull is a little smaller than the
 exact one.
 """
@@ -18,7 +22,7 @@ from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_statics import DIRECTIONS, Statics
+from sceniris_gym.program.device_statics import DIRECTIONS, LawVector, Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -27,6 +31,8 @@ _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
 # A part of a foot of which less than this share is on the support has one contact there, which it may lose.
 _SLIVER = wp.constant(0.5)
+# The largest quadrilateral of corners of a circle leaves out 0.29 of its radius.
+_LOST = wp.constant(0.35)
 # Greatest move [m] of the uppermost object until it is at rest.
 _MOVE = wp.constant(6.5e-3)
 
@@ -45,10 +51,11 @@ class Level:
     middle: wp.vec2
     softness: wp.mat22  # lean [rad] for each metre between the load's centre and `middle`
     margin: float
+    inner: float  # radius of the patch around `middle`
     sink: float
     gap: float
     lean: wp.vec2
-    law: wp.vec4
+    law: LawVector
 
 
 @wp.func
@@ -172,6 +179,7 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
         margin = -1.0
     level.middle = middle
     level.margin = margin
+    level.inner = inner
     size = level.law[2] * float(DIRECTIONS) * level.sink / wp.max(wp.determinant(spread), 1.0e-30)
     level.softness = size * wp.mat22(spread[1, 1], -spread[0, 1], -spread[0, 1], spread[0, 0])
     return level
@@ -218,8 +226,11 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
         level = levels[j]
         fall += level.gap + level.sink
         drop += wp.dot(level.lean, wp.vec2(level.load[1], level.load[2]) - level.middle)
-        share = level.law[0] + level.law[1] * wp.length(level.lean)
-        needed = share * wp.sqrt(wp.max(fall * (level.load[3] - level.foot), 0.0))
+        height = wp.max(level.load[3] - level.foot, 0.0)
+        root = wp.sqrt(wp.max(fall * height, 0.0))
+        swap = wp.min(level.law[4] * wp.sqrt(level.sink * height), _LOST * level.inner)
+        share = level.law[0] + wp.max(level.law[1] * wp.length(level.lean), swap / wp.max(root, 1.0e-9))
+        needed = share * root + level.law[5] * height
         if level.margin - wp.length(shift[j]) <= needed:
             return False
     drop += fall

@@ -8,6 +8,8 @@ import warp as wp
 
 DIRECTIONS = 16
 """Number of directions in which patches are measured."""
+LawVector = wp.types.vector(length=6, dtype=float)
+"""The numbers of a `program.standing.Law`."""
 
 
 @wp.struct
@@ -27,7 +29,7 @@ class Statics:
     obj_touch: wp.array[float]  # distance from which on its support carries it [m]
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
-    variant_law: wp.array[wp.vec4]  # see `Law`
+    variant_law: wp.array[LawVector]  # see `Law`
     variant_radius: wp.array[float]  # of its foot around its pivot; 1e30 if that does not hold it by itself
     foot_corneradr: wp.array[int]  # a foot has convex parts
     foot_cornernum: wp.array[int]

@@ -15,7 +15,7 @@ from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.placement.standing import Level, find_patch, loads_stand, weigh
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_statics import DIRECTIONS, Statics
+from sceniris_gym.program.device_statics import DIRECTIONS, LawVector, Statics
 from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf
 from tests.placement.supports import PLATE, TILES, tiles_mjcf
@@ -56,7 +56,7 @@ def _weigh(
 def _load(
     off: wp.array[float],
     softness: float,
-    law: wp.vec4,
+    law: LawVector,
     # Out:
     stands: wp.array[bool],
 ):
@@ -69,6 +69,7 @@ def _load(
     level.margin = 0.05 - off[i]
     level.gap = 0.0005
     level.sink = 0.0005
+    level.inner = 0.05
     level.softness = wp.mat22(softness, 0.0, 0.0, softness)
     level.law = law
     levels[0] = level
@@ -146,13 +147,16 @@ def test_weight_and_centre_are_those_of_mujoco(tmp_path: Path):
         (0.1, (0.0, 0.0, 1.0), 0.05 * (1 - 0.1 * 0.05)),
         (21.0, (0.0, 0.0, 1.0), 0.0),
         (3.0, (0.0, 0.0, 1.0), 0.0133),
+        (0.0, (0.0, 0.0, 1.0, 1e3, 2.0, 0.0), 0.05 - 2.0 * (0.0005 * 0.05) ** 0.5),
+        (0.0, (0.0, 0.0, 1.0, 1e3, 0.0, 0.3), 0.05 - 0.3 * 0.05),
     ],
-    ids=["rigid", "shaken", "soft", "top-heavy", "moves"],
+    ids=["rigid", "shaken", "soft", "top-heavy", "moves", "four of many contacts", "rolls"],
 )
 def test_a_load_stands_up_to_a_distance_from_the_middle(softness: float, law: tuple[float, ...], limit: float):
-    """By the margin alone, by its fall, as it leans, if it leans ever further, and by how far its top may move."""
+    """By margin, fall, leaning, leaning ever further, the motion of its top, contacts that change, and rolling."""
     off = np.linspace(0.0001, 0.06, 600)
     stands = wp.zeros(len(off), dtype=bool)
-    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, wp.vec4(*law, 1.0e3)], [stands], device="cpu")
+    numbers = LawVector(*law, *(1e3, 0.0, 0.0)[len(law) - 3 :])
+    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, numbers], [stands], device="cpu")
     last = off[stands.numpy()].max(initial=0.0)
     assert last == pytest.approx(limit, abs=0.0008)

@@ -77,11 +77,12 @@ def check_standing(plan: Plan) -> None:
                 f"place, which should be {1e3 * _DROP:g} mm at most. Let visible and colliding geoms end at one height."
             )
         check_weight(plan.scene.mjm, o.bodies, where)
-        margin = max(f.most for f in stance.feet)
-        if margin <= 0.0:
+        best = max(stance.feet, key=lambda f: f.most)
+        if best.most <= 0.0:
+            falls, foot = ("rolls", "curved foot, or too high above it") if best.law.tip else ("falls", "foot")
             raise SceneKeyError(
-                f"{where}: '{o.name}' falls over: its centre of mass is {-1e3 * margin:.3g} mm outside of its foot. "
-                f"Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
+                f"{where}: '{o.name}' {falls} over: its centre of mass is {-1e3 * best.most:.3g} mm outside of its "
+                f"{foot}. Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
             )
         if stance.sink > _GIVES:
             raise SceneKeyError(

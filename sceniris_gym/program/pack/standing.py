@@ -17,6 +17,8 @@ from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.standing import CURVED, Foot, carriers_of
 
+# MuJoCo takes the end of a cylinder for a polygon of 16 corners when it looks for contacts on a face.
+_ROUND = np.cos(np.pi / 16)
 _ENDLESS = np.zeros((0, 4))
 """The edges of a surface that no foot can leave."""
 _NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0, most=0.0)
@@ -51,7 +53,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_sink": sink * (not drawn),
         "obj_give": give * drawn,
         "obj_touch": np.array([s.touch for s in found]),
-        "variant_law": np.reshape([f.law for f in feet], (-1, 4)),
+        "variant_law": np.reshape([f.law for f in feet], (-1, len(CURVED))),
         "variant_radius": np.array(radius, float),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
@@ -83,6 +85,10 @@ def _convex_parts(surface: SupportSurface) -> list[np.ndarray]:
         corners = list(triangulate(surface.outline))
     else:
         ring = shapely.get_coordinates(hull)[:-1]
-        corners = [ring if len(ring) <= MAX_FOOT else ring[np.unique((ring @ around(MAX_FOOT).T).argmax(axis=0))]]
+        if len(ring) > MAX_FOOT:
+            ring = ring[np.unique((ring @ around(MAX_FOOT).T).argmax(axis=0))]
+            middle = shapely.get_coordinates(hull.centroid)
+            ring = middle + _ROUND * (ring - middle)
+        corners = [ring]
     rings = [np.asarray(shapely.geometry.polygon.orient(shapely.Polygon(c)).exterior.coords)[:, :2] for c in corners]
     return [np.hstack([ring[:-1], ring[1:]]) for ring in rings]

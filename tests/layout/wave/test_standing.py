@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
@@ -87,3 +88,50 @@ def test_contact_margins_are_no_fall(tmp_path: Path):
     generator.generate()
     assert generator.layouts.first_pass_valid.numpy().mean() > 0.9
     assert not moving(compiled, generator).any()
+
+
+DRUM = """<mujoco><worldbody><body name="drum" pos="0 0 1"><freejoint/><geom type="cylinder" size="{r} .04"/></body>
+  <body name="box" pos="9 0 1"><freejoint/>{top}</body></worldbody></mujoco>"""
+_BOX = '<geom type="box" size="{w} {w} {h}"/>'
+_TEE = _BOX + '<geom type="box" size="{w} {w} .004" pos="0 0 {h}"/>'
+
+
+@pytest.mark.parametrize(
+    ("radius", "top"),
+    [(0.02, _BOX.format(w=0.02, h=0.02)), (0.3, _BOX.format(w=0.08, h=0.04)), (0.3, _TEE.format(w=0.2, h=0.1))],
+    ids=["small", "large", "two geoms"],
+)
+def test_what_hangs_over_a_round_rim_stands(radius: float, top: str):
+    """On drums of 4 cm and 60 cm, of 512 boxes the 64 that are farthest out stand in MuJoCo C."""
+    spec = mujoco.MjSpec.from_string(DRUM.format(r=radius, top=top))
+    scene = {"model": spec, "floor": {"size": [2, 2]}, "objects": {"drum": {"on": "floor"}, "box": {"on": "drum"}}}
+    compiled = compile_on_cpu(scene, bank=8)
+    rows, judge = make(compiled, 512), StackJudge(compiled.mjm)
+    off = np.linalg.norm(rows.qpos[:, 7:9] - rows.qpos[:, :2], axis=1)
+    far = np.argsort(-off)[:_LAYOUTS]
+    assert off[far].min() > 0.5 * radius
+    nothing = np.zeros((0, 3)), np.zeros((0, 4))
+    assert [i for i in far if judge.moves(rows.qpos[i], *nothing).max() > STILL] == []
+
+
+ROLLING = """<mujoco><worldbody><body name="ball" pos="0 0 1"><freejoint/>
+  <inertial pos="0 0 -.02" mass="{mass}" diaginertia="1e-3 1e-3 1e-3"/><geom type="sphere" size=".04"/>
+  <geom type="box" size=".06 .06 .005" pos="0 0 .045"/></body>
+  <body name="brick" pos="9 0 1"><freejoint/><geom type="box" size=".03 .03 .02" mass=".2"/></body>
+  </worldbody></mujoco>"""
+
+
+def test_a_load_may_not_make_a_curved_foot_roll_over():
+    """A ball that is heavy below carries a brick near its middle; a light one carries it nowhere."""
+    objects = {"ball": {"on": "floor"}, "brick": {"on": "ball"}}
+    scenes = [
+        {"model": mujoco.MjSpec.from_string(ROLLING.format(mass=mass)), "floor": {"size": [1, 1]}, "objects": objects}
+        for mass in (2, 0.1)
+    ]
+    compiled = compile_on_cpu(scenes[0], bank=8)
+    generator = LayoutGenerator(compiled, _LAYOUTS)
+    generator.generate()
+    assert generator.rejection_counts()["brick"]["falls"] > 0
+    assert not moving(compiled, generator).any()
+    with pytest.raises(InfeasibleSceneError, match="'brick' could not be placed, mostly because of falls"):
+        compile_on_cpu(scenes[1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import SceneKeyError
+from tests.oracle.stack_judge import STILL, StackJudge
 from tests.program.scenes import checked, scene_of
 
 MODEL = """<mujoco><option gravity="{gravity}">{flag}</option><worldbody>
@@ -78,6 +80,39 @@ def test_what_cannot_stand_is_refused_by_name(case: str):
     with pytest.raises(SceneKeyError, match=message):
         made(**parts)
     made(**parts, words={"stands": False})
+
+
+BODY = """<mujoco><worldbody><geom name="floor" type="plane" size="3 3 .1"/>
+  <body name="thing" pos="0 0 {z}"><freejoint/>{inertial}<geom {geom}/></body></worldbody></mujoco>"""
+INERTIAL = '<inertial pos="{} {} {}" mass=".1" diaginertia="4e-5 4e-5 4e-5"/>'
+BALL = 'type="sphere" size=".04"'
+CURVED: dict[str, tuple[str, tuple[float, float, float], float, bool]] = {
+    "an egg on its end": ('type="ellipsoid" size=".022 .022 .03"', (3e-4, 0.0, 0.0), 0.03, False),
+    "an egg on its side": ('type="ellipsoid" size=".03 .022 .022"', (1e-3, 0.0, 0.0), 0.022, True),
+    "a lens": ('type="ellipsoid" size=".05 .05 .015"', (2e-3, 1e-3, 0.0), 0.015, True),
+    "a ball": (BALL, (0.0, 1e-4, 0.0), 0.04, True),
+    "a ball with a weight in its side": (BALL, (0.0, 1e-3, 0.0), 0.04, False),
+    "a ball with a weight below": (BALL, (1e-3, 0.0, -0.02), 0.04, True),
+    "a ball with a weight above": (BALL, (1e-3, 0.0, 0.02), 0.04, False),
+    "a capsule on its end": ('type="capsule" size=".03 .06"', (1e-3, 0.0, 0.0), 0.09, False),
+    "a capsule on its side": ('type="capsule" size=".03 .06" euler="90 0 0"', (0.0, 0.03, 0.0), 0.03, True),
+    "a capsule with a weight in its side": ('type="capsule" size=".03 .06" euler="90 0 0"', (1e-3, 0, 0), 0.03, False),
+    "a cylinder on its side": ('type="cylinder" size=".03 .06" euler="0 90 0"', (0.04, 1e-4, 0.0), 0.03, True),
+}
+
+
+@pytest.mark.parametrize("case", CURVED)
+def test_what_balances_on_a_curved_foot_is_refused(case: str):
+    """A thing is refused by name if it rolls over in MuJoCo C, which drops it as a layout does, and else taken."""
+    geom, center, height, stays = CURVED[case]
+    text = BODY.format(geom=geom, inertial=INERTIAL.format(*center), z=height + 0.0005)
+    mjm = mujoco.MjModel.from_xml_string(text)
+    moved = StackJudge(mjm).moves(mjm.qpos0, np.zeros((0, 3)), np.zeros((0, 4))).max()
+    assert (moved <= STILL) == stays
+    scene = scene_of({"thing": {"on": "floor"}}, model=mujoco.MjSpec.from_string(text))
+    message = r"thing\.on: 'thing' rolls over: its centre of mass is [0-9.]+ mm outside of its curved foot, or too high"
+    with nullcontext() if stays else pytest.raises(SceneKeyError, match=message):
+        checked(scene)
 
 
 @pytest.mark.parametrize("joint", ['frictionloss="30"', 'range="0 .1" stiffness="2000"'])
