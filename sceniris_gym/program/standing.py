@@ -216,7 +216,7 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     fields = {draw.word.field for draw in scene.draws if heavy.intersection(draw.rows.tolist())}
     is_shifted = "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)  # its centre of mass
     rims = [shapely.get_num_coordinates(s.outline.convex_hull.simplify(_STRAIGHT)) - 1 for s in surfaces]
-    law = law._replace(swap=0.0 if are_boxes or max(rims) <= _FOUR else _SWAP)
+    law = law if are_boxes or max(rims) <= _FOUR else OTHERS._replace(swap=_SWAP)
     feet = [_foot(shapes, v, law, lower, is_shifted) for v in o.variants]
     return Stance(
         levels=levels,
