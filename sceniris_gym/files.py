@@ -1,4 +1,4 @@
-"""Files that are written completely or not at all, checks beforehand that they can be, and the JSON in them."""
+"""Files that are written completely or not at all, checks beforehand that they can be, JSON, and files of strangers."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import json
 import math
 import os
 import re
-import socket
-import tempfile
+import secrets
+import stat
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from sceniris_gym.errors import NotSupportedError, OutputError
 from sceniris_gym.stopping import temporary
@@ -26,7 +26,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
 
     If it fails, or a signal ends the program, the temporary file is removed and `path` stays as it was. The file of a
-    killed process is removed by the next one on the same machine.
+    killed process is removed by the next one in the same container. The user's umask sets the permissions.
 
     Raises:
         OutputError: The file cannot be written.
@@ -38,9 +38,33 @@ def replacing(path: Path) -> Iterator[Path]:
             if error.errno not in UNWRITABLE:
                 raise
             raise OutputError(str(path), str(error.strerror).lower()) from error
-        file.chmod(0o644)
         with _in_words(path):
             os.replace(file, path)
+
+
+def opened(path: Path, *, own: bool = False) -> BinaryIO:
+    """Open a file for reading, but no pipe and no device, which may have no end.
+
+    Args:
+        path: The file.
+        own: Refuse a file that belongs to another user, or that others may write.
+
+    Raises:
+        OSError: It cannot be opened, or is refused.
+    """
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # to open a pipe would wait
+    found = os.fstat(file)
+    foreign = found.st_uid not in (0, os.geteuid()) or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if stat.S_ISREG(found.st_mode) and not (own and foreign):
+        return os.fdopen(file, "rb")
+    os.close(file)
+    raise OSError(errno.EINVAL, "others write it" if own else "a folder, a pipe or a device, not a file", str(path))
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a whole file; see `opened`."""
+    with opened(path) as file:
+        return file.read()
 
 
 def write_text(path: Path, text: str) -> None:
@@ -105,21 +129,31 @@ def _file_beside(path: Path) -> AbstractContextManager[Path]:
         with _in_words(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             _remove_orphans(path)
-            prefix = f".{path.name}.{socket.gethostname()}-{os.getpid()}."
-            handle, name = tempfile.mkstemp(prefix=prefix, suffix=".tmp", dir=path.parent)
-        os.close(handle)
-        return Path(name)
+            file = path.with_name(f".{path.name}.{_container()}-{os.getpid()}.{secrets.token_hex(4)}.tmp")
+            file.touch(exist_ok=False)
+        return file
 
     return temporary(make, lambda file: file.unlink(missing_ok=True))
 
 
 def _remove_orphans(path: Path) -> None:
-    """Remove temporary files of this path whose process, on this machine, has ended."""
-    form = re.compile(rf"\.{re.escape(path.name)}\.{re.escape(socket.gethostname())}-(\d+)\.\w+\.tmp")
+    """Remove temporary files of this path whose process, of those that can be seen from here, has ended."""
+    form = re.compile(rf"\.{re.escape(path.name)}\.{_container()}-(\d+)\.\w+\.tmp")
     for other in path.parent.iterdir():
         found = form.fullmatch(other.name)
         if found is not None and not Path("/proc", found[1]).exists():
             other.unlink(missing_ok=True)
+
+
+def _container() -> str:
+    """Return a name for the processes that can be seen from here: the running kernel and its namespace of processes.
+
+    The names of hosts do not tell containers apart. Where the system names neither, each call has another name.
+    """
+    with suppress(OSError):
+        kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        return f"{kernel}-{os.stat('/proc/self/ns/pid').st_ino}"
+    return secrets.token_hex()
 
 
 @contextmanager

@@ -3,19 +3,19 @@
 import errno
 import json
 import os
-import socket
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from sceniris_gym.errors import NotSupportedError, OutputError
-from sceniris_gym.files import as_json, check_picture, check_writable, replacing, write_text
+from sceniris_gym.files import as_json, check_picture, check_writable, opened, read_bytes, replacing, write_text
 
 
 def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path):
-    """Until then the old one is there; nothing is left beside it, and others may read it."""
+    """Until then the old one is there, and nothing is left beside it."""
     path = tmp_path / "new" / "folder" / "file.txt"
     for words in ("first", "second"):
         before = path.read_text() if path.exists() else None
@@ -26,7 +26,17 @@ def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path):
     write_text(path, "third")
     assert path.read_text() == "third"
     assert list(path.parent.iterdir()) == [path]
-    assert path.stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)])
+def test_others_may_do_with_a_file_what_the_user_lets_them(tmp_path: Path, umask: int, mode: int):
+    """The umask holds for what is written here, as for what any program writes."""
+    before = os.umask(umask)
+    try:
+        write_text(tmp_path / "file.txt", "words")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "file.txt").stat().st_mode & 0o777 == mode
 
 
 @pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt, SystemExit])
@@ -91,7 +101,9 @@ def test_what_a_killed_process_left_behind_is_removed(tmp_path: Path):
     subprocess.run([sys.executable, "-c", script, str(target)], check=False)
     (left,) = tmp_path.iterdir()
     assert left.name.endswith(".tmp")
-    other = tmp_path / left.name.replace(socket.gethostname(), "another")
+    boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    assert boot in left.name
+    other = tmp_path / left.name.replace(boot, "another")
     other.touch()
     with replacing(target) as file:
         assert not left.exists()
@@ -102,6 +114,50 @@ def test_what_a_killed_process_left_behind_is_removed(tmp_path: Path):
         file.write_text("whole")
     assert target.read_text() == "whole"
     assert sorted(tmp_path.iterdir()) == sorted([target, other])
+
+
+def test_a_file_of_another_container_is_not_removed(tmp_path: Path):
+    """A process there does not know the number of one here, which may still write."""
+    script = (
+        "import sys; from pathlib import Path; from sceniris_gym.files import *; write_text(Path(sys.argv[1]), 'x')"
+    )
+    target, apart = tmp_path / "part.npy", ["unshare", "--pid", "--fork", "--mount-proc"]
+    try:
+        subprocess.run([*apart, "true"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("needs the right to make a namespace of processes")
+    with replacing(target) as file:
+        subprocess.run([*apart, sys.executable, "-c", script, str(target)], check=True)
+        assert target.read_text() == "x"
+        assert file.exists()
+        file.write_text("here")
+    assert target.read_text() == "here"
+
+
+def test_what_may_have_no_end_is_not_read(tmp_path: Path):
+    """Neither a device, nor a pipe to which nobody writes, nor a link to one."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/dev/zero")
+    (tmp_path / "file").write_text("words")
+    assert read_bytes(tmp_path / "file") == b"words"
+    for path in (tmp_path, tmp_path / "pipe", tmp_path / "link"):
+        with pytest.raises(OSError, match="a folder, a pipe or a device, not a file"):
+            read_bytes(path)
+
+
+def test_a_file_that_others_may_write_is_no_file_of_ones_own(tmp_path: Path):
+    """By its permissions or by its owner; what the system's administrator wrote counts as one's own."""
+    path = tmp_path / "file"
+    path.write_text("words")
+    for mode, mine in ((0o600, True), (0o644, True), (0o664, False), (0o646, False)):
+        path.chmod(mode)
+        with nullcontext() if mine else pytest.raises(OSError, match="others write it"):
+            opened(path, own=True).close()
+    path.chmod(0o600)
+    if os.geteuid() == 0:
+        os.chown(path, 12345, -1)
+        with pytest.raises(OSError, match="others write it"):
+            opened(path, own=True)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])

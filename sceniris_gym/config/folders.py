@@ -10,6 +10,7 @@ from typing import Any, TypeGuard
 
 from sceniris_gym.config.fields import listed, wrong
 from sceniris_gym.errors import ModelWarning
+from sceniris_gym.files import read_bytes
 
 MANIFEST = "manifest.json"
 """The file that `sceniris-gym import` writes into the folder of an asset's meshes."""
@@ -65,13 +66,13 @@ def _tags(asset: Path) -> set[str]:
     """Return the tags in the manifest of an asset; none if it has no manifest."""
     path = asset.with_suffix("") / MANIFEST
     try:
-        told = json.loads(path.read_text(encoding="utf-8")).get("tags", ())
+        told = json.loads(read_bytes(path)).get("tags", ())
         if isinstance(told, str):
             raise TypeError("'tags' should be a list")
         return {str(tag) for tag in told}
     except FileNotFoundError:
         return set()
-    except (OSError, ValueError, AttributeError, TypeError) as error:
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
         reason = str(error).splitlines()[0]
         raise wrong(
             f"should have manifests as `sceniris-gym import` writes them, but {path} is none: {reason}"

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.lib import format as npy
 from pydantic import PlainSerializer, PlainValidator
 
+from sceniris_gym.files import opened
+
 UNREADABLE = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, NotImplementedError, OverflowError),
     *(SyntaxError, TokenError, MemoryError, zipfile.BadZipFile, zlib.error),
@@ -43,7 +45,7 @@ def read_array(path: Path) -> np.ndarray:
     Raises:
         UNREADABLE: The file is no .npy file, or is shorter than its header says.
     """
-    with path.open("rb") as file:
+    with opened(path) as file:
         if file.read(4) == b"PK\x03\x04":
             raise ValueError("an archive of several arrays")
         file.seek(0)
@@ -52,13 +54,13 @@ def read_array(path: Path) -> np.ndarray:
         return np.asarray(npy.read_array(file, allow_pickle=False))
 
 
-def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read all arrays of a .npz file.
+def read_arrays(path: Path, *, own: bool = False) -> dict[str, np.ndarray]:
+    """Read all arrays of a .npz file; with `own` only one that nobody but this user writes.
 
     Raises:
         UNREADABLE: The file is no .npz file, or holds less than its headers say.
     """
-    with path.open("rb") as opened, zipfile.ZipFile(opened) as archive:
+    with opened(path, own=own) as file, zipfile.ZipFile(file) as archive:
         size = path.stat().st_size
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
         if sum(info.compress_size for info in members) > size:

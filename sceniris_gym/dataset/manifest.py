@@ -14,6 +14,7 @@ import numpy as np
 
 import sceniris_gym
 from sceniris_gym.errors import DatasetError
+from sceniris_gym.files import read_bytes
 from sceniris_gym.program.compiled import CompiledScene
 
 MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
@@ -146,7 +147,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     try:
-        return checked(path, json.loads(path.read_text()), _FIELDS)
+        return checked(path, json.loads(read_bytes(path)), _FIELDS)
     except FileNotFoundError:
         raise DatasetError(
             f"{folder}: no whole data set is here, since it has no {MANIFEST}. Where `sceniris-gym generate` was "
@@ -159,7 +160,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def read_record(path: Path) -> dict[str, Any] | None:
     """Read the record of a written part; return None where there is none, or none that is whole."""
     try:
-        return checked(path, json.loads(path.read_text()), _RECORD)
+        return checked(path, json.loads(read_bytes(path)), _RECORD)
     except (OSError, ValueError, RecursionError, DatasetError):
         return None
 

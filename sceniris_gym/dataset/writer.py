@@ -32,7 +32,7 @@ from sceniris_gym.dataset.manifest import (
 )
 from sceniris_gym.dataset.share import Share
 from sceniris_gym.errors import DatasetError, SceneKeyError
-from sceniris_gym.files import replacing, write_text
+from sceniris_gym.files import read_bytes, replacing, write_text
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import make_tables
@@ -81,7 +81,7 @@ class DatasetWriter:
                 f"{self.folder}: a data set is here already. Add --resume to finish it, or give another folder."
             )
         try:
-            held = json.loads(path.read_text())
+            held = json.loads(read_bytes(path))
         except FileNotFoundError:  # another process has finished the data set since
             return
         except (ValueError, OSError, RecursionError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,11 @@ def test_tags_that_choose_nothing_are_refused(tmp_path: Path):
             loaded({"asset": pattern, "tags": tags, "on": "table"})
     with pytest.raises(ScenirisError, match=r"tags: .* beside an 'asset' with a '\*'"):
         loaded({"asset": ["can", "mug"], "tags": ["red"], "on": "table"})
-    for wrong in ("[", '{"tags": "red"}'):
+    for wrong in ("[", "[" * 100_000, '{"tags": "red"}'):
         (tmp_path / "b" / "manifest.json").write_text(wrong)
         with pytest.raises(ScenirisError, match=r"b/manifest\.json is none: "):
             loaded({"asset": pattern, "tags": ["red"], "on": "table"})
+    (tmp_path / "b" / "manifest.json").unlink()
+    os.mkfifo(tmp_path / "b" / "manifest.json")
+    with pytest.raises(ScenirisError, match="a pipe or a device, not a file"):
+        loaded({"asset": pattern, "tags": ["red"], "on": "table"})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import resource
 import zipfile
 from pathlib import Path
@@ -76,3 +77,13 @@ def test_what_is_no_such_file_is_refused(tmp_path: Path, text: bytes):
     for read in (read_array, read_arrays):
         with pytest.raises(UNREADABLE):
             read(tmp_path / "a")
+
+
+def test_arrays_without_an_end_are_refused(tmp_path: Path):
+    """A link to a device has no size to compare with, and a pipe nobody who writes to it."""
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("zero", "pipe"):
+        for read in (read_array, read_arrays):
+            with pytest.raises(UNREADABLE, match="a pipe or a device"):
+                read(tmp_path / name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,17 @@ def test_a_manifest_of_something_else_is_refused(tmp_path: Path):
     (tmp_path / "dataset.json").write_text("[" * 100_000)
     with pytest.raises(DatasetError, match="cannot be read"):
         read_manifest(tmp_path)
+
+
+def test_a_manifest_without_an_end_is_not_waited_for(tmp_path: Path):
+    """A pipe, and a link to a device; nor is such a record."""
+    path = tmp_path / "dataset.json"
+    for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
+        path.unlink(missing_ok=True)
+        make(path)
+        with pytest.raises(DatasetError, match="a pipe or a device, not a file"):
+            read_manifest(tmp_path)
+        assert read_record(path) is None
 
 
 def test_a_record_that_is_not_whole_is_none(tmp_path: Path):

@@ -12,6 +12,7 @@ from pathlib import Path
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.paths import user_path
 from sceniris_gym.errors import SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.files import read_bytes
 
 PREDICATES = {"On": 2, "In": 2, "Open": 1, "Close": 1, "Turnon": 1, "Turnoff": 1}
 """The predicates that are read, with the number of names that each takes."""
@@ -113,9 +114,9 @@ def read_problem(path: str | Path) -> Problem:
     """
     file = user_path(path, Path(), "read_bddl")
     try:
-        text = file.read_text(encoding="utf-8-sig")
+        text = read_bytes(file).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        why = "it does not exist" if not file.is_file() else str(error)
+        why = "it does not exist" if not file.exists() else str(error)
         raise SceneFileError(f"read_bddl: '{file}' cannot be read: {why}. Give a problem file (.bddl).") from None
     sections = _sections(_parsed(text, file), file)
     regions = {f"{r.target}_{r.name}": r for r in map(_region, sections["regions"])}

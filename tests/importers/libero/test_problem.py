@@ -119,6 +119,9 @@ def test_other_files_are_refused(tmp_path: Path):
     """A missing file, text that is no problem, and a problem without things."""
     with pytest.raises(SceneFileError, match="it does not exist"):
         read_problem(tmp_path / "none.bddl")
+    for endless in ("/dev/zero", "/dev/random"):
+        with pytest.raises(SceneFileError, match="a pipe or a device, not a file"):
+            read_problem(endless)
     with pytest.raises(SceneFileError, match=r"begins with '\(define"):
         read_problem(write(tmp_path, "objects: {}"))
     with pytest.raises(SceneKeyError, match=r"a section '\(:fixtures"):
