@@ -3,7 +3,8 @@
 A file holds the arrays of one compiled scene in NumPy's format, without pickles, so that nothing in it is executed. Its
 name is a hash of all that the arrays depend on: the model, the words of the scene file, this package's own source, the
 versions of the libraries that compute them, and the kind of device. It is written beside its place and renamed, so that
-no process sees half of one. A file that cannot be read or written is as good as missing.
+no process sees half of one. A file that cannot be read or written is as good as missing, and so is one that belongs to
+another user or that others may write: its numbers become indices in kernels, which nothing checks again.
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ def load_arrays(key: str) -> dict[str, np.ndarray] | None:
     path = folder / f"{key}{_SUFFIX}"
     with contextlib.suppress(*UNREADABLE):
         os.utime(path)  # for `_remove_oldest`
-        return stored_arrays.read_arrays(path)
+        return stored_arrays.read_arrays(path, own=True)
     return None
 
 
@@ -100,6 +101,7 @@ def store_arrays(key: str, arrays: Mapping[str, np.ndarray]) -> None:
     with contextlib.suppress(OSError):
         with replacing(folder / f"{key}{_SUFFIX}") as path, path.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
+            path.chmod(0o600)  # others may have the user's umask let them write
         _remove_oldest(folder)
 
 

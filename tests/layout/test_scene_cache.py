@@ -194,6 +194,28 @@ def test_a_file_that_is_none_is_made_anew(spoil: Any, folder: Path):
     assert path.read_bytes() != spoiled
 
 
+@pytest.mark.parametrize("spoil", [lambda path: path.chmod(0o666), lambda path: os.chown(path, 12345, -1)])
+def test_a_file_that_others_may_write_is_made_anew(spoil: Any, folder: Path):
+    """Its numbers become indices in kernels: a well-formed file with other ones would read beyond arrays."""
+    if os.geteuid() != 0:
+        pytest.skip("needs the right to give files away")
+    before = os.umask(0)
+    try:
+        first = compile_scene("mid", "cpu")
+    finally:
+        os.umask(before)
+    (path,) = folder.iterdir()
+    assert path.stat().st_mode & 0o777 == 0o600  # whatever the umask lets others do
+    held = dict(np.load(path))
+    held["bank.qpos"] += 1.0
+    with path.open("wb") as file:
+        np.savez(file, **held)
+    spoil(path)
+    second = compile_scene("mid", "cpu")
+    assert second.bank.qpos.numpy().tobytes() == first.bank.qpos.numpy().tobytes()
+    assert (path.stat().st_uid, path.stat().st_mode & 0o777) == (0, 0o600)
+
+
 def test_it_can_be_turned_off_and_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """By the variable of its own, and by that of all caches."""
     monkeypatch.setenv(VARIABLE, "OFF")
