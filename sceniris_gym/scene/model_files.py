@@ -7,6 +7,7 @@ lie beside them; a URDF may name its meshes by package.
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from shlex import quote
@@ -16,13 +17,18 @@ from xml.etree import ElementTree
 import mujoco
 
 from sceniris_gym.config.paths import user_path
-from sceniris_gym.errors import SceneFileError, import_extra
+from sceniris_gym.errors import CycleError, SceneFileError, import_extra
+from sceniris_gym.files import read_bytes
 
 URDF = ".urdf"
 """Suffix of URDF files; files with any other suffix are read as MJCF."""
 THINGS = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of meshes and USD, which are no models; the importer makes assets of them."""
 _COLLADA = ".dae"
+# What a few words make much of: the attributes that multiply, and the most that MuJoCo makes in some seconds.
+_GROWING = {"hfield": (("nrow", "ncol"), 1 << 26), "texture": (("width", "height"), 1 << 28)} | dict.fromkeys(
+    ("replicate", "composite", "flexcomp"), (("count",), 20_000)
+)
 _PACKAGES = ("package://", "model://")
 # Lower bounds for the masses and inertias of a URDF, which may leave them out [kg, kg m^2].
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
@@ -49,6 +55,10 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
             f"`sceniris-gym import {quote(str(path))} -o {quote(path.stem + '.xml')}` makes an asset of it."
         )
     try:
+        folders = list(_folders(path, "", path.parent))
+    except (OSError, RecursionError) as error:
+        raise SceneFileError(f"{where}: '{path}' cannot be read: {error}.") from None
+    try:
         if repaired is None:
             spec = mujoco.MjSpec.from_file(str(path))
         else:
@@ -61,7 +71,6 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
         spec.compiler.fusestatic = False  # so that links that are fixed to each other keep their names
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST_MASS, _LEAST_INERTIA
-    folders = list(_folders(path, ""))
     referring = list(_referring(spec))
     sources = [_source(path, folders, *one) for one in referring]
     missing = [one for one, source in zip(referring, sources, strict=True) if source is None]
@@ -98,18 +107,42 @@ def file_of(uri: str, folder: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def _folders(path: Path, prefix: str) -> Iterator[tuple[str, Path]]:
-    """Yield the folder of a model, and those of all models that it attaches, each after the prefix of its names."""
-    yield prefix, path.parent
+def _folders(path: Path, prefix: str, folder: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[str, Path]]:
+    """Yield the folder of a model, and those of all models that it attaches, each after the prefix of its names.
+
+    Raises:
+        OSError: One of them, or a file that one includes from `folder`, is no file.
+        CycleError: One contains itself.
+        SceneFileError: One is larger than its text by far.
+    """
+    chain = (*above, path.resolve())
+    if chain[-1] in above:
+        raise CycleError(str(path), map(str, above[above.index(chain[-1]) :]), "models contain each other")
+    yield prefix, folder
     try:
-        root = ElementTree.fromstring(path.read_bytes())
+        root = ElementTree.fromstring(read_bytes(path))
     except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
         return
-    files = {m.get("name"): m.get("file") for m in root.iter("model")}
-    for attach in root.iter("attach"):
-        file = path.parent / (files.get(attach.get("model")) or "")
-        if file.is_file():
-            yield from _folders(file, prefix + (attach.get("prefix") or ""))
+    _check_size(root, str(path))
+    prefixes = {attach.get("model"): attach.get("prefix") or "" for attach in root.iter("attach")}
+    for part in (*root.iter("model"), *root.iter("include")):
+        if (file := part.get("file")) and (found := folder / file).exists():
+            below = folder if part.tag == "include" else found.parent
+            yield from _folders(found, prefix + prefixes.get(part.get("name"), ""), below, chain)
+
+
+def _check_size(element: ElementTree.Element, where: str) -> int:
+    """Return the number of elements that MuJoCo makes of one, or of cells of a texture or a field of heights.
+
+    Raises:
+        SceneFileError: It is too large.
+    """
+    inside = 1 + sum(_check_size(child, where) for child in element)
+    words, most = _GROWING.get(element.tag, ((), inside))
+    numbers = [int(n) for word in words for n in element.get(word, "").split() if n.isdecimal()]
+    if (size := inside * math.prod(numbers)) > most:
+        raise SceneFileError(f"{where}: <{element.tag}> makes {size:,} parts, and should make at most {most:,}.")
+    return size
 
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MissingExtraError, SceneFileError
+from sceniris_gym.errors import CycleError, MissingExtraError, SceneFileError
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model_files import file_of, load_model
 from tests.scene.assets import TETRAHEDRON
@@ -145,3 +146,60 @@ def test_files_that_are_missing_are_told_with_where_they_would_be_found(tmp_path
     write(path, f'<robot name="arm">{LINK.format("l0", "b.stl")}</robot>')
     with pytest.raises(SceneFileError, match=r"b\.stl', which does not exist\. Put it there, or correct its name\."):
         load_model(path, "here")
+
+
+def test_a_model_that_contains_itself_is_refused(tmp_path: Path):
+    """Directly, by another way to its folder, by a second model, or without being attached: MuJoCo would overflow."""
+    (tmp_path / "sub").mkdir()
+    part = '<mujoco><asset><model name="x" file="{}"/></asset><worldbody><body>{}</body></worldbody></mujoco>'
+    attach = '<attach model="x" prefix="p"/>'
+    for file, other in (("a.xml", attach), ("sub/../a.xml", attach), ("a.xml", ""), ("b.xml", attach)):
+        write(tmp_path / "a.xml", part.format(file, other))
+        write(tmp_path / "b.xml", part.format("a.xml", attach))
+        with pytest.raises(CycleError, match=r"models contain each other: .*a\.xml -> "):
+            load_model(tmp_path / "a.xml", "scene: model")
+
+
+def test_a_pipe_is_no_part_of_a_model(tmp_path: Path):
+    """MuJoCo would wait for it, or read for ever: included, included by an included file, attached, or not attached."""
+    os.mkfifo(tmp_path / "pipe.xml")
+    (tmp_path / "zero.xml").symlink_to("/dev/zero")
+    write(tmp_path / "sub/more.xml", '<mujoco><include file="pipe.xml"/></mujoco>')
+    for inside in (
+        '<include file="pipe.xml"/>',
+        '<include file="zero.xml"/>',
+        '<include file="sub/more.xml"/>',
+        '<asset><model name="x" file="zero.xml"/></asset>',
+    ):
+        model = write(tmp_path / "model.xml", f"<mujoco>{inside}</mujoco>")
+        with pytest.raises(SceneFileError, match=r"model\.xml' cannot be read: .*a pipe or a device, not a file"):
+            load_model(model, "scene: model")
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        ('<worldbody><replicate count="100000000"><geom size="1"/></replicate></worldbody>', "makes 200,000,000 parts"),
+        (
+            '<worldbody><replicate count="9000"><replicate count="9000"><site/></replicate></replicate></worldbody>',
+            "makes 162,009,000 parts",
+        ),
+        ('<asset><hfield name="h" nrow="50000" ncol="50000" size="1 1 1 1"/></asset>', "makes 2,500,000,000 parts"),
+        ('<asset><texture name="t" builtin="flat" width="60000" height="60000"/></asset>', "makes 3,600,000,000 parts"),
+        ("<worldbody>" + 3000 * "<body>" + 3000 * "</body>" + "</worldbody>", "recursion"),
+    ],
+)
+def test_a_model_that_is_larger_than_its_text_by_far_is_refused(tmp_path: Path, inside: str, said: str):
+    """With its size, before MuJoCo makes it for minutes."""
+    model = write(tmp_path / "model.xml", f"<mujoco>{inside}</mujoco>")
+    with pytest.raises(SceneFileError, match=said):
+        load_model(model, "scene: model")
+
+
+def test_a_model_that_is_repeated_a_little_is_read(tmp_path: Path):
+    """Rows of rows, a field of heights of a megabyte, and a file that is included twice by files that are attached."""
+    rows = '<replicate count="10" offset="1 0 0"><replicate count="20" offset="0 1 0"><geom size=".1"/></replicate>'
+    field = '<asset><hfield name="h" nrow="500" ncol="500" size="1 1 1 1"/></asset>'
+    write(tmp_path / "row.xml", f"<mujoco>{field}<worldbody>{rows}</replicate></worldbody></mujoco>")
+    model = write(tmp_path / "model.xml", '<mujoco><include file="row.xml"/></mujoco>')
+    assert load_model(model, "scene: model").compile().ngeom == 200
