@@ -43,9 +43,14 @@ def write_asset(thing: Thing, grasps: Sequence[GraspSite], path: Path) -> list[P
     asset, world = add(root, "asset"), add(root, "worldbody")
     writer = _Writer(folder, asset)
     elements: dict[str | None, ElementTree.Element] = {None: world}
+    taken = {"world"}  # MuJoCo's own body
     for link in thing.links:
         pose = {} if link.parent is None else {"pos": _text(link.pos), "quat": _text(link.quat)}
-        element = add(elements[link.parent], "body", {"name": name if link.parent is None else link.name, **pose})
+        body = name if link.parent is None else link.name
+        while body in taken:
+            body += "_"
+        taken.add(body)
+        element = add(elements[link.parent], "body", {"name": body, **pose})
         elements[link.name] = element
         if link.joint is not None:
             add(element, "joint", _joint(link.joint))

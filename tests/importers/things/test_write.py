@@ -44,3 +44,15 @@ def test_a_thing_of_two_links_is_what_mujoco_reads(tmp_path: Path):
     assert mjm.ntex == 1
     assert sorted(mjm.geom_group.tolist()) == [2, 2, 3, 3]
     assert mjm.site("grasp_0").pos.tolist() == [0.0, 0.0, 0.1]
+
+
+def test_links_of_any_name_are_bodies_of_an_asset(tmp_path: Path):
+    """One that is called as the asset's file or as MuJoCo's own body, which the root of a URDF is often called."""
+    plain = surface(box())
+    parents = {"world": None, "mini": "world", "mini_": "mini", "door": "mini_"}
+    links = [Link(name, parent, surfaces=(plain,), inertia=HEAVY) for name, parent in parents.items()]
+    links.append(Link("world", "door", surfaces=(plain,), inertia=HEAVY))
+    write_asset(Thing("mini", tuple(links)), [], tmp_path / "mini.xml")
+    mjm = mujoco.MjModel.from_xml_path(str(tmp_path / "mini.xml"))
+    assert [mjm.body(i).name for i in range(mjm.nbody)] == ["world", "mini", "mini_", "mini__", "door", "world_"]
+    assert mjm.body_parentid.tolist() == [0, 0, 1, 2, 3, 4]
