@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Collection, Mapping
 
 import mujoco
@@ -12,6 +13,7 @@ import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.pictures.context import BACKGROUND, CHANNELS, Looks, Shot, in_model_order, picture_context, tile_rays
+from sceniris_gym.program.checks.memory import check_memory
 from sceniris_gym.scene.model import SceneModel
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -112,6 +114,7 @@ class Cameras:
 
     Raises:
         UnknownNameError: The scene has no such camera.
+        MemoryLimitError: The pictures do not fit into memory.
     """
 
     def __init__(
@@ -135,6 +138,9 @@ class Cameras:
         owner = [numbers[scene.owners.get(int(body), "")] for body in mjm.geom_bodyid]
         self._tracks = bool(np.isin([*mjm.cam_mode, *mjm.light_mode], _TRACKING).any())
         sizes = [shot.size for shot in shots.values()]
+        # 7 bytes of a value, which is written twice, and 48 to sort the rays
+        needed = sum(math.prod(shot.size) * (48 + 7 * self.nworld * len(shot.data)) for shot in shots.values())
+        check_memory(f"{where}: {self.nworld} pictures", needed, str(device), "Use smaller ones, or fewer worlds.")
         same = not {"cam_fovy", "cam_intrinsic"} & {*differ}
         with wp.ScopedDevice(device):
             self._seen = _view(data, self.nworld, self._tracks)

@@ -26,6 +26,7 @@ from sceniris_gym.program.checks.oddities import warn_of_oddities
 from sceniris_gym.program.checks.parking import check_parking
 from sceniris_gym.program.checks.reach import check_reach
 from sceniris_gym.program.checks.relations import check_relations
+from sceniris_gym.program.checks.simulation import check_solver
 from sceniris_gym.program.checks.standing import check_standing
 from sceniris_gym.program.checks.supports import check_supports
 from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
@@ -57,6 +58,7 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     check_parking,
     warn_of_oddities,
     check_reach,
+    check_solver,
 )
 """All checks of a scene, in the order in which they refuse it or warn of it."""
 FEWEST_ATTEMPTS = 10

@@ -16,6 +16,8 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.program.checks.memory import check_memory
+from sceniris_gym.program.checks.simulation import put_simulated
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields, widen
 from sceniris_gym.sim.variants import fields_of_variants
@@ -177,6 +179,8 @@ class Batch(Fixed):
     Raises:
         UnknownNameError: MjOption has no such field.
         CountError: A limit that is no integer of at least 1, or too large for so many worlds.
+        NotSupportedError: MuJoCo-Warp cannot simulate the model with these options.
+        MemoryLimitError: More worlds than there is memory for.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
@@ -200,7 +204,7 @@ class Batch(Fixed):
         self.full_scene = scene
         self.scene, self.nworld, self.device = scene.sim, nworld, wp.get_device(device)
         mjm = with_options(self.scene.mjm, options or {})
-        contacts, rows = default_budget(mjm, scene)
+        where, (contacts, rows) = scene.config.where, default_budget(mjm, scene)
         most = min(_MOST_ROWS, (1 << 31) // nworld - 1)
         for name, value, end in (("nconmax", nconmax, most), ("njmax", njmax, most), ("nvmax", nvmax, mjm.nv)):
             if value is not None:
@@ -210,7 +214,7 @@ class Batch(Fixed):
         # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need all
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
-            self.model = mjw.put_model(mjm)
+            self.model = put_simulated(mjm, where)
             for name in fields_of_variants() if scene.shared is not None else ():
                 widen(self.model, name, nworld)
             if scene.config.model is None:  # a user's own model keeps its options
@@ -218,6 +222,10 @@ class Batch(Fixed):
             # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step
             silence_iterations(self.model)
             room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
+            one = mjw.make_data(mjm, 1, nconmax=nconmax, njmax=njmax)
+            parts = [value for part in (one, one.contact, one.efc) for value in vars(part).values()]
+            needed = nworld * sum(part.capacity for part in parts if isinstance(part, wp.array))
+            check_memory(f"{where}: {nworld} worlds", needed, str(self.device), "Use fewer, or another device.")
             self.data = mjw.make_data(mjm, nworld, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.substeps, self._update = substeps, partial(updater(needs), self.model, self.data)

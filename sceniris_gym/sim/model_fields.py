@@ -13,6 +13,7 @@ from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, U
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.program.checks.simulation import put_simulated
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
@@ -258,13 +259,14 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
         CountError: The number of worlds is not a whole number, at least 1.
         UnknownNameError: No such field, or layouts depend on it.
         ArgumentError: Steps leave the field out.
+        NotSupportedError: MuJoCo-Warp cannot simulate the model.
     """
     nworld = as_count(nworld, "put_model: nworld")
     for name in fields:
         check_field(name, compiled.sim_mjm, "put_model")
     drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants() if compiled.config.variants else ()
     with wp.ScopedDevice(compiled.device):
-        m = mjw.put_model(compiled.sim_mjm)
+        m = put_simulated(compiled.sim_mjm, compiled.config.where)
         for name in (*shared, *(each for source in (*drawn, *fields) for each in _with_followers(source))):
             widen(m, name, nworld)
     setattr(m, _NAMED, fields)

@@ -6,7 +6,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import MemoryLimitError, UnknownNameError
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.scene.build import build_model
@@ -55,6 +55,13 @@ def test_a_camera_that_the_scene_does_not_have_is_refused(small_scene):
     batch = Batch(small_scene.scene, 1, "cpu", graph=False)
     with pytest.raises(UnknownNameError, match=r"unknown camera 'side'.*overview"):
         Cameras(small_scene.scene, batch.model, batch.data, {"side": Shot((32, 24))}, Looks())
+
+
+def test_pictures_that_are_too_large_are_refused(small_scene):
+    """With their size, before anything is allocated."""
+    batch = Batch(small_scene.scene, 64, "cpu", graph=False)
+    with pytest.raises(MemoryLimitError, match=r"64 pictures: takes \d{3}\.\d GiB or more"):
+        Cameras(small_scene.scene, batch.model, batch.data, {"overview": Shot((16384, 16384))}, Looks())
 
 
 def test_a_camera_follows_a_centre_of_mass():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ContactBudgetError, FixedError, UnknownNameError
+from sceniris_gym.errors import ContactBudgetError, FixedError, MemoryLimitError, NotSupportedError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table, read_table
@@ -109,6 +109,18 @@ def test_the_default_budget_counts_the_sides_that_things_may_lie_on(words: dict,
     assert data.ncon >= 68
     contacts, rows = default_budget(mjm, scene)
     assert (data.ncon <= contacts, data.nefc <= rows) == (turns, turns)
+
+
+def test_more_worlds_than_memory_are_refused(small_scene):
+    """With their size, before anything is allocated."""
+    with pytest.raises(MemoryLimitError, match=r"1000000000 worlds: takes \d+\.\d GiB or more"):
+        Batch(small_scene.scene, 10**9, "cpu")
+
+
+def test_options_that_cannot_be_simulated_are_refused(small_scene):
+    """Those of a batch, which the scene does not have."""
+    with pytest.raises(NotSupportedError, match=r"MuJoCo-Warp cannot simulate the model: mjSOL_PGS"):
+        Batch(small_scene.scene, 1, "cpu", options={"solver": 0})
 
 
 def test_an_unknown_need_names_the_valid_ones(small_scene):
