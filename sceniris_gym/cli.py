@@ -317,6 +317,7 @@ def view(
     layouts: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ID")] = (),
     host: str = HOST,
     port: int = PORT,
+    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ORIGIN")] = (),
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
     changes: Changes = (),
 ) -> str:
@@ -334,6 +335,7 @@ def view(
         layouts: layout id to play, or a file with one a line; may be given several times
         host: address to listen on; 0.0.0.0 lets other machines in
         port: port to listen on; the next free one if it is in use
+        allow_origin: address of the page in a browser, as in https://hub.example.org, if it is not this machine's
     """
     if (scene is None) == (env is None):
         raise NotSupportedError("view: should have either a SCENE or --env, as in 'sceniris-gym view mid'.")
@@ -348,7 +350,7 @@ def view(
     from sceniris_gym.viewer import command
 
     overrides = read_changes(changes)
-    with opened_page(host, port) as server:
+    with opened_page(host, port, allow_origin) as server:
         print(address(server), flush=True)  # before anything that takes a while
         if server.get_port() != port:
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)

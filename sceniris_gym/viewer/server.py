@@ -7,8 +7,9 @@ import importlib.util
 import io
 import socket
 import threading
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -37,12 +38,13 @@ _LAMPS = (
 _EVERYWHERE = ("0.0.0.0", "::")
 
 
-def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
-    """Open an empty page.
+def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ()) -> viser.ViserServer:
+    """Open an empty page, for browsers that ask for it by a name of this machine and for no other site in them.
 
     Args:
         host: Address to listen on; "0.0.0.0" lets every machine in.
         port: Port to listen on; the next free one is taken where it is in use.
+        origins: Other addresses that the page has in a browser, as in "https://hub.example.org".
 
     Raises:
         MissingExtraError: viser or mjviser is not installed.
@@ -54,7 +56,7 @@ def open_server(host: str = HOST, port: int = PORT) -> viser.ViserServer:
     _check_host(host)
     with uncollected():
         import viser
-    with contextlib.redirect_stdout(io.StringIO()):  # viser prints banners
+    with contextlib.redirect_stdout(io.StringIO()), _refusing(host, origins):  # viser prints banners
         server = viser.ViserServer(host=host, port=port, label="sceniris_gym", verbose=False)
     server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
@@ -72,10 +74,63 @@ def _check_host(host: str) -> None:
         raise ArgumentError(f"--host {host}: cannot listen there: {error}. Give an address of this machine.") from None
 
 
+def refusal(headers: Mapping[str, str], host: str, origins: Sequence[str]) -> str | None:
+    """Return why a request is refused; None if it is not.
+
+    Another site may send requests to this machine from the user's browser, also under a name of its own that leads
+    here. The browser says so: `Origin` is the site, `Host` the name. A page that other machines reach also has numeric
+    addresses, which no site can take for a name.
+
+    Args:
+        headers: The headers of the request.
+        host: The address that the page listens on.
+        origins: Other addresses that the page has in a browser.
+    """
+    asked = headers.get("Host", "").lower()
+    named = {origin.lower().rpartition("//")[2].rstrip("/") for origin in origins} - {""}
+    for url in (f"http://{asked}", headers.get("Origin", f"http://{asked}")):
+        site = urlsplit(url.lower())
+        name = site.hostname or ""
+        own = name == host.lower() or (_is_numeric(name) and not _is_loopback(host))
+        if not (_is_loopback(name) or site.netloc in named or (own and site.netloc == asked)):
+            return f"'{url}' is no address of this page. If it should be, start the page with --allow-origin {url}."
+    return None
+
+
+def _is_numeric(name: str) -> bool:
+    return ":" in name or name.replace(".", "").isdecimal()
+
+
+def _is_loopback(name: str) -> bool:
+    local = name == "::1" or (name.startswith("127.") and _is_numeric(name))
+    return local or f".{name}".endswith(".localhost")
+
+
 @contextlib.contextmanager
-def opened_page(host: str, port: int) -> Iterator[viser.ViserServer]:
+def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
+    """Let a server that viser starts in the block answer 403 to requests and handshakes that `refusal` refuses."""
+    from websockets.asyncio import server
+
+    serve = server.serve
+
+    def guarded(*args: Any, process_request: Callable[..., Any], **words: Any) -> Any:
+        def answer(connection: Any, request: Any) -> Any:
+            why = refusal(request.headers, host, origins)
+            return process_request(connection, request) if why is None else connection.respond(403, why)
+
+        return serve(*args, process_request=answer, **words)
+
+    server.serve = guarded  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        server.serve = serve  # type: ignore[misc]
+
+
+@contextlib.contextmanager
+def opened_page(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[viser.ViserServer]:
     """Open a page, and close it in the end; see `open_server`."""
-    server = open_server(host, port)
+    server = open_server(host, port, origins)
     try:
         yield server
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -11,7 +12,7 @@ import pytest
 
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.viewer import server as module
-from sceniris_gym.viewer.server import address, close_server, import_ahead, open_server
+from sceniris_gym.viewer.server import address, close_server, import_ahead, open_server, refusal
 from tests.viewer.pages import free_port
 
 VISER = pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
@@ -40,6 +41,63 @@ def test_every_address_is_said_as_one_that_a_browser_takes():
         assert address(server).startswith("http://localhost:")
     finally:
         close_server(server)
+
+
+@VISER
+def test_other_sites_do_not_reach_the_page():
+    """By a name that leads here, or from a browser that is on this machine: neither the page nor its socket."""
+    port = free_port()
+    server = open_server(port=port, origins=["https://hub.example.org"])
+    sub = f"Sec-WebSocket-Protocol: viser-v{importlib.import_module('viser').__version__}"
+    shake = f"Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {22 * 'A'}==\r\n{sub}\r\n"
+
+    def status(host: str, more: str, connection: str) -> str:
+        with socket.create_connection(("127.0.0.1", port), 20) as asked:
+            asked.sendall(f"GET / HTTP/1.1\r\nHost: {host}\r\nConnection: {connection}\r\n{more}\r\n".encode())
+            return asked.recv(12).decode().split()[1]
+
+    try:
+        for host, origin, answer in (
+            (f"127.0.0.1:{port}", "", "200"),
+            ("localhost:9", "http://localhost:8888", "200"),
+            ("hub.example.org", "https://hub.example.org", "200"),
+            (f"site.example:{port}", "", "403"),
+            (f"localhost:{port}", "http://site.example", "403"),
+        ):
+            origin = origin and f"Origin: {origin}\r\n"
+            assert status(host, origin, "close") == answer
+            assert status(host, origin + shake, "Upgrade") == answer.replace("200", "101")
+    finally:
+        close_server(server)
+
+
+@pytest.mark.parametrize(
+    ("host", "asked", "origin", "fits"),
+    [
+        ("127.0.0.1", "[::1]:8080", "http://127.9.9.9", True),
+        ("127.0.0.1", "a.localhost:1", None, True),
+        ("127.0.0.1", "127.0.0.1.example", None, False),
+        ("127.0.0.1", "notlocalhost", None, False),
+        ("127.0.0.1", "localhost", "null", False),
+        ("127.0.0.1", "localhost", "file://", False),
+        ("127.0.0.1", "192.168.0.7:8080", None, False),
+        ("127.0.0.1", "", None, False),
+        ("0.0.0.0", "192.168.0.7:8080", "http://192.168.0.7:8080", True),
+        ("0.0.0.0", "192.168.0.7:8080", "http://192.168.0.8:8080", False),
+        ("0.0.0.0", "box:8080", None, False),
+        ("box", "BOX:8080", "http://box:8080", True),
+        ("box", "box:8080", "http://box:9090", False),
+        ("box", "localhost", "https://Hub.example.org", True),
+        ("127.0.0.1", "hub.example.org", None, True),
+        ("127.0.0.1", "localhost", "https://hub.example.org.site.example", False),
+    ],
+)
+def test_a_request_is_judged_by_its_name_and_its_site(host: str, asked: str, origin: str | None, fits: bool):
+    """Names of this machine at any port, numbers where others may come in, and what was named; refused with the way."""
+    headers = {"Host": asked} | ({} if origin is None else {"Origin": origin})
+    why = refusal(headers, host, ["https://hub.example.org/", ""])
+    assert (why is None) == fits
+    assert why is None or "--allow-origin" in why
 
 
 @VISER
