@@ -318,6 +318,7 @@ def view(
     host: str = HOST,
     port: int = PORT,
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ORIGIN")] = (),
+    trust: Flag = False,
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
     changes: Changes = (),
 ) -> str:
@@ -336,6 +337,7 @@ def view(
         host: address to listen on; 0.0.0.0 lets other machines in
         port: port to listen on; the next free one if it is in use
         allow_origin: address of the page in a browser, as in https://hub.example.org, if it is not this machine's
+        trust: read a policy's .zip, which executes what is in it
     """
     if (scene is None) == (env is None):
         raise NotSupportedError("view: should have either a SCENE or --env, as in 'sceniris-gym view mid'.")
@@ -357,7 +359,7 @@ def view(
         with _stdout_to_stderr():
             if scene is None:
                 ids = command.read_ids(layouts)
-                words = {"num": worlds, "split": split, "device": device, "changes": overrides}
+                words = {"num": worlds, "split": split, "device": device, "changes": overrides, "trust": trust}
                 command.view_env(server, str(env), policy, ids, **words)
             else:
                 command.view_scene(server, scene, overrides, split=split, seed=seed, episode=episode, num=worlds)
@@ -490,6 +492,8 @@ def evaluate(
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
     layouts: int = 4096,
     out: Out = None,
+    task: str = "",
+    trust: Flag = False,
     device: Device = None,
     json: Json = False,
 ) -> str:
@@ -499,12 +503,14 @@ def evaluate(
         run: folder of a training, with its model.pt
         layouts: layouts of each kind
         out: JSON file to write: the verdict on every layout
+        task: the task, as MODULE:ID if it is not of this package; by default the one that RUN names
+        trust: read a checkpoint that holds more than weights, which executes what is in it
     """
     check_counts(1, layouts=layouts)
     target = None if out is None else checked_target(out)
     from sceniris_gym.commands import evaluate as tool
 
-    found = tool.evaluate(run, layouts, device, target)
+    found = tool.evaluate(run, layouts, device, target, task=task, trust=trust)
     return as_json(found) if json else tool.report(found)
 
 

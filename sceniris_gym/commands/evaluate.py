@@ -6,37 +6,45 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.files import as_json, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import MODEL, read_config, scene_of_run, share, without_layouts
-from sceniris_gym.training.runner import runner_of
+from sceniris_gym.training.records import CONFIG, MODEL, read_config, scene_of_run, share, without_layouts
+from sceniris_gym.training.runner import load_checkpoint, runner_of
 from sceniris_gym.training.task_scenes import scene_of
 
 
-def evaluate(folder: Path, layouts: int, device: str | None, out: Path | None = None) -> dict[str, Any]:
+def evaluate(
+    run: Path, layouts: int, device: str | None, out: Path | None = None, *, task: str = "", trust: bool = False
+) -> dict[str, Any]:
     """Judge the policy in the folder of a run, and return what was found by the kind of layouts; see `judge`.
 
     Args:
-        folder: The folder, as `train` made it.
+        run: The folder, as `train` made it.
         layouts: Number of layouts of each kind.
         device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
         out: JSON file to write, with the verdict on each layout.
+        task: The task, as `spec_of` takes it; "" takes the one that the folder names, if no import is needed for it.
+        trust: Read a checkpoint that holds more than weights, which executes what is in it.
 
     Raises:
-        ArgumentError: The folder is not that of a run.
+        ArgumentError: The folder is not that of a run, or names a task of another package, or its checkpoint holds more
+            than weights.
         SceneMismatchError: It is of a version with other layouts of the scene.
         ScenirisError: There is no such task, or its scene cannot be compiled.
     """
-    task, settings = read_config(folder)
+    named, settings = read_config(run)
+    if ":" in named and not task:
+        raise ArgumentError(f"{run / CONFIG}: importing its task executes it. Give --task {named} if you trust it.")
+    task = task or named
     scene = build_model(scene_of(task, reachable=True))
-    if scene.former_hash is not None and scene_of_run(folder) in (None, scene.former_hash):
-        raise SceneMismatchError(f"{folder}: this policy {scene.mismatch(scene.former_hash, '')}")
+    if scene.former_hash is not None and scene_of_run(run) in (None, scene.former_hash):
+        raise SceneMismatchError(f"{run}: this policy {scene.mismatch(scene.former_hash, '')}")
     found = {}
     for name, env in judges_of(task, layouts, device).items():
         runner = runner_of(env, settings, 0)
-        runner.load(str(folder / MODEL), map_location=str(env.device))
+        load_checkpoint(runner, run / MODEL, str(env.device), trust=trust)
         found[name] = judge(runner.get_inference_policy(str(env.device)), env, task, layouts)
     if out is not None:
         write_text(out, as_json(found))

@@ -4,13 +4,34 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.errors import ArgumentError
-from sceniris_gym.training.settings import Settings
+from sceniris_gym.errors import ArgumentError, check_type
+from sceniris_gym.files import opened, read_bytes
+from sceniris_gym.training.settings import Settings, as_settings
 
 CONFIG, LOG, MODEL, JUDGED, TEACHER = "config.json", "log.jsonl", "model.pt", "judged.json", "teacher.pt"
+PICKLE = "is a pickle, and reading one executes what is in it. Give --trust if you trust whoever made it."
+"""The end of errors about files that are not read unless they are trusted."""
+
+
+@contextmanager
+def of_a_run(file: Path) -> Iterator[None]:
+    """Turn errors about the contents of a file in the folder of a run, which may be cut off, into one that names it.
+
+    Raises:
+        ArgumentError: The block found something wrong.
+    """
+    try:
+        yield
+    except ArgumentError:
+        raise
+    except Exception as error:  # of JSON, torch and rsl-rl, whose classes differ between versions
+        raise ArgumentError(f"{file}: should be as 'sceniris-gym train' writes it: {error!r:.200}.") from None
 
 
 def read_config(folder: Path) -> tuple[str, Settings]:
@@ -18,6 +39,7 @@ def read_config(folder: Path) -> tuple[str, Settings]:
 
     Raises:
         ArgumentError: It is no such folder; the message says what is missing.
+        SceneKeyError: A setting is of another type, or out of range.
     """
     for name in (CONFIG, MODEL):
         if not (folder / name).is_file():
@@ -25,22 +47,58 @@ def read_config(folder: Path) -> tuple[str, Settings]:
                 f"{folder}: should be the folder of a run that 'sceniris-gym train TASK --out {folder}' made, "
                 f"but has no {name}."
             )
-    try:
-        told = json.loads((folder / CONFIG).read_text())
-        return told["options"]["task"], Settings(**told["settings"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise ArgumentError(f"{folder / CONFIG}: should be as 'sceniris-gym train' writes it: {error}.") from None
+    told = read_parts(folder)
+    with of_a_run(folder / CONFIG):
+        task, settings = told["options"]["task"], told["settings"]
+    check_type(task, str, f"{folder / CONFIG}: options.task")
+    return task, as_settings(settings, f"{folder / CONFIG}: settings")
+
+
+def read_parts(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the parts of the configuration of the run in a folder: options, settings, sources and scene.
+
+    Raises:
+        ArgumentError: It cannot be read.
+    """
+    with of_a_run(folder / CONFIG):
+        told = json.loads(read_bytes(folder / CONFIG))
+        return {name: dict(part) for name, part in told.items()}
+
+
+def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
+    """Return the contents of a checkpoint of rsl-rl.
+
+    Args:
+        file: The checkpoint.
+        device: The device of its tensors, as torch names it.
+        trust: Read whatever it holds, also what is executed.
+
+    Raises:
+        ArgumentError: It cannot be read, or holds more than weights and is not trusted.
+    """
+    import torch
+
+    with of_a_run(file), opened(file) as found:
+        try:
+            return torch.load(found, map_location=device, weights_only=not trust)
+        except pickle.UnpicklingError as error:
+            raise (error if trust else ArgumentError(f"{file}: should be weights alone. All else {PICKLE}")) from None
 
 
 def scene_of_run(folder: Path) -> str | None:
     """Return the hash of the scene of the run in a folder; None for one of version 0.1.0, which wrote none."""
-    return json.loads((folder / CONFIG).read_text()).get("scene", {}).get("hash")
+    return read_parts(folder).get("scene", {}).get("hash")
 
 
 def evaluations(folder: Path) -> list[dict[str, Any]]:
-    """Return the lines of the evaluations in the log of the run in a folder, in their order."""
-    lines = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
-    return [line for line in lines if line["kind"] == "eval"]
+    """Return the lines of the evaluations in the log of the run in a folder, in their order.
+
+    Raises:
+        ArgumentError: The log cannot be read.
+    """
+    with of_a_run(folder / LOG):
+        lines = [json.loads(line) for line in read_bytes(folder / LOG).splitlines()]
+        return [line for line in lines if line["kind"] == "eval"]
 
 
 def without_layouts(found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from contextlib import redirect_stdout
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, nn
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.training.records import of_a_run, read_checkpoint
 from sceniris_gym.training.settings import Settings
 
 if TYPE_CHECKING:
@@ -82,6 +84,19 @@ def runner_of(env: RslRlVecEnv, settings: Settings, seed: int) -> OnPolicyRunner
     with redirect_stdout(None):  # it prints the networks
         made = DistillationRunner if imitates else OnPolicyRunner
         return made(env, config, log_dir=None, device=str(env.device))
+
+
+def load_checkpoint(runner: OnPolicyRunner, file: Path, device: str, *, trust: bool = False) -> Any:
+    """Give a runner the networks of a checkpoint, as its own `load` does, and return what was saved with them.
+
+    Raises:
+        ArgumentError: See `read_checkpoint`; or it is of other networks.
+    """
+    stored = read_checkpoint(file, device, trust=trust)
+    with of_a_run(file):
+        if runner.alg.load(stored, None, True):
+            runner.current_learning_iteration = stored["iter"]
+        return stored["infos"]
 
 
 def _ppo(settings: Settings, groups: list[str], sight: dict[str, Keypoints]) -> dict[str, Any]:

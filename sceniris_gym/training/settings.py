@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from ast import literal_eval
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from pydantic import ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt, TypeAdapter
 
+from sceniris_gym.config.messages import reading
 from sceniris_gym.errors import ArgumentError
 
 
@@ -32,17 +34,19 @@ class Settings:
             sees images then imitates it. None where it is 0: PPO trains the policy itself
     """
 
-    hidden: tuple[int, ...] = (256, 128, 64)
-    gamma: float = 0.98
-    entropy: float = 0.002
-    last_entropy: float | None = None
-    cooling: float = 40.0
-    init_std: float = 1.0
-    steps: int = 24
-    epochs: int = 5
-    mini_batches: int = 4
-    desired_kl: float = 0.01
-    teacher: float = 0.0
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    hidden: tuple[Annotated[PositiveInt, Field(le=1 << 16)], ...] = (256, 128, 64)
+    gamma: Annotated[NonNegativeFloat, Field(le=1.0)] = 0.98
+    entropy: NonNegativeFloat = 0.002
+    last_entropy: NonNegativeFloat | None = None
+    cooling: PositiveFloat = 40.0
+    init_std: PositiveFloat = 1.0
+    steps: Annotated[PositiveInt, Field(le=1 << 16)] = 24
+    epochs: PositiveInt = 5
+    mini_batches: PositiveInt = 4
+    desired_kl: PositiveFloat = 0.01
+    teacher: NonNegativeFloat = 0.0
 
     def entropy_after(self, env_steps: int) -> float:
         """Return the weight of the entropy bonus after `env_steps` control steps of all worlds together."""
@@ -71,6 +75,7 @@ def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
 
     Raises:
         ArgumentError: No setting has that name, or the value is none.
+        SceneKeyError: The value is of another type, or out of range.
     """
     changed: dict[str, Any] = {}
     names = [field.name for field in fields(Settings)]
@@ -83,7 +88,17 @@ def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
         except (ValueError, SyntaxError):
             wanted = f"name=value with a name out of {', '.join(names)}"
             raise ArgumentError(f"--changes takes {wanted}, got '{change}'.") from None
-    return replace(SETTINGS.get(task, Settings()), **changed)
+    return as_settings(asdict(SETTINGS.get(task, Settings())) | changed, "--changes")
+
+
+def as_settings(values: Mapping[str, Any], where: str) -> Settings:
+    """Return settings from their values by name.
+
+    Raises:
+        SceneKeyError: A value is wrong; the message begins with `where`.
+    """
+    with reading(where):
+        return TypeAdapter(Settings).validate_python(values)
 
 
 @dataclass(frozen=True)
@@ -98,6 +113,7 @@ class Options:
         million_steps: stop after this many million control steps of all worlds together, too
         out: folder for config.json, log.jsonl, model.pt and judged.json
         resume: go on from the checkpoint in the folder, if there is one
+        trust: read a checkpoint that holds more than weights, which executes what is in it
         device: cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu
         bank: replay this many stored layouts instead of making fresh ones
         levels: replay layouts by "learnability" or by "failure" (see docs/levels.md); by default each is fresh
@@ -118,6 +134,7 @@ class Options:
     million_steps: float | None = None
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("results/train")
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    trust: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     device: str | None = None
     bank: int | None = None
     levels: str | None = None

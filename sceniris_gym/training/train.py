@@ -15,32 +15,33 @@ from __future__ import annotations
 import inspect
 import json
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.files import as_json, replacing, write_text
+from sceniris_gym.files import as_json, read_bytes, replacing, write_text
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.training import layout_sources
+from sceniris_gym.training import layout_sources, records
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, TEACHER, evaluations, without_layouts
-from sceniris_gym.training.runner import runner_of
+from sceniris_gym.training.runner import load_checkpoint, runner_of
 from sceniris_gym.training.settings import Options, settings_of
 from sceniris_gym.training.sources import source_hash
 from sceniris_gym.training.task_scenes import NAMESPACE, SEED_SPACING, make_env, scene_of, spec_of
 from sceniris_gym.vector.arguments import as_task
 
-FREE = ("out", "resume", "device", "minutes", "million_steps", "layouts", "every", "evaluate_every", "save_every")
+FREE = ("out", "resume", "trust", "device", "minutes", "million_steps", "layouts")
+FREE += ("every", "evaluate_every", "save_every")
 """Options that may differ when a run is resumed: they do not change what is learned in an iteration."""
 
 
@@ -111,7 +112,7 @@ class Run:
             self._load()
         else:
             self.checkpoint.unlink(missing_ok=True)  # of an earlier run
-            self.log.write_text("")
+            write_text(self.log, "")
             self._teach()
         write_text(options.out / CONFIG, as_json(self._config(), indent=1))
         while not self.finished:
@@ -133,7 +134,7 @@ class Run:
     def _check_same(self) -> None:
         """Compare with the run that made the checkpoint."""
         file = self.options.out / CONFIG
-        told, wanted = json.loads(file.read_text()), json.loads(as_json(self._config()))
+        told, wanted = records.read_parts(self.options.out), json.loads(as_json(self._config()))
         for part, values in wanted.items():
             for name, value in values.items():
                 before = told.get(part, {}).get(name)
@@ -168,7 +169,7 @@ class Run:
         self._tell("teacher", env.unwrapped.statistics.read())
         with replacing(options.out / TEACHER) as file:
             teacher.save(str(file))
-            self.runner.load(str(file), map_location=str(env.device))
+            load_checkpoint(self.runner, file, str(env.device))
         env.close()
 
     def _train(self, iterations: int) -> None:
@@ -207,23 +208,26 @@ class Run:
         }
         sampler = self.env.unwrapped.randomizer.levels
         if sampler is not None:
-            progress["levels"] = sampler.state()
+            state_of = sampler.state().items()  # as tensors and text, since weights alone are read
+            progress["levels"] = {k: v.tolist() if v.dtype.kind == "U" else torch.from_numpy(v) for k, v in state_of}
         with replacing(self.checkpoint) as temporary:
             self.runner.save(str(temporary), progress)
 
     def _load(self) -> None:
         """Restore the checkpoint: networks, clock, log and the episodes of all worlds."""
-        progress = self.runner.load(str(self.checkpoint), map_location=str(self.env.device))
-        self.seconds, self.iterations = progress["seconds"], progress["iterations"]
-        self.judged_at, self.saved_at = progress["judged_at"], progress["seconds"]
-        os.truncate(self.log, progress["log_size"])
-        randomizer = self.env.unwrapped.randomizer
-        if randomizer.levels is not None:
-            randomizer.levels.restore(progress["levels"])
-        else:
-            randomizer.reseed(None, episodes=progress["episode"].cpu().numpy() + 1)
-        self.env.reset()  # starts the next episodes
-        self.env.episode_length_buf = progress["elapsed"].to(self.env.device)
+        device, randomizer = self.env.device, self.env.unwrapped.randomizer
+        progress = load_checkpoint(self.runner, self.checkpoint, str(device), trust=self.options.trust)
+        with records.of_a_run(self.checkpoint):
+            self.seconds, self.iterations = float(progress["seconds"]), int(progress["iterations"])
+            self.judged_at, self.saved_at = float(progress["judged_at"]), self.seconds
+            write_text(self.log, read_bytes(self.log)[: progress["log_size"]].decode())
+            if randomizer.levels is not None:
+                kept = {k: v.cpu() if isinstance(v, torch.Tensor) else v for k, v in progress["levels"].items()}
+                randomizer.levels.restore({name: np.asarray(values) for name, values in kept.items()})
+            else:
+                randomizer.reseed(None, episodes=progress["episode"].cpu().numpy() + 1)
+            self.env.reset()  # starts the next episodes
+            self.env.episode_length_buf = progress["elapsed"].to(device)
         # different action noise than at the start of the run
         torch.manual_seed(self.options.seed * SEED_SPACING + self.iterations)
 

@@ -50,6 +50,7 @@ def view_env(
     split: str,
     device: str | None,
     changes: Mapping[str, Any],
+    trust: bool = False,
 ) -> None:
     """Show how a policy plays an environment on a page, and serve it until Ctrl-C."""
     print(f"Open that page in a browser: '{env}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
@@ -75,7 +76,7 @@ def view_env(
     words = {"split": split, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
     with listening(tell):
         envs: Any = gymnasium.make_vec(spec, num_envs=num, **words).unwrapped
-    plays = None if policy is None else load_policy(policy, envs.device)
+    plays = None if policy is None else load_policy(policy, envs.device, trust=trust)
     said.remove()
     view = EnvView(server, envs, plays, ids)
     while True:

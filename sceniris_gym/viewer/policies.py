@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, import_extra
+from sceniris_gym.training.records import PICKLE, of_a_run, read_checkpoint
 
 Policy = Callable[[dict[str, Tensor]], Any]
 """Takes the observation groups of all worlds, each (num_envs, size), and returns actions, (num_envs, action size)."""
@@ -27,7 +28,7 @@ _ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")
 _NORMALIZATIONS = ("normalize.pkl", "vecnormalize.pkl")
 
 
-def load_policy(name: str, device: str = "cpu") -> Policy:
+def load_policy(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
     """Load a policy.
 
     Args:
@@ -35,9 +36,10 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
             with its default activation. Observations for a .zip are normalised by the VecNormalize that lies beside it
             as normalize.pkl, if there is one.
         device: The device of the observations, as torch names it.
+        trust: Read a .zip and the VecNormalize beside it, which executes what is in them.
 
     Raises:
-        ArgumentError: The name is none of these, or the file cannot be used.
+        ArgumentError: The name is none of these, or the file cannot be used, or is a .zip and not trusted.
         MissingExtraError: The library of the policy is not installed.
     """
     path = Path(name)
@@ -46,6 +48,8 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
     if path.suffix == ".pt":
         return _of_rsl_rl(path, device)
     if path.suffix == ".zip":
+        if not trust:
+            raise ArgumentError(f"--policy {name}: a model of Stable-Baselines3 {PICKLE}")
         return _of_stable_baselines(path, device)
     module, colon, function = name.partition(":")
     if not colon:
@@ -63,22 +67,19 @@ def load_policy(name: str, device: str = "cpu") -> Policy:
 
 def _of_rsl_rl(path: Path, device: str) -> Policy:
     modules = import_extra("rsl_rl.modules", "rsl-rl", "rsl_rl")
-    try:
-        stored = torch.load(path, map_location=device, weights_only=True)["actor_state_dict"]
-    except Exception as error:  # torch's own classes of errors differ between versions
-        why = str(error).splitlines()[0]
-        raise ArgumentError(f"--policy {path}: should be a checkpoint of rsl-rl 5 with an actor: {why}.") from None
-    weights = [value for key, value in stored.items() if key.startswith("mlp.") and key.endswith(".weight")]
-    if not weights:
-        raise ArgumentError(f"--policy {path}: should be a checkpoint of rsl-rl's MLPModel, has {', '.join(stored)}.")
-    sizes = [weights[0].shape[1], *(w.shape[0] for w in weights)]
-    network = modules.MLP(sizes[0], sizes[-1], sizes[1:-1], "elu").to(device)
-    network.load_state_dict({k.removeprefix("mlp."): v for k, v in stored.items() if k.startswith("mlp.")})
-    normal = {k.removeprefix("obs_normalizer."): v for k, v in stored.items() if k.startswith("obs_normalizer.")}
-    scale = torch.nn.Identity()
-    if normal:
-        scale = modules.EmpiricalNormalization(sizes[0]).to(device)
-        scale.load_state_dict(normal)
+    with of_a_run(path):
+        stored = read_checkpoint(path, device)["actor_state_dict"]
+        weights = [value for key, value in stored.items() if key.startswith("mlp.") and key.endswith(".weight")]
+        if not weights:
+            raise ArgumentError(f"--policy {path}: should hold an MLPModel of rsl-rl, has {', '.join(stored)}.")
+        sizes = [weights[0].shape[1], *(w.shape[0] for w in weights)]
+        network = modules.MLP(sizes[0], sizes[-1], sizes[1:-1], "elu").to(device)
+        network.load_state_dict({k.removeprefix("mlp."): v for k, v in stored.items() if k.startswith("mlp.")})
+        normal = {k.removeprefix("obs_normalizer."): v for k, v in stored.items() if k.startswith("obs_normalizer.")}
+        scale = torch.nn.Identity()
+        if normal:
+            scale = modules.EmpiricalNormalization(sizes[0]).to(device)
+            scale.load_state_dict(normal)
     scale.eval()
 
     @torch.inference_mode()

@@ -14,7 +14,7 @@ pytest.importorskip("rsl_rl")
 from sceniris_gym import cli
 from sceniris_gym.commands.evaluate import evaluate, report
 from sceniris_gym.commands.train import train
-from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.training.settings import Options
 from tests.training.scenes import write_task
 
@@ -41,7 +41,9 @@ def _compiled_once(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_evaluation_is_that_of_the_training(run: Path, capfd: pytest.CaptureFixture, tmp_path: Path):
     """Of as many layouts it has the same verdicts, in one line of JSON and layout by layout in a file."""
-    cli.main(["evaluate", str(run), "--layouts", "3", "--device", "cpu", "--json", "-o", str(tmp_path / "each.json")])
+    task = json.loads((run / "config.json").read_text())["options"]["task"]
+    words = ["evaluate", str(run), "--layouts", "3", "--device", "cpu", "--json", "-o", str(tmp_path / "each.json")]
+    cli.main([*words, "--task", task])
     said = capfd.readouterr()
     assert (said.out.count("\n"), said.err) == (1, "")
     found, before = json.loads(said.out), json.loads((run / "log.jsonl").read_text().splitlines()[-1])
@@ -72,6 +74,16 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path, capfd: pytest.Capture
     assert (stop.value.code, said.out) == (2, "")
     wanted = f"should be the folder of a run that 'sceniris-gym train TASK --out {tmp_path}' made"
     assert said.err == f"sceniris-gym: {tmp_path}: {wanted}, but has no model.pt.\n"
+
+
+def test_a_task_that_only_the_folder_names_is_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Importing a module executes it, also one that lies where the program is started."""
+    (tmp_path / "beside.py").write_text("raise SystemExit('executed')")
+    (tmp_path / "config.json").write_text(json.dumps({"options": {"task": "beside:Foo-v0"}, "settings": {}}))
+    (tmp_path / "model.pt").touch()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ArgumentError, match=r"config\.json: .* executes it.*Give --task beside:Foo-v0"):
+        evaluate(tmp_path, 1, "cpu")
 
 
 def test_a_policy_of_a_version_with_other_layouts_is_refused(tmp_path: Path):

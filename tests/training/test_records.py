@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+import torch
 
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, SceneKeyError
 from sceniris_gym.files import as_json
-from sceniris_gym.training.records import read_config, success_interval
+from sceniris_gym.training.records import evaluations, read_checkpoint, read_config, read_parts, success_interval
 from sceniris_gym.training.settings import Settings
 
 
@@ -25,8 +27,17 @@ def test_intervals_are_those_of_wilson():
     [
         ({}, "has no config.json"),
         ({"config.json": "{}"}, "has no model.pt"),
-        ({"config.json": "{}", "model.pt": ""}, "config.json: should be as 'sceniris-gym train' writes it: 'options'"),
+        (
+            {"config.json": "{}", "model.pt": ""},
+            "config.json: should be as 'sceniris-gym train' writes it: KeyE",
+        ),
         ({"config.json": "[", "model.pt": ""}, "config.json: should be as 'sceniris-gym train' writes it: "),
+        ({"config.json": "[1]", "model.pt": ""}, "config.json: should be as 'sceniris-gym train' writes it: "),
+        (
+            {"config.json": '{"options": {"task": 5}, "settings": {}}', "model.pt": ""},
+            "options.task should be a str",
+        ),
+        ({"config.json": '{"options": {}, "scene": null}', "model.pt": ""}, "config.json: should be as"),
     ],
 )
 def test_a_folder_without_a_run_is_refused(tmp_path: Path, files: dict[str, str], words: str):
@@ -36,6 +47,65 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path, files: dict[str, str]
     with pytest.raises(ArgumentError) as refused:
         read_config(tmp_path)
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"steps": -1}, "config.json: settings: steps: -1 "),
+        ({"hidden": "x"}, "config.json: settings: hidden: 'x' "),
+        ({"hidden": [0]}, "config.json: settings: hidden.0: 0 "),
+        ({"gamma": 2.0}, "config.json: settings: gamma: 2.0 "),
+        ({"width": 1}, "config.json: settings: width: 1 "),
+    ],
+)
+def test_settings_that_no_training_has_are_refused(tmp_path: Path, settings: dict[str, object], words: str):
+    """By their names, as the options of the command are."""
+    (tmp_path / "config.json").write_text(as_json({"options": {"task": "A-v0"}, "settings": settings}))
+    (tmp_path / "model.pt").touch()
+    with pytest.raises(SceneKeyError) as refused:
+        read_config(tmp_path)
+    assert words in str(refused.value)
+
+
+def test_a_pipe_is_no_configuration(tmp_path: Path):
+    """It is not waited for, in the place of any of the files."""
+    for name in ("config.json", "log.jsonl", "model.pt"):
+        os.mkfifo(tmp_path / name)
+    for read in (read_parts, evaluations, lambda folder: read_checkpoint(folder / "model.pt", "cpu")):
+        with pytest.raises(ArgumentError, match="a pipe or a device"):
+            read(tmp_path)
+
+
+def test_a_log_that_is_cut_off_is_told(tmp_path: Path):
+    """By its name."""
+    (tmp_path / "log.jsonl").write_text('{"kind": "eval"}\n{"kind": "ev')
+    with pytest.raises(ArgumentError, match=r"log\.jsonl: should be as 'sceniris-gym train' writes it"):
+        evaluations(tmp_path)
+
+
+class _Touching:
+    """Unpickled, it makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.mkdir, (str(self.path),)
+
+
+def test_a_checkpoint_is_read_as_weights_unless_it_is_trusted(tmp_path: Path):
+    """A pickle in it is executed only where the user says so."""
+    file, touched = tmp_path / "model.pt", tmp_path / "touched"
+    torch.save({"actor_state_dict": _Touching(touched)}, file)
+    with pytest.raises(ArgumentError, match=r"model\.pt: should be weights alone.* executes .*--trust"):
+        read_checkpoint(file, "cpu")
+    assert not touched.exists()
+    read_checkpoint(file, "cpu", trust=True)
+    assert touched.exists()
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(ArgumentError, match=r"model\.pt: should be as 'sceniris-gym train' writes it"):
+        read_checkpoint(file, "cpu", trust=True)
 
 
 def test_task_and_settings_are_read_as_they_were_written(tmp_path: Path):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, SceneKeyError
 from sceniris_gym.training.settings import Options, Settings, settings_of
 
 
@@ -23,6 +23,9 @@ def test_settings_to_try_are_named():
     assert (changed.gamma, changed.hidden) == (0.5, (8, 8))
     for wrong in ("gama=0.5", "gamma"):
         with pytest.raises(ArgumentError, match="name=value with a name out of hidden, gamma"):
+            settings_of("TabletopReach-v0", (wrong,))
+    for wrong in ("gamma=2", "steps=-1", "hidden='x'", "init_std=None"):
+        with pytest.raises(SceneKeyError, match=f"--changes: {wrong.partition('=')[0]}: "):
             settings_of("TabletopReach-v0", (wrong,))
 
 

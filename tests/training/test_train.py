@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,20 @@ from sceniris_gym.files import as_json
 from sceniris_gym.training import sources, task_scenes, train
 from sceniris_gym.training.settings import SETTINGS, Options
 from tests.training.scenes import reach_scene
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Iterator[train.Run]:
+    """Return a run of two worlds with a checkpoint of its start."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=2))
+        patch.setattr(train, "judges_of", lambda *_: {})
+        patch.setattr(train, "compile_scene", lambda *_: reach_scene())
+        small: dict[str, Any] = {"num_envs": 2, "device": "cpu", "changes": ("steps=4", "hidden=(8,)", "epochs=1")}
+        run = train.Run(Options("TabletopReach-v0", out=tmp_path_factory.mktemp("begun"), **small))
+        run.log.write_text("")
+        run._save()
+        yield run
 
 
 @pytest.mark.slow
@@ -121,17 +136,32 @@ def test_levels_go_on_with_a_training(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(run, "_judge", lambda: None)
     monkeypatch.setattr(train, "evaluations", lambda _: [{}])
     run.go()
-    kept = torch.load(tmp_path / "model.pt", weights_only=False)["infos"]["levels"]
+    kept = torch.load(tmp_path / "model.pt", weights_only=True)["infos"]["levels"]
     again = train.Run(replace(options, resume=True))
     again._load()
     envs = again.env.unwrapped
     assert envs.randomizer.levels is not None
     state = envs.randomizer.levels.state()
     for name in ("seed", "value", "age", "cumulative", "level"):
-        wanted = kept["next_level"] if name == "level" else kept[name]
+        wanted = (kept["next_level"] if name == "level" else kept[name]).numpy()
         np.testing.assert_array_equal(state[name], wanted, err_msg=name)
-    assert envs.state.seed.tolist() == kept["next_seed"].astype(np.int64).tolist()
+    assert envs.state.seed.tolist() == kept["next_seed"].to(torch.int64).tolist()
     assert envs.randomizer.levels.size >= 6
+
+
+@pytest.mark.parametrize("wrong", [{"seconds": "x"}, {"elapsed": 5}, {"log_size": "x"}, {"episode": torch.zeros(7)}])
+def test_a_run_does_not_go_on_from_progress_that_no_run_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], begun: train.Run
+):
+    """A checkpoint that was edited is told by its name."""
+    stored = torch.load(begun.checkpoint, weights_only=True)
+    stored["infos"] |= wrong
+    torch.save(stored, tmp_path / "model.pt")
+    (tmp_path / "log.jsonl").write_bytes(begun.log.read_bytes())
+    monkeypatch.setattr(begun, "checkpoint", tmp_path / "model.pt")
+    monkeypatch.setattr(begun, "log", tmp_path / "log.jsonl")
+    with pytest.raises(ArgumentError, match=r"model\.pt: should be as 'sceniris-gym train' writes it"):
+        begun._load()
 
 
 def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):

@@ -45,7 +45,7 @@ def test_a_model_of_stable_baselines_acts_as_it_does(tmp_path: Path):
     model = library.PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8, device="cpu")
     model.save(tmp_path / "model.zip")
     observation = torch.randn(4, 3)
-    actions = load_policy(str(tmp_path / "model.zip"))({"policy": observation})
+    actions = load_policy(str(tmp_path / "model.zip"), trust=True)({"policy": observation})
     assert actions == pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
 
 
@@ -59,14 +59,14 @@ def test_a_model_sees_observations_as_in_its_training(tmp_path: Path, capsys: py
     model.save(tmp_path / "model.zip")
     envs.save(str(tmp_path / "normalize.pkl"))
     observation = 5.0 + torch.randn(4, 3)
-    actions = load_policy(str(tmp_path / "model.zip"))({"policy": observation})
+    actions = load_policy(str(tmp_path / "model.zip"), trust=True)({"policy": observation})
     expected = model.predict(envs.normalize_obs(observation.numpy()), deterministic=True)[0]
     assert actions == pytest.approx(expected)
     assert actions != pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
     assert "normalize.pkl" in capsys.readouterr().err
     (tmp_path / "normalize.pkl").write_bytes(b"nothing")
     with pytest.raises(ArgumentError, match=r"normalize.pkl: should be what VecNormalize saved"):
-        load_policy(str(tmp_path / "model.zip"))
+        load_policy(str(tmp_path / "model.zip"), trust=True)
 
 
 def test_a_function_is_a_policy():
@@ -98,9 +98,25 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
     (tmp_path / "a.pt").write_bytes(b"none")
     (tmp_path / "a.zip").write_bytes(b"none")
     torch.save({"actor_state_dict": {"cnn.weight": torch.zeros(1)}}, tmp_path / "cnn.pt")
-    for name, words in (("a.pt", "rsl-rl 5"), ("a.zip", "Stable-Baselines3"), ("cnn.pt", "MLPModel")):
+    for name, words in (("a.pt", "should be weights alone"), ("a.zip", "Stable-Baselines3"), ("cnn.pt", "MLPModel")):
         with pytest.raises(ArgumentError, match=words):
-            load_policy(str(tmp_path / name))
+            load_policy(str(tmp_path / name), trust=True)
+
+
+def test_a_pickle_is_not_read_unless_it_is_trusted(tmp_path: Path):
+    """A model of Stable-Baselines3 is refused before it is opened, with the way out."""
+    (tmp_path / "model.zip").touch()
+    with pytest.raises(ArgumentError, match=r"model\.zip: .*executes what is in it.*--trust"):
+        load_policy(str(tmp_path / "model.zip"))
+
+
+def test_a_checkpoint_with_other_parts_is_refused(tmp_path: Path):
+    """Lists, weights of other shapes, and keys that are no names."""
+    pytest.importorskip("rsl_rl", reason="needs the extra 'rsl-rl'")
+    for i, actor in enumerate(([1], {"mlp.0.weight": torch.zeros(3)}, {5: 5}, {"mlp.9.weight": torch.zeros(2, 3)})):
+        torch.save({"actor_state_dict": actor}, tmp_path / f"{i}.pt")
+        with pytest.raises(ArgumentError, match=rf"{i}\.pt: should be as"):
+            load_policy(str(tmp_path / f"{i}.pt"))
 
 
 def test_a_function_of_a_file_beside_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
