@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from trimesh.resolvers import FilePathResolver
 
 from sceniris_gym.errors import MeshError, SceneFileError, import_extra
+from sceniris_gym.files import opened
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
 
 SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
@@ -34,11 +36,13 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
     if path.suffix.lower() == ".dae":
         import_extra("collada", "import", "pycollada")
     try:
+        beside = _Beside(str(path))
         # When trimesh merges vertices, it silently drops those that are not finite, as if the file had holes.
-        raw = [m for m in trimesh.load_scene(path, process=False).geometry.values() if isinstance(m, trimesh.Trimesh)]
+        loaded = trimesh.load_scene(path, resolver=beside, process=False).geometry.values()
+        raw = [mesh for mesh in loaded if isinstance(mesh, trimesh.Trimesh)]
         if not all(np.isfinite(mesh.vertices).all() for mesh in raw):
             raise MeshError(f"{path}: it has vertices that are not finite. Export it again.")
-        scene = trimesh.load_scene(path)
+        scene = trimesh.load_scene(path, resolver=beside)
         found = []
         for node in scene.graph.nodes_geometry:
             pose, name = scene.graph[node]
@@ -57,6 +61,15 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
             f"{path}: it cannot be read as {path.suffix[1:].upper()}: {reason:.200}. Export it again."
         ) from None
     return tuple(found)
+
+
+class _Beside(FilePathResolver):
+    """The files that a mesh refers to, such as materials and buffers, but no pipes and no devices."""
+
+    def get(self, name: str) -> Any:
+        """Return the contents of one of them."""
+        opened(Path(self.parent, name.strip())).close()
+        return super().get(name)
 
 
 def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -66,3 +67,15 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path):
     (tmp_path / "bad.glb").write_bytes(b"no mesh at all")
     with pytest.raises(SceneFileError, match=r"bad\.glb: it cannot be read as GLB: .*\. Export it again"):
         read_mesh(tmp_path / "bad.glb")
+
+
+def test_pipes_that_a_mesh_refers_to_are_not_waited_for(tmp_path: Path):
+    """Materials are left out, as if they were missing; a buffer is an error."""
+    os.mkfifo(tmp_path / "pipe")
+    file = write(box(), tmp_path / "box.obj")
+    file.write_text("mtllib pipe\n" + file.read_text())
+    np.testing.assert_allclose(read_mesh(file).extents(), [0.04, 0.06, 0.1], atol=1e-6)
+    buffer = '{"asset": {"version": "2.0"}, "buffers": [{"uri": "pipe", "byteLength": 36}], "scenes": [{"nodes": []}]}'
+    (tmp_path / "box.gltf").write_text(buffer)
+    with pytest.raises(SceneFileError, match=r"box\.gltf: it cannot be read as GLTF: .*a pipe or a device"):
+        read_mesh(tmp_path / "box.gltf")
