@@ -143,12 +143,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
     try:
         columns = read_arrays(path)
         found = str(columns["hash"])
-        for part in ("layouts", "rejected"):  # files of version 0.1.0 know no starts
-            columns.setdefault(f"{part}_start", np.full(len(columns[f"{part}_status"]), -1, np.int32))
-        table, rejected = (
-            LayoutTable(**{name: columns[f"{part}_{name}"] for name in COLUMNS}, scene=found)
-            for part in ("layouts", "rejected")
-        )
+        table, rejected = (_table_of(columns, part, found) for part in ("layouts", "rejected"))
         names, seed = columns["rejected_object"], int(columns["seed"])
     except UNREADABLE as error:
         raise SceneFileError(
@@ -159,6 +154,15 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         raise SceneMismatchError(f"--rows {path}: {compiled.scene.mismatch(found, cure)}")
     _check_columns(compiled, path, table, rejected, names)
     return Rows(table, rejected, names.tolist(), seed)
+
+
+def _table_of(columns: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
+    """Return a part of a stored file as a table; older files know no starts and no keys of draws."""
+    no = np.zeros(len(columns[f"{part}_status"]), np.int32)
+    later = {"start": no - 1, "draw_seed": no.astype(np.uint64), "draw_episode": no - 1, "draw_stream": no}
+    later = {f"{part}_{name}": column for name, column in later.items()} | {f"{part}_knob": np.zeros((len(no), 0))}
+    rows: dict[str, Any] = {name: (later | columns)[f"{part}_{name}"] for name in COLUMNS}
+    return LayoutTable(**rows, scene=scene)
 
 
 def _check_columns(
