@@ -208,9 +208,10 @@ class Layouts(StaysHere):
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
         knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
-        draw_seed, draw_episode, draw_stream: The key that physics and looks of the row are drawn by, shape (nworld,),
-            uint64 and int32: its own seed and episode, or for a fallback the key of the layout in the bank. No such
-            key is known where `draw_episode` is -1.
+        draw_seed: Seed that physics and looks are drawn by, shape (nworld,), uint64: of the row itself, or of a
+            fallback's layout in the bank.
+        draw_episode: The same of the episode, shape (nworld,), int32; -1 where it is unknown.
+        draw_stream: Random stream of these draws, shape (nworld,), int32.
         rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
             int64, shape (nobject, ncause), objects in placement order.
     """
@@ -222,9 +223,10 @@ class Layouts(StaysHere):
     mocap_pose: wp.array
     knobs: KnobTable
 
-    seed, episode, knob, draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(6))
-    qpos, mocap_pos, mocap_quat, present, start = (_RowsOfWorlds() for _ in range(5))
-    grasp, grasp_qpos, pregrasp_qpos, status, attempts, first_pass_valid = (_RowsOfWorlds() for _ in range(6))
+    seed, episode, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(5))
+    status, attempts, first_pass_valid, start, present = (_RowsOfWorlds() for _ in range(5))
+    grasp, grasp_qpos, pregrasp_qpos, knob = (_RowsOfWorlds() for _ in range(4))
+    draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(3))
 
     def pose(self, name: str) -> Any:
         """Return the poses of an object as a torch tensor that shares memory with the layouts.

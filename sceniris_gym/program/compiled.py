@@ -56,9 +56,9 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     check_relations,
     check_standing,
     check_parking,
+    check_solver,
     warn_of_oddities,
     check_reach,
-    check_solver,
 )
 """All checks of a scene, in the order in which they refuse it or warn of it."""
 FEWEST_ATTEMPTS = 10

@@ -153,7 +153,7 @@ def test_a_seed_of_more_than_64_bits_names_no_layout(seed: int):
 @pytest.mark.parametrize("episode", [-1, -5, 2**31])
 def test_an_episode_that_there_is_not_names_no_layout(episode: int):
     """Neither that of a world before its first reset, nor one that `LayoutId` does not read."""
-    with pytest.raises(ArgumentError, match=rf"layout_id: episode={episode} should be from 0 to 2\^31 - 1"):
+    with pytest.raises(ArgumentError, match=rf"layout_id: episode={episode} should be from 0 to 2\^31 - 2"):
         _uploaded().layout_id(0, episode)
 
 

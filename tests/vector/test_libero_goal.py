@@ -113,26 +113,19 @@ def test_a_thing_is_in_a_region_if_its_origin_is(tmp_path: Path):
 
 def test_joints_decide_what_is_open_and_on(tmp_path: Path):
     """Beyond the near end of the range that the start draws from; of a fixture any joint, or all."""
-    goal = (
-        "(And (Open wooden_cabinet_1_top_region) (Close wooden_cabinet_1_top_region) (Open wooden_cabinet_1) "
-        "(Close wooden_cabinet_1) (Turnon flat_stove_1) (Turnoff flat_stove_1))"
+    top, cabinet, stove = "wooden_cabinet_1_top_region", "wooden_cabinet_1", "flat_stove_1"
+    joints = {
+        "wooden_cabinet_1/top_level": [-0.15, 0.004, -0.05, 0.004],
+        "wooden_cabinet_1/middle_level": [0.004, 0.004, -0.15, 0.004],
+        "wooden_cabinet_1/bottom_level": [0.004, 0.004, 0.004, 0.004],
+        "flat_stove_1/button": [0.6, 0.4, 0.6, -0.004],
+    }
+    is_open, is_closed = (
+        seen(problem(tmp_path, f"(And ({moved} {top}) ({moved} {cabinet}) ({turned} {stove}))"), {}, joints)[0]
+        for moved, turned in (("Open", "Turnon"), ("Close", "Turnoff"))
     )
-    each, _ = seen(
-        problem(tmp_path, goal),
-        {},
-        {
-            "wooden_cabinet_1/top_level": [-0.15, 0.004, -0.05, 0.004],
-            "wooden_cabinet_1/middle_level": [0.004, 0.004, -0.15, 0.004],
-            "wooden_cabinet_1/bottom_level": [0.004, 0.004, 0.004, 0.004],
-            "flat_stove_1/button": [0.6, 0.4, 0.6, -0.004],
-        },
-    )
-    assert each == [
-        [True, False, True, False, True, False],
-        [False, True, False, True, False, False],
-        [False, False, True, False, True, False],
-        [False, True, False, True, False, True],
-    ]
+    assert is_open == [[True, True, True], [False, False, False], [False, True, True], [False, False, False]]
+    assert is_closed == [[False, False, False], [True, True, False], [False, False, False], [True, True, True]]
 
 
 @pytest.mark.parametrize(
