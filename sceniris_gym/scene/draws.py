@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import fnmatch
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NoReturn
+from typing import Literal, NoReturn
 
 import mujoco
 import numpy as np
@@ -16,6 +17,21 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside
 from sceniris_gym.scene.support import subtree
+
+End = Literal["least", "most"]
+Ends = End | tuple[End, ...]
+"""An end of what may be drawn, of all components of a field or of each of them."""
+_FIELDS = {word.field for kind in ("object", "scene") for word in WORDS[kind].values()} - {"geom_rgba"}
+LEAST: dict[str, Ends] = dict.fromkeys(_FIELDS, "least")
+MOST: dict[str, Ends] = dict.fromkeys(_FIELDS, "most")
+"""The ends of all physics that is drawn."""
+WEAK: dict[str, Ends] = {
+    **dict.fromkeys(("geom_friction", "actuator_gainprm"), "least"),
+    **dict.fromkeys(("body_mass", "geom_solref"), "most"),
+    **{"geom_solimp": ("least", "least", "most", "most", "most"), "gravity": ("most", "most", "least")},
+    "actuator_forcerange": ("most", "least"),
+}
+"""The ends at which things are heavy and slippery, their contacts soft, and actuators have the least force."""
 
 
 @dataclass(frozen=True)
@@ -207,12 +223,32 @@ def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
     return now + ends[:, None] if config.add is not None and not draw.is_turn else ends[:, None]
 
 
-def drawn_bounds(draws: tuple[FieldDraw, ...], mjm: mujoco.MjModel, field: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest values that a field can have, shape (n, width) each."""
-    values = nominal_values(mjm, field)
-    low, high = values.copy(), values.copy()
-    for draw in draws:
-        if draw.word.field == field:
-            at, ends = np.ix_(draw.rows, draw.components), _ends(draw, values)
-            low[at], high[at] = ends.min(axis=0), ends.max(axis=0)
-    return low, high
+def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> mujoco.MjModel:
+    """Return a model with fields at these ends of what may be drawn, and with all that follows from them.
+
+    Args:
+        mjm: The model. It is returned itself if none of the fields is drawn.
+        draws: The draws of its scene.
+        ends: The end of each field.
+    """
+    own = [draw for draw in draws if draw.word.field in ends]
+    if not own:
+        return mjm
+    found = copy.copy(mjm)
+    for draw in own:
+        values = nominal_values(mjm, name := draw.word.field)
+        every, at, before = _ends(draw, values), np.ix_(draw.rows, draw.components), values[draw.rows, :1]
+        is_least = np.broadcast_to(np.array(ends[name]) == "least", values.shape[1:])[draw.components]
+        values[at] = np.where(is_least, every.min(axis=0), every.max(axis=0))
+        getattr(found.opt if name in OPTIONS else found, name).reshape(values.shape)[at] = values[at]
+        for follower, first, width in draw.word.follow:
+            getattr(found, follower)[draw.rows, first : first + width] *= values[draw.rows, :1] / before
+    mujoco.mj_setConst(found, mujoco.MjData(found))
+    return found
+
+
+def corners(draws: tuple[FieldDraw, ...], field: str) -> list[tuple[End, ...]]:
+    """Return all combinations of ends of the drawn components of a field of which no end is known to be the worse."""
+    ends: tuple[End, End] = ("least", "most")
+    count = max((1 + int(draw.components.max()) for draw in draws if draw.word.field == field), default=0)
+    return list(product(ends, repeat=count))

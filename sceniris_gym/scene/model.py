@@ -17,7 +17,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.couplings import Coupling, driven_by
-from sceniris_gym.scene.draws import FieldDraw
+from sceniris_gym.scene.draws import LEAST, MOST, FieldDraw, at_ends
 from sceniris_gym.scene.joint_checks import check_joint, refuse_follower
 from sceniris_gym.scene.support import Support, static_supports, subtree
 
@@ -153,6 +153,16 @@ class SceneModel:
         mujoco.mj_kinematics(self.mjm, data)
         mujoco.mj_comPos(self.mjm, data)
         return data
+
+    @cached_property
+    def least(self) -> mujoco.MjModel:
+        """The model with all physics that resets draw at its least."""
+        return at_ends(self.mjm, self.draws, **LEAST)
+
+    @cached_property
+    def most(self) -> mujoco.MjModel:
+        """The model with all physics that resets draw at its most."""
+        return at_ends(self.mjm, self.draws, **MOST)
 
     @cached_property
     def contact_rules(self) -> ContactRules:
