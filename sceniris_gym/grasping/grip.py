@@ -54,13 +54,14 @@ class Fingers:
     """The fingers of a gripper, closed on the objects of its scene.
 
     Args:
-        mjm: The model.
+        models: The model, at all combinations of ends of what may be drawn in which it may hold worst.
         arm: The arm in it.
         gripper: Its gripper.
         home: MjData at the start pose, whose joints inside objects are kept.
     """
 
-    def __init__(self, mjm: mujoco.MjModel, arm: SerialArm, gripper: Gripper, home: mujoco.MjData) -> None:
+    def __init__(self, models: Sequence[mujoco.MjModel], arm: SerialArm, gripper: Gripper, home: mujoco.MjData) -> None:
+        self._models, mjm = models, models[0]
         self._mjm, self._gripper, self._site, self._home = mjm, gripper, arm.tcp_site, home
         self._data = mujoco.MjData(mjm)
         self._data.qpos[:] = home.qpos
@@ -123,7 +124,7 @@ class Fingers:
         return data.site_xpos[self._site].copy(), turn, home.xpos[grasp.body] + body @ pos
 
     def hold(self, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
-        """Return whether the closed fingers hold a free object alone, for half a second in MuJoCo C.
+        """Return whether the closed fingers hold a free object alone, for half a second in MuJoCo C, in all models.
 
         Args:
             bodies: Its bodies, the root first.
@@ -132,8 +133,11 @@ class Fingers:
             downs: Directions of gravity in the frame of the root, shape (n, 3), zeros for an object that something else
                 carries; it has to hold for all of them.
         """
+        return all(self._holds(copy.copy(model), bodies, grasp, grip, downs) for model in self._models)
+
+    def _holds(self, alone: mujoco.MjModel, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
+        """Return whether they do so in a model, which is changed."""
         data, home, root = self._data, self._home, bodies[0]
-        alone = copy.copy(self._mjm)
         apart = ~np.isin(alone.geom_bodyid, [*self._hand, *bodies])
         alone.geom_contype[apart] = alone.geom_conaffinity[apart] = 0
         self._pose(0.0)

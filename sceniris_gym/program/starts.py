@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import product
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,6 +22,8 @@ from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.plan import Plan, joint_range
 from sceniris_gym.program.reach import ReachingArm, ReachTarget
 from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.scene.draws import WEAK, at_ends, corners
+from sceniris_gym.scene.model import SceneModel
 
 _UNDRAWN = (1.0, -1.0)
 """The interval of a joint that a kind does not draw."""
@@ -54,13 +58,24 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
                 "from 'home' or 'pregrasp'."
             )
         scene, bodies = plan.scene, plan.scene.subtree(target.name)
-        fingers = Fingers(scene.mjm, one.arm, one.gripper, scene.home)
+        fingers = Fingers(weakest(scene), one.arm, one.gripper, scene.home)
         is_free = plan.objects[target.number].kind == ObjectKind.FREE
         for i, (grasp, grip) in enumerate(zip(grasps, fingers.grips(bodies, grasps), strict=True)):
             ways = {"fits": _CARRIED, "lifts": _downs(plan.objects[target.number], target, i), "holds": _ALL_WAYS}
             asked = {"fits", *(_FITS[pose][0] for pose in poses)} if grip.fits and is_free else ()
             found.append(replace(grip, **{fit: fingers.hold(bodies, grasp, grip, ways[fit]) for fit in asked}))
     return tuple(found)
+
+
+def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
+    """Return the model at all ends of what may be drawn at which a gripper may hold the least.
+
+    Joints of the gripper resist. The end of a constant force that opens it is not known, nor which centre of mass turns
+    the object the most.
+    """
+    ends, draws = {**WEAK, "dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
+    unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
+    return [at_ends(scene.mjm, draws, **ends, actuator_biasprm=bias, body_ipos=center) for bias, center in unknown]
 
 
 def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
@@ -102,7 +117,8 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
             if not own.any():
                 raise SceneKeyError(
                     f"{where}: the gripper should be able to hold '{target.name}' {how}, and none of its grasps that "
-                    "count is that firm. Choose other grasps, a stronger gripper, or a lighter object."
+                    "count is that firm with all that 'randomize' may draw. Choose other grasps, a stronger gripper, a "
+                    "lighter object, or narrower draws."
                 )
         counts.append(own)
         if target.name in names:

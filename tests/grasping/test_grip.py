@@ -26,7 +26,7 @@ def closing(tmp_path_factory: pytest.TempPathFactory):
     model = build_model(SceneConfig.load({**SCENE, "objects": objects, "start": [{"robot": "grasp", "of": "cube"}]}))
     plan = build_plan(model)
     one, target = plan.reaching.arms[0], plan.reaching.targets[0]
-    return plan, Fingers(model.mjm, one.arm, one.gripper, model.home), target.grasp_set.grasps, model.subtree("cube")
+    return plan, Fingers([model.mjm], one.arm, one.gripper, model.home), target.grasp_set.grasps, model.subtree("cube")
 
 
 def test_fingers_close_until_they_are_a_little_inside(closing):
