@@ -116,6 +116,10 @@ class HomeShape:
         placed = zip(self._pieces, self._mats, self._at, strict=True)
         return [at + p.mesh.vertices @ mat.T for p, mat, at in placed if p.mesh is not None]
 
+    def axes(self) -> np.ndarray:
+        """Return the z axis of each piece in the root's frame, shape (npiece, 3)."""
+        return np.array([mat @ matrix(p.quat)[:, 2] for p, mat in zip(self._pieces, self._mats, strict=True)])
+
     def _carried_points(self) -> np.ndarray:
         """Return the same; faces of pieces with larger margins than others are moved out by the difference."""
         more = self.margins - self.margins.min()

@@ -26,6 +26,7 @@ class Statics:
     obj_levelnum: wp.array[int]  # 0: it needs no test
     obj_sink: wp.array[float]  # [m], under the greatest load; 0 where masses are drawn, then
     obj_give: wp.array[float]  # sink for each kilogram of load [m/kg]
+    obj_tilt: wp.array[float]  # tangent of the angle by which it may be pulled away from straight down
     obj_touch: wp.array[float]  # distance from which on its support carries it [m]
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]

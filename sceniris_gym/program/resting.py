@@ -52,7 +52,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
     if o.kind != ObjectKind.FREE or not carried:  # without a carrier it falls in any pose
         return HomeShape(home, bodies[0], pieces or own).stable(where)
-    check_weight(scene.mjm, bodies, where)
+    check_weight(scene, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
     states = chain([home], drawn_states(scene, o))
@@ -75,9 +75,10 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
 
 
-def check_weight(mjm: mujoco.MjModel, bodies: list[int], where: str) -> None:
+def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
     """Refuse an object that rises off its support; one that nothing pulls at stays wherever it is."""
-    left, least = weights(mjm)[bodies], _LEAST_WEIGHT * mjm.body_mass[bodies].sum()
+    left = np.minimum(weights(scene.least), weights(scene.most))[bodies]
+    least = _LEAST_WEIGHT * scene.least.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
         raise SceneKeyError(
             f"{where}: 'gravcomp' leaves it no weight that holds it down, so it rises. Lower the gravcomp of "

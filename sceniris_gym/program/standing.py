@@ -16,9 +16,9 @@ from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, wei
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
 from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.loads import CONTACTS, contact_heights, contact_of, deepest, depth_of, tilt_of
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import drawn_states, touch_distances
-from sceniris_gym.scene.draws import drawn_bounds
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 
@@ -41,9 +41,6 @@ _WALL = 5.0e-3
 _LIGHT = 0.25
 # Axes are level if they are inclined by less than this.
 _LEVEL = 1.0e-3
-_CONTACTS = 4
-# Number of depths at which the impedance of a contact is looked up.
-_GRID = 1001
 
 
 class Law(NamedTuple):
@@ -112,27 +109,35 @@ class Stance:
             `Plan.objects`.
         feet: Its foot in each of its variants; none if it does not collide with its support.
         load: The greatest weight [kg] of it and of all that may be put on it.
-        sink: How deep four contacts of it are under that load, with the least masses that are drawn [m].
+        sink: How deep its contacts are under that load, with the least masses that are drawn [m], for the test of
+            standing: four of them, and with the softness of a friction of 1 or more.
+        depth: The greatest depth to which it may sink into its support [m].
         touch: The distance from which on its support carries it [m]: 0 without contact margins.
         friction: The greatest coefficient of sliding friction between them, with the least that is drawn.
         is_whole: Whether all of its foot is on its support.
+        is_belt: Whether a surface between them moves, as that of a belt.
+        tilt: Tangent of the angle by which it may be pulled away from straight down.
     """
 
     levels: list[int]
     feet: list[Foot]
     load: float
     sink: float
+    depth: float
     touch: float
     friction: float
     is_whole: bool
+    is_belt: bool = False
+    tilt: float = 0.0
 
     @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed, so that only what is put on it needs a test."""
-        return len(self.levels) < 2 and self.is_whole and all(f.margin > 0.0 for f in self.feet)
+        is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
+        return is_alone and all(f.margin > 0.0 for f in self.feet)
 
 
-NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
+NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, 0.0, is_whole=True)
 """The stance of what need not stand."""
 
 
@@ -144,12 +149,12 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
         objects: Its objects in placement order.
         pieces: All obstacles.
     """
-    mjm, below = scene.mjm, carriers_of(objects)
-    heaviest = drawn_bounds(scene.draws, mjm, "body_mass")[1][:, 0] / np.maximum(mjm.body_mass, mujoco.mjMINVAL)
-    load = np.array([(weights(mjm) * heaviest)[o.bodies].sum() for o in objects])
+    below = carriers_of(objects)
+    load = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
     for number, carrier in reversed(list(enumerate(below))):
         if carrier is not None:
             load[carrier] += load[number]
+    lean = tilt_of(scene, [o for o in objects if o.config.has_to_stand and o.heap is None])
     found: list[Stance] = []
     for number, (o, carrier) in enumerate(zip(objects, below, strict=True)):
         if not o.config.has_to_stand or o.heap is not None:
@@ -158,7 +163,7 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
         levels = [number]
         if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
             levels += found[carrier].levels
-        found.append(_stance(scene, o, pieces, float(load[number]), levels))
+        found.append(replace(_stance(scene, o, pieces, float(load[number]), levels), tilt=lean))
     return found
 
 
@@ -169,7 +174,8 @@ def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: S
     tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _LEVEL for j in joints)
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
-    share = 1.0 - weights(mjm)[o.bodies].sum() / max(stance.load, mujoco.mjMINVAL)
+    above = stance.load - weights(scene.most)[o.bodies].sum()
+    share = above / max(weights(scene.least)[o.bodies].sum() + above, mujoco.mjMINVAL)
     least = min((f.margin for f in stance.feet), default=0.0)
     return stance.is_certain and tilts and share * reach < _LIGHT * least
 
@@ -208,24 +214,30 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     shapes = [[HomeShape(state, o.bodies[0], part) for part in parts] for state in states]
     tops = [p.pos[2] if p.type == PieceType.PLANE else p.bounds()[1][2] for p in there]
     lower = max((min((s.height - top for top in tops), key=abs) for s in surfaces), key=abs)
-    contacts = [([a.body, b.body], *_contact(scene, a.geom, b.geom)) for a in own for b in below]
+    contacts = [{contact_of(scene, a.geom, b.geom) for b in below} for a in own]
+    every = set().union(*contacts)
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
     are_boxes = {p.type for p in (*own, *below)} <= {PieceType.BOX, PieceType.PLANE}
     law = FLAT if are_boxes or len(own) == len(below) == 1 else OTHERS
-    heavy = set(np.flatnonzero(mjm.body_mass)) & set(o.bodies)
+    heavy = set(np.flatnonzero(scene.most.body_mass)) & set(o.bodies)
     fields = {draw.word.field for draw in scene.draws if heavy.intersection(draw.rows.tolist())}
     is_shifted = "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)  # its centre of mass
     rims = [shapely.get_num_coordinates(s.outline.convex_hull.simplify(_STRAIGHT)) - 1 for s in surfaces]
     law = law if are_boxes or max(rims) <= _FOUR else OTHERS._replace(swap=_SWAP)
     feet = [_foot(shapes, v, law, lower, is_shifted) for v in o.variants]
+    heights = [contact_heights(own, shapes[0][0], v) for v in o.variants]
+    rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
+    is_whole = whole or _cannot_leave(o, feet, walls)
     return Stance(
         levels=levels,
         feet=feet,
         load=load,
-        sink=max(_sink(scene, load, *contact[:3]) for contact in contacts),
+        sink=max(depth_of(scene, c, load / CONTACTS, light[[c.own, c.below]].sum()).item() for c in rough),
+        depth=max(deepest(scene, contacts, at, o.bodies, load, is_whole) for at in heights),
         touch=max(distance for distance in touch if distance is not None),
-        friction=max(friction for *_, friction in contacts),
-        is_whole=whole or _cannot_leave(o, feet, walls),
+        friction=max(c.friction for c in every),
+        is_whole=is_whole,
+        is_belt=bool(np.any(getattr(mjm, "geom_surfacevel", np.zeros(mjm.ngeom))[[p.geom for p in (*own, *below)]])),
     )
 
 
@@ -287,51 +299,3 @@ def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bo
     solid = shapely.union_all(shapely.intersection(low, high))
     around, inside = (surface.outline.buffer(by, join_style="mitre") for by in (_WALL, 0.02 * _WALL))
     return solid.buffer(1e-5).covers(around.difference(inside))
-
-
-def _contact(scene: SceneModel, a: int, b: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return `solref`, `solimp` and sliding friction of two geoms as in the chapter "Computation" of MuJoCo's manual.
-
-    They are those of an explicit pair, of the geom of higher priority, or mixed.
-    """
-    mjm, sliding = scene.mjm, drawn_bounds(scene.draws, scene.mjm, "geom_friction")[0][:, 0]
-    rank = mjm.geom_priority[[a, b]]
-    first = np.array([a, b])[rank == rank.max()]
-    mix = np.maximum(mjm.geom_solmix[first], mujoco.mjMINVAL)
-    ref, imp = (np.average(x[first], axis=0, weights=mix) for x in (mjm.geom_solref, mjm.geom_solimp))
-    if mjm.geom_solref[first, 0].min() <= 0.0:
-        ref = mjm.geom_solref[first].min(axis=0)
-    friction, slides = sliding[first].max(), mjm.geom_condim[first].max() == 1
-    for pair in np.flatnonzero(np.isin(mjm.pair_geom1, (a, b)) & np.isin(mjm.pair_geom2, (a, b))):
-        ref, imp = mjm.pair_solref[pair], mjm.pair_solimp[pair]
-        friction, slides = mjm.pair_friction[pair, 0], mjm.pair_dim[pair] == 1
-    if mjm.opt.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
-        ref, imp, friction = mjm.opt.o_solref, mjm.opt.o_solimp, mjm.opt.o_friction[0]
-    return ref, imp, 0.0 if slides else float(friction)
-
-
-def _sink(scene: SceneModel, load: float, bodies: list[int], ref: np.ndarray, imp: np.ndarray) -> float:
-    """Return the depth [m] at which four contacts of two bodies carry a load [kg].
-
-    At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
-    weights of its bodies, k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to dmax, by
-    the impedance of that chapter.
-    """
-    mjm = scene.mjm
-    lower = [mujoco.mjMINIMP, mujoco.mjMINIMP, mujoco.mjMINVAL, mujoco.mjMINIMP, 1.0]
-    upper = [mujoco.mjMAXIMP, mujoco.mjMAXIMP, np.inf, mujoco.mjMAXIMP, np.inf]
-    least, most, width, middle, power = np.clip(imp, lower, upper)
-    stiff = -ref[0] / most**2
-    if ref[0] > 0.0:
-        is_safe = not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
-        stiff = 1.0 / (most * max(ref[0], 2.0 * mjm.opt.timestep * is_safe) * ref[1]) ** 2
-    gravity = np.max(np.abs(drawn_bounds(scene.draws, mjm, "gravity")), axis=0)
-    lightest = drawn_bounds(scene.draws, mjm, "body_mass")[0][:, 0]
-    inverse = mjm.body_invweight0[:, 0] * mjm.body_mass / np.maximum(lightest, mujoco.mjMINVAL)
-    force = load / _CONTACTS * np.linalg.norm(gravity) * inverse[bodies].sum()
-    x = np.linspace(0.0, 1.0, _GRID)
-    early, late = middle ** (1.0 - power) * x**power, 1.0 - (1.0 - middle) ** (1.0 - power) * (1.0 - x) ** power
-    d = least + np.where(x < middle, early, late) * (most - least)
-    share = force / max(stiff, mujoco.mjMINVAL)
-    depth = np.interp(share, width * x * d**2 / (1.0 - d), width * x)
-    return max(float(depth), share * (1.0 - most) / most**2)  # deeper than the width it gets no stiffer

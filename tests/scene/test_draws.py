@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.randomize import WORDS
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.draws import FieldDraw, drawn_bounds
+from sceniris_gym.scene.draws import LEAST, FieldDraw, at_ends, corners
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.derived import FOLLOWS
 from tests.versions import since_4
 
 MODEL = """
@@ -105,7 +108,7 @@ def test_bounds_are_the_least_and_greatest_values(build, words: dict, low: list[
     """Of a normal distribution they are three standard deviations from the mean; of 1, 0.005 and 0.0001 here."""
     scene = build(box={"friction": words})
     geom = scene.mjm.body_geomadr[scene.bodies["box"]]
-    found = [bound[geom] for bound in drawn_bounds(scene.draws, scene.mjm, "geom_friction")]
+    found = [mjm.geom_friction[geom] for mjm in (scene.least, scene.most)]
     np.testing.assert_allclose(found, [low, high], rtol=1e-6)
 
 
@@ -260,3 +263,72 @@ def test_scenes_with_draws_have_hashes_of_their_own(build, tmp_path: Path):
     after = [build().hash, build(box=mass).hash]
     assert before[0] == after[0]
     assert before[1] != after[1]
+
+
+ENDS = """<mujoco><worldbody><geom name="floor" type="plane" size="2 2 .1"/>
+  <body name="box" pos="0 0 .1"><freejoint/><geom type="box" size=".05 .05 .05" mass="2" friction=".8 .01 .001"/></body>
+  <body name="arm" pos="1 0 0"><geom size=".05"/><body name="fore" pos="0 0 .1"><joint name="one" axis="0 1 0"/>
+    <geom type="capsule" size=".02 .1" pos="0 0 .1" mass="1"/></body></body></worldbody>
+  <actuator><position name="one" joint="one" kp="10" kv="1" forcerange="-5 5"/></actuator></mujoco>"""
+ROOT = Path(__file__).parents[2] / "sceniris_gym"
+# Expressions that may name a model of their own: one at such ends, or what gets a row for each world.
+LISTED = {
+    "program/checks/standing.py": {"model.opt.gravity", "model.dof_armature"},
+    "program/loads.py": {"windy.opt.wind", "windy.body_mass", "mjm.body_invweight0", "mjm.weights"},
+    "program/pack/standing.py": {"mjm.body_ipos", "mjm.weights"},
+    "grasping/grip.py": {"alone.opt.gravity", "mjm.actuator_gainprm", "mjm.actuator_biasprm"},
+}
+
+
+def scene_with(box: dict[str, Any], arm: dict[str, Any], **scene: Any) -> SceneModel:
+    """Build the scene of a box and an arm with these draws."""
+    robot = {"in_model": "arm", "tcp": {"body": "fore"}, "randomize": arm}
+    objects = {"box": {"on": "floor", "randomize": box}}
+    model = mujoco.MjSpec.from_string(ENDS)
+    return build_model(SceneConfig.load({"model": model, "objects": objects, "robot": robot, "randomize": scene}))
+
+
+def test_fields_are_at_their_ends_with_all_that_follows():
+    """Masses with inertias and inverse weights, gains with those of the bias, ranges of forces, choices, gravity."""
+    box = {"mass": {"scale": [0.5, 3.0]}, "friction": {"choice": [0.4, 1.1, 0.7]}}
+    arm = {"gains": {"scale": [0.5, 1.5]}, "bias": {"add": [-2, 1]}, "forcerange": {"abs": [[-6, 2], [-3, 4]]}}
+    scene = scene_with(box, arm, gravity={"add": [[-0.1, 0, -1], [0.05, 0, 1]]})
+    nominal, body = scene.mjm, scene.mjm.body("box").id
+    for mjm, mass, friction, gain in ((scene.least, 1.0, 0.4, 5.0), (scene.most, 6.0, 1.1, 15.0)):
+        assert mjm.body_mass[body] == pytest.approx(mass)
+        np.testing.assert_allclose(mjm.body_inertia[body], nominal.body_inertia[body] * mass / 2.0)
+        assert mjm.body_invweight0[body, 0] == pytest.approx(1.0 / mass)
+        np.testing.assert_allclose(mjm.geom_friction[mjm.body_geomadr[body]], [friction, 0.01, 0.001])
+        assert mjm.actuator_gainprm[0, 0] == pytest.approx(gain)
+        np.testing.assert_allclose(mjm.actuator_biasprm[0, 1:3], [-gain, -gain / 10.0])
+    weak = at_ends(nominal, scene.draws, actuator_forcerange=("most", "least"), gravity="least")
+    np.testing.assert_allclose(weak.actuator_forcerange[0], [-3, 2])
+    np.testing.assert_allclose(weak.opt.gravity, [-0.1, 0, -10.81])
+    assert weak.body_mass[body] == 2.0
+    assert corners(scene.draws, "actuator_biasprm") == [("least",), ("most",)]
+    assert corners(scene.draws, "body_ipos") == [()]
+    assert nominal.body_mass[body] == 2.0
+
+
+def test_a_scene_without_draws_has_one_model():
+    """No copy is made, and looks change nothing."""
+    scene = scene_with({"rgba": {"abs": [0, 1]}}, {})
+    assert scene.least is scene.most is scene.mjm
+
+
+def test_proofs_read_no_number_that_may_be_drawn_from_the_model_alone():
+    """Names of such fields in `program/` and `grasping/` follow `least`, `most`, or an expression that is listed."""
+    fields = {*LEAST} | {name for word in WORDS["object"].values() for name, _, _ in word.follow}
+    fields |= {name for name, of in FOLLOWS.items() if fields.intersection(of) and name[:3] not in ("cam", "lig")}
+    found: dict[str, set[str]] = {}
+    for path in [*(ROOT / "program").rglob("*.py"), *(ROOT / "grasping").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Attribute) and node.attr in fields:
+                of, name = node.value, ast.unparse(node)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == "weights":
+                of, name = node.args[0], f"{ast.unparse(node.args[0])}.weights"
+            else:
+                continue
+            if ast.unparse(of).removesuffix(".opt").rpartition(".")[2] not in {"least", "most"}:
+                found.setdefault(path.relative_to(ROOT).as_posix(), set()).add(name)
+    assert found == LISTED

@@ -77,6 +77,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         if not find_patch(statics, variant, at, place[3], surface, ground, patch):
             return False
         level = measure(level, patch)
+        level.margin -= statics.obj_tilt[obj] * (level.load[3] - level.foot)
         if level.margin <= 0.0:
             return False
         levels[j] = level

@@ -12,13 +12,14 @@ from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.loads import least_upright, wind_push
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight, drawn_joints
 from sceniris_gym.program.standing import Stance
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.scene.couplings import follow
-from sceniris_gym.scene.draws import drawn_bounds
+from sceniris_gym.scene.draws import WEAK, at_ends
 from sceniris_gym.scene.model import SceneModel
 
 # Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds things there.
@@ -32,6 +33,8 @@ _STILL = 0.01
 _DROP = 2.0e-3
 # Inertia [kg or kg m^2] that keeps joints where they are; with 1e9 in a hinge the body that it is on tips by rounding.
 _HELD = 1.0e6
+# The ends of what may be drawn at which joints and supports give way the most; a light one may, or a heavy one.
+_YIELDS = {**WEAK, **dict.fromkeys(("dof_frictionloss", "dof_damping", "dof_armature", "jnt_stiffness"), "least")}
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEVEL = 1.0e-3
 # Least friction of what leans, or may do so: the tangent of that angle.
@@ -47,21 +50,25 @@ def check_standing(plan: Plan) -> None:
             support does not carry or carries elsewhere, parts of it below its foot, too many objects on each other, or
             a joint that gives way.
     """
-    config = plan.scene.config
+    config, ends = plan.scene.config, ({}, _YIELDS, {**_YIELDS, "body_mass": "least"})
+    models = dict.fromkeys(at_ends(plan.scene.mjm, plan.scene.draws, **end) for end in ends)
     for o, stance in zip(plan.objects, plan.stances, strict=True):
         if not stance.levels:
             continue
         assert o.config.support is not None
         where = f"{config.where}: {config.key(o.name)}.{o.config.support.word}"
-        _check_gravity(plan.scene, where)
+        _check_gravity(plan.scene, o, where)
         if not stance.feet:
             raise SceneKeyError(
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
                 f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
             )
-        pulls = np.array(drawn_bounds(plan.scene.draws, plan.scene.mjm, "gravity"))
-        leans = len(stance.levels) > 1 or pulls[..., :2].any()
-        if leans and stance.friction < _FRICTION:
+        if stance.is_belt:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' does not stay on '{o.config.support.parent}', as a 'surfacevel' of a geom there "
+                f"carries it away. Set that to 0, {_ANYWAY}."
+            )
+        if (len(stance.levels) > 1 or stance.tilt) and stance.friction < _FRICTION:
             raise SceneKeyError(
                 f"{where}: '{o.name}' slides off '{o.config.support.parent}', as the friction between them is "
                 f"{stance.friction:.3g} and should be {_FRICTION:g} at least. Give one of both more, {_ANYWAY}."
@@ -76,7 +83,7 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: '{o.name}' meets its support {1e3 * abs(gap):.3g} mm {'below' if gap > 0 else 'above'} its "
                 f"place, which should be {1e3 * _DROP:g} mm at most. Let visible and colliding geoms end at one height."
             )
-        check_weight(plan.scene.mjm, o.bodies, where)
+        check_weight(plan.scene, o.bodies, where)
         best = max(stance.feet, key=lambda f: f.most)
         if best.most <= 0.0:
             falls, foot = ("rolls", "curved foot, or too high above it") if best.law.tip else ("falls", "foot")
@@ -84,9 +91,9 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: '{o.name}' {falls} over: its centre of mass is {-1e3 * best.most:.3g} mm outside of its "
                 f"{foot}. Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
             )
-        if stance.sink > _GIVES:
+        if stance.depth > _GIVES:
             raise SceneKeyError(
-                f"{where}: '{o.name}' sinks into its support by {1e3 * stance.sink:.3g} mm, which should be "
+                f"{where}: '{o.name}' sinks into its support by {1e3 * stance.depth:.3g} mm, which should be "
                 f"{1e3 * _GIVES:g} mm at most. Give its geoms a harder 'solref' or 'solimp', or a weight nearer to "
                 f"that of its support, {_ANYWAY}."
             )
@@ -96,28 +103,28 @@ def check_standing(plan: Plan) -> None:
                 f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
                 "another stack."
             )
-        _check_joints(plan, o, stance.load, where)
-        _check_own_joints(plan, o, stance, where)
+        for mjm in models:
+            _check_joints(plan, mjm, o, stance.load, where)
+            _check_own_joints(plan, mjm, o, stance, where)
 
 
-def _check_gravity(scene: SceneModel, where: str) -> None:
-    """Refuse a model in which nothing can stand, or gravity is drawn with too much of a tilt."""
+def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
+    """Refuse a model in which an object cannot stand, or gravity and wind are drawn with too much of a tilt."""
     mjm, bits = scene.mjm, mujoco.mjtDisableBit
-    low, high = (bound[0] for bound in drawn_bounds(scene.draws, mjm, "gravity"))
-    pull = np.array([*np.where(np.abs(low) > np.abs(high), low, high)[:2], high[2]])  # the least upright one
-    if np.hypot(*pull[:2]) > -pull[2] * np.tan(np.radians(_TILT)):
-        drawn = "may be drawn as" if (low != high).any() else "is"
+    pull, push = least_upright(scene), wind_push(scene, o)
+    if np.hypot(*pull[:2]) + push > -pull[2] * np.tan(np.radians(_TILT)):
+        drawn = "may be drawn as" if (scene.least.opt.gravity != scene.most.opt.gravity).any() else "is"
+        wind = f" with a wind that pushes '{o.name}' by up to {push:.3g} N for each kg" if push else ""
         raise SceneKeyError(
-            f"{where}: gravity {drawn} {pull.tolist()}, and should point down the z axis to {_TILT:g} degree for what "
-            f"stands. Correct it, {_ANYWAY}."
+            f"{where}: gravity {drawn} {pull.tolist()}{wind}, and should point down the z axis to {_TILT:g} degree for "
+            f"what stands. Correct it, {_ANYWAY}."
         )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
         raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
 
 
-def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
+def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
     """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all that is placed held."""
-    mjm = plan.scene.mjm
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
     places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
@@ -155,9 +162,9 @@ def _check_joints(plan: Plan, o: PlacedObject, load: float, where: str) -> None:
             )
 
 
-def _check_own_joints(plan: Plan, o: PlacedObject, stance: Stance, where: str) -> None:
+def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: Stance, where: str) -> None:
     """Refuse an object that moves on its support in MuJoCo C, but not with all of its joints held."""
-    mjm, home = plan.scene.mjm, plan.scene.home
+    home = plan.scene.home
     is_own, ground = np.isin(mjm.jnt_bodyid, o.bodies), int(o.ground or 0)
     free, *inner = np.flatnonzero(is_own).tolist()
     if not inner:

@@ -42,7 +42,10 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     outlines = ([_ENDLESS] if id(x) in whole else _convex_parts(x) for x in surfaces)
     parts, of_surfaces = addressed("surface_part", outlines)
     side, of_parts = addressed("part_side", parts)
-    radius = [np.linalg.norm(np.concatenate(f.parts), axis=1).max() if f.margin > 0.0 else 1e30 for f in feet]
+    leans = any(s.tilt for s in found)
+    radius = [
+        np.linalg.norm(np.concatenate(f.parts), axis=1).max() if f.margin > 0.0 and not leans else 1e30 for f in feet
+    ]
     drawn = any(draw.word.field == "body_mass" for draw in plan.scene.draws)
     sink = np.array([s.sink for s in found])
     give = sink / np.maximum([s.load for s in found], mujoco.mjMINVAL)
@@ -52,6 +55,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "direction": around(DIRECTIONS),
         "obj_sink": sink * (not drawn),
         "obj_give": give * drawn,
+        "obj_tilt": np.array([s.tilt for s in found]),
         "obj_touch": np.array([s.touch for s in found]),
         "variant_law": np.reshape([f.law for f in feet], (-1, len(CURVED))),
         "variant_radius": np.array(radius, float),

@@ -135,3 +135,17 @@ def test_a_load_may_not_make_a_curved_foot_roll_over():
     assert not moving(compiled, generator).any()
     with pytest.raises(InfeasibleSceneError, match="'brick' could not be placed, mostly because of falls"):
         compile_on_cpu(scenes[1])
+
+
+def test_what_leans_with_gravity_needs_a_wider_foot():
+    """A slab of 30 cm on 6 mm falls where gravity leans by 0.9 degrees, and one on 20 mm stands everywhere."""
+    body = '<body name="slab"><freejoint/><geom type="box" size="{} .05 .15"/></body>'
+    text = f'<mujoco><option gravity=".154 0 -9.81"/><worldbody>{body}</worldbody></mujoco>'
+    scene = {"floor": {"size": [1, 1]}, "objects": {"slab": {"on": "floor"}}}
+    compiled = compile_on_cpu({"model": mujoco.MjSpec.from_string(text.format(0.01)), **scene}, bank=8)
+    generator = LayoutGenerator(compiled, _LAYOUTS)
+    generator.generate()
+    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert not moving(compiled, generator).any()
+    with pytest.raises(InfeasibleSceneError, match="falls"):
+        compile_on_cpu({"model": mujoco.MjSpec.from_string(text.format(0.003)), **scene}, bank=8)

@@ -26,15 +26,23 @@ LID = '<worldbody><body name="lid"><freejoint/><geom type="box" size=".04 .04 .0
 BEAM = '<geom type="box" size=".1 .02 .02" pos=".3 0 .1"/>'
 
 
-def made(on: str = "bench", words: dict[str, Any] | None = None, **parts: str) -> None:
-    """Check the scene of a crate on a bench or on a board that turns."""
+def made(
+    on: str = "bench", words: dict[str, Any] | None = None, draws: dict[str, Any] | None = None, **parts: str
+) -> None:
+    """Check the scene of a crate on a bench or on a board that turns, with draws of things and of the scene."""
     blank = dict.fromkeys(("flag", "joint", "body", "geom", "more", "rest"), "")
     text = MODEL.format(**{**blank, "gravity": "0 0 -9.81", **parts})
     objects = {"stand": {"kind": "static"}, "stool": {}, "crate": {"on": on, **(words or {})}}
     objects |= {"lid": {"on": "crate", **(words or {})}} if "lid" in text else {}
-    checked(scene_of(objects, model=mujoco.MjSpec.from_string(text)))
+    drawn = draws or {}
+    for name in drawn.keys() & objects.keys():
+        objects[name]["randomize"] = drawn[name]
+    checked(scene_of(objects, model=mujoco.MjSpec.from_string(text), randomize=drawn.get("scene", {})))
 
 
+RISING = '<body gravcomp="2" pos="0 0 .06"><joint/><geom type="box" size=".02 .02 .01"/></body>'
+WIND = '" wind="{} 0 0" density="1.2'
+BELT = 'surfacevel=".1 0 0 0 0 0"'
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "sideways": ({"gravity": "0 -9.81 0"}, r"crate\.on: gravity is \[0\.0, -9\.81, 0\.0\], and should point down"),
     "tilted": ({"gravity": "0 .2 -9.81"}, r"should point down the z axis to 1 degree"),
@@ -69,6 +77,56 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         r"gives way by [0-9.]+ mm under 1 kg, by free body 'stool'\. Place",
     ),
     "a seesaw": ({"on": "stand/board"}, r"its support gives way by [0-9.]+ mm under 1 kg, by joint 'turn'"),
+    "a contact that may be drawn soft": (
+        {"geom": 'priority="1"', "draws": {"crate": {"solref": {"abs": [[0.02, 1], [1.5, 1]]}}}},
+        r"'crate' sinks into its support by [0-9.]+ mm",
+    ),
+    "an impedance that may be drawn soft": (
+        {
+            "geom": 'priority="1"',
+            "draws": {"crate": {"solimp": {"choice": [[0.9, 0.95, 1e-3, 0.5, 2], [0.2, 0.95, 0.1, 0.5, 2]]}}},
+        },
+        r"'crate' sinks into its support by [0-9.]+ mm",
+    ),
+    "a mass that may be drawn small": (
+        {"rest": LID, "draws": {"crate": {"mass": {"scale": [0.001, 1]}}}},
+        r"'crate' sinks into its support by [0-9.]+ mm",
+    ),
+    "a friction that may be drawn high": (
+        {"rest": LID, "draws": {"crate": {"friction": {"scale": [1, 8]}}}},
+        r"'crate' sinks into its support by [0-9.]+ mm",
+    ),
+    "gravcomp of parts that are drawn apart": (
+        {"more": RISING, "draws": {"crate": {"mass": {"scale": [0.001, 1], "each": True}}}},
+        r"'gravcomp' leaves it no weight",
+    ),
+    "wind": (
+        {"gravity": f"0 0 -9.81{WIND.format(12)}"},
+        r"gravity is .* with a wind that pushes 'crate' by up to 0\.864 N for each kg, and should",
+    ),
+    "a wind that is drawn": (
+        {
+            "gravity": f"0 0 -9.81{WIND.format(0.1)}",
+            "draws": {"scene": {"wind": {"abs": [[-12, 0, 0], [0, 0, 0]]}}, "crate": {"mass": {"scale": [0.5, 2]}}},
+        },
+        r"with a wind that pushes 'crate' by up to 1\.73 N for each kg",
+    ),
+    "a joint that may be drawn weak": (
+        {
+            "on": "stand/board",
+            "joint": 'stiffness="20000"',
+            "draws": {"stand": {"stiffness": {"scale": [0.01, 1]}}},
+        },
+        r"its support gives way by [0-9.]+ mm under 1 kg, by joint 'turn'",
+    ),
+    "a gravity that may be drawn strong": (
+        {
+            "on": "stand/board",
+            "joint": 'stiffness="2000"',
+            "draws": {"scene": {"gravity": {"scale": [1, 15]}}},
+        },
+        r"its support gives way by [0-9.]+ mm under 1 kg, by joint 'turn'",
+    ),
     "weak friction": ({"on": "stand/board", "joint": 'frictionloss=".5"'}, "gives way"),
 }
 
@@ -113,6 +171,20 @@ def test_what_balances_on_a_curved_foot_is_refused(case: str):
     message = r"thing\.on: 'thing' rolls over: its centre of mass is [0-9.]+ mm outside of its curved foot, or too high"
     with nullcontext() if stays else pytest.raises(SceneKeyError, match=message):
         checked(scene)
+
+
+@pytest.mark.skipif(not hasattr(mujoco.MjModel, "geom_surfacevel"), reason="this MuJoCo has no belts")
+def test_a_belt_is_no_support():
+    """Of the thing or below it, unless that is meant to be carried away."""
+    with pytest.raises(SceneKeyError, match=r"'crate' does not stay on 'bench', as a 'surfacevel' of a geom"):
+        made(geom=BELT)
+    made(geom=BELT, words={"stands": False})
+
+
+def test_a_breeze_moves_nothing():
+    """Neither does a medium without wind."""
+    made(gravity=f"0 0 -9.81{WIND.format(2)}")
+    made(gravity='0 0 -9.81" density="1000" viscosity=".001')
 
 
 @pytest.mark.parametrize("joint", ['frictionloss="30"', 'range="0 .1" stiffness="2000"'])
