@@ -84,7 +84,7 @@ def test_no_stream_of_a_task_is_one_of_the_layouts_or_of_another_split():
     assert not layouts & set(found)
     assert max(found) < 2**32
     for stream in (-1, most + 1):
-        with pytest.raises(ValueError, match="stream should be .*(at least 0|16777215)"):
+        with pytest.raises(ValueError, match=r"stream should be .*(at least 0|16777215)"):
             task_stream("train", stream)
 
 
