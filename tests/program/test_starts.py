@@ -95,13 +95,10 @@ def test_a_target_on_which_nothing_closes_is_refused():
 
 
 def test_grasps_are_proven_with_the_worst_that_is_drawn():
-    """A block that may be too heavy, too slippery, or held too weakly is refused; the same draws in bounds are not."""
+    """A block that the fingers hold is refused if they may be too slippery for the heaviest that it may be."""
     objects, kind = deepcopy(SCENE["objects"]), {"robot": "grasp", "of": "block", "lift": [0.05, 0.2]}
-    slippery = {"randomize": {"friction": {"scale": [0.7, 1]}, "forcerange": {"scale": [0.8, 1]}}}
-    objects["block"]["randomize"] = {"mass": {"scale": [0.5, 2]}, "friction": {"scale": [0.7, 1]}}
-    plan = plan_of(objects=objects, start=[kind], robot={**SCENE["robot"], **slippery})
-    assert any(grip.lifts for grip in plan_grips(plan))
-    slippery["randomize"]["friction"] = {"scale": [0.02, 1]}
-    plan = plan_of(objects=objects, start=[kind], robot={**SCENE["robot"], **slippery})
+    objects["block"]["randomize"] = {"mass": {"scale": [0.5, 2]}, "friction": {"scale": [0.02, 1]}}
+    robot = {**SCENE["robot"], "randomize": {"friction": {"scale": [0.02, 1]}, "forcerange": {"scale": [0.8, 1]}}}
+    plan = plan_of(objects=objects, start=[kind], robot=robot)
     with pytest.raises(SceneKeyError, match=r"start\.0: .* hold 'block' upright in the air, .* narrower draws"):
         plan_starts(plan, plan_grips(plan))
