@@ -146,7 +146,8 @@ def test_the_wheel_alone_makes_layouts_trains_and_evaluates(python: Path, tmp_pa
     assert (figures["valid"], (tmp_path / "demo.png").is_file()) == (1.0, True)
     trained = json.loads(run(program, "train", task, *SMALL, "--out", "run", "--json", cwd=tmp_path))
     assert (trained["task"], trained["valid"]["layouts"]) == (task, 3)
-    said = run(program, "evaluate", "run", "--layouts", "3", "--device", "cpu", cwd=tmp_path)
+    words = ("--task", task, "--layouts", "3", "--device", "cpu")
+    said = run(program, "evaluate", "run", *words, cwd=tmp_path)
     assert [line.split(": ")[0] for line in said.splitlines()] == ["valid", "unfiltered"]
     code = "import sceniris_gym as s, sceniris_gym.training.sources as h; print(s.__file__, h.source_hash())"
     file, sources = run(python, "-c", code, cwd=tmp_path).split()

@@ -9,7 +9,9 @@ carried is shaken, so that the margin is to be above t sqrt(f h), with h the hei
 
 MuJoCo keeps four contacts of a face, the largest quadrilateral of its corners. Where a round support has more, a load
 near its rim is outside of them, so it tips until others take over. That adds s sqrt(d h) to the margin, at most. A load
-on a curved foot has risen after leaning by an angle a if its margin is above h tan(a / 2).
+on a curved foot has risen after leaning by an angle a if its margin is above h tan(a / 2). It rolls around the place at
+which its centre is above where it touches: with radius R that is R (R v + e) / (R - h) away, where v is the lean of
+what carries it, and it swings as far beyond.
 
 The corners of a patch are those that are furthest in each of 16 directions, so its hull is a little smaller than the
 exact one.
@@ -22,7 +24,7 @@ from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_statics import DIRECTIONS, LawVector, Statics
+from sceniris_gym.program.device_statics import DIRECTIONS, MOST_MOVE, RISE, LawVector, Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -34,7 +36,7 @@ _SLIVER = wp.constant(0.5)
 # The largest quadrilateral of corners of a circle leaves out 0.29 of its radius.
 _LOST = wp.constant(0.35)
 # Greatest move [m] of the uppermost object until it is at rest.
-_MOVE = wp.constant(6.5e-3)
+_MOVE = wp.constant(MOST_MOVE)
 
 
 @wp.struct
@@ -221,6 +223,8 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
             levels[j] = level
     fall = float(0.0)
     drop = float(0.0)
+    roll = float(0.0)
+    below = wp.vec2(0.0)  # the lean of what carries a level
     for k in range(num):
         j = num - 1 - k
         level = levels[j]
@@ -233,5 +237,12 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
         needed = share * root + level.law[5] * height
         if level.margin - wp.length(shift[j]) <= needed:
             return False
+        if level.law[5] > 0.0:
+            tan = level.law[5] / wp.static(RISE)
+            aside = wp.length(wp.vec2(level.load[1], level.load[2]) - level.middle)
+            rise = wp.max(level.inner - height * tan, 0.1 * level.inner)
+            roll += 2.0 * level.inner / rise * (level.inner / tan * wp.length(below) + aside)
+        below += level.lean
     drop += fall
-    return drop * drop + wp.dot(moved[0], moved[0]) < _MOVE * _MOVE
+    far = wp.length(moved[0]) + roll
+    return drop * drop + far * far < _MOVE * _MOVE

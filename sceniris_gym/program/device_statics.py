@@ -8,6 +8,10 @@ import warp as wp
 
 DIRECTIONS = 16
 """Number of directions in which patches are measured."""
+MOST_MOVE = 6.5e-3
+"""Greatest move [m] of an object until it is at rest."""
+RISE = 0.9
+"""Share of the rise after a lean that is enough on a curved foot: what neither rises nor falls rolls."""
 LawVector = wp.types.vector(length=6, dtype=float)
 """The numbers of a `program.standing.Law`."""
 

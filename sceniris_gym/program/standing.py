@@ -16,6 +16,7 @@ from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, wei
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
 from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.device_statics import MOST_MOVE, RISE
 from sceniris_gym.program.loads import CONTACTS, contact_heights, contact_of, deepest, depth_of, tilt_of
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import drawn_states, touch_distances
@@ -33,8 +34,8 @@ _FOUR, _STRAIGHT = 4, 1.0e-4
 # corners, 1.6 on 8, 2.2 on a cylinder and 2.5 on 32.
 _SWAP = 2.2
 # A curved foot is one from which the object comes back as it leans by one of these angles [degrees]: a ball of facets
-# needs the larger ones. What neither rises nor falls rolls, so that less than all of the rise is enough.
-_LEANS, _RISE = (ROCKING, 2.0 * ROCKING, 4.0 * ROCKING), 0.9
+# needs the larger ones.
+_LEANS = (ROCKING, 2.0 * ROCKING, 4.0 * ROCKING)
 # Width [m] of the walls around a surface that a foot cannot reach over.
 _WALL = 5.0e-3
 # A load that moves the centre of mass of what carries it by less than this share of its margin does not tip it.
@@ -160,10 +161,11 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
         if not o.config.has_to_stand or o.heap is not None:
             found.append(NO_STANCE)
             continue
-        levels = [number]
-        if carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
-            levels += found[carrier].levels
-        found.append(replace(_stance(scene, o, pieces, float(load[number]), levels), tilt=lean))
+        stance = replace(_stance(scene, o, pieces, float(load[number]), [number]), tilt=lean)
+        rolls = any(f.law.tip for f in stance.feet)  # as its support leans, however little
+        if carrier is not None and (rolls or not _is_heavy(scene, objects[carrier], pieces, found[carrier])):
+            stance = replace(stance, levels=[number, *found[carrier].levels])
+        found.append(stance)
     return found
 
 
@@ -265,6 +267,11 @@ def _foot(shapes: list[list[HomeShape]], variant: Variant, law: Law, lower: floa
     for corners, its_law in [(parts, law)] if parts else [_rolling(shape, variant, np.radians(a)) for a in _LEANS]:
         hull, at = MultiPoint(np.concatenate(corners)).convex_hull, shapely.points(ends[:, :2])
         margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at)) - its_law.tip * ends[:, 2]
+        if its_law.tip:
+            inner = hull.boundary.distance(shapely.centroid(hull))
+            aside = np.maximum(inner - hull.boundary.distance(at), 0.0)
+            rise = np.maximum(inner - its_law.tip / RISE * ends[:, 2], 0.1 * inner)
+            margins = np.minimum(margins, MOST_MOVE - 2.0 * inner / rise * aside)
         least = -np.inf if is_shifted else float(margins.min())
         found.append(Foot(corners, its_law, least, float(margins.max()), bottom, hangs, drop))
     return next((f for f in found if f.margin > 0.0), max(found, key=lambda f: f.most))
@@ -274,7 +281,7 @@ def _rolling(shape: HomeShape, variant: Variant, lean: float) -> tuple[list[np.n
     """Return the curved foot of an object that is to come back from a lean [rad], and its law."""
     turn = matrix(variant.quat)
     corners = curved_foot(lambda up: shape.lowest(up @ turn) - up @ turn @ variant.pivot, lean)
-    return [corners], CURVED._replace(tip=_RISE * np.tan(0.5 * lean))
+    return [corners], CURVED._replace(tip=RISE * np.tan(0.5 * lean))
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -142,9 +141,10 @@ def test_a_file_that_is_no_state_is_refused(tmp_path: Path, share: float):
 @pytest.mark.usefixtures("hasty")
 def test_nothing_is_left_of_a_process_that_was_killed(tmp_path: Path):
     """It was writing its state; the next build removes that file before it writes anything itself."""
-    process = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
-    left = tmp_path / f".state.{socket.gethostname()}-{int(process.stdout)}.half.tmp"
-    left.touch()
+    program = "import os, pathlib, sys; from sceniris_gym.files import replacing\n"
+    program += "with replacing(pathlib.Path(sys.argv[1])) as file:\n    file.touch()\n    os._exit(0)"
+    subprocess.run([sys.executable, "-c", program, str(tmp_path / "state")], check=True)
+    assert list(tmp_path.iterdir())
     Checkpoint(tmp_path / "state", "a build")
     assert not list(tmp_path.iterdir())
 

@@ -150,6 +150,7 @@ CURVED: dict[str, tuple[str, tuple[float, float, float], float, bool]] = {
     "a lens": ('type="ellipsoid" size=".05 .05 .015"', (2e-3, 1e-3, 0.0), 0.015, True),
     "a ball": (BALL, (0.0, 1e-4, 0.0), 0.04, True),
     "a ball with a weight in its side": (BALL, (0.0, 1e-3, 0.0), 0.04, False),
+    "a ball that rolls by more than it may until it is at rest": (BALL, (6e-3, 0.0, -0.02), 0.04, False),
     "a ball with a weight below": (BALL, (1e-3, 0.0, -0.02), 0.04, True),
     "a ball with a weight above": (BALL, (1e-3, 0.0, 0.02), 0.04, False),
     "a capsule on its end": ('type="capsule" size=".03 .06"', (1e-3, 0.0, 0.0), 0.09, False),
