@@ -253,15 +253,15 @@ class LayoutGenerator(Fixed, LayoutSource):
             ArgumentError: No objects, or one that carries another in these layouts.
         """
         check_type(layouts, Layouts, "extend: layouts")
-        if layouts.compiled.hash == self.compiled.hash and {*layouts.knobs.names} & {*layouts.knobs.of_draws.values()}:
-            raise ArgumentError(
-                "extend: the layouts have knobs of drawn physics, which it would draw from the scene file. Make them "
-                "without these knobs."
-            )
         if (layouts.compiled.hash, layouts.nworld) != (self.compiled.hash, self.nworld):
             raise SceneMismatchError(
                 f"extend: layouts should be {self.nworld} of the scene '{self.compiled.config.name}', got "
                 f"{layouts.nworld} of '{layouts.compiled.config.name}'."
+            )
+        if {*layouts.knobs.names} & {*layouts.knobs.of_draws.values()}:
+            raise ArgumentError(
+                "extend: the layouts have knobs of drawn physics, which it would draw from the scene file. Make them "
+                "without these knobs."
             )
         there = layouts.present.numpy().any(axis=0)
         present = [self.compiled.slots[i] for i in np.flatnonzero(there)]

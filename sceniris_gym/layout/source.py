@@ -63,9 +63,14 @@ class LayoutSource(StaysHere):
     def after_reset(self) -> None:
         """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""
 
+    def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
+        """Return the split and the keys of the layouts that are served to worlds with these keys."""
+        return split, keys
+
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
         """Return the ids of the present layouts, or of those served for other seeds and episodes; see `Layouts.ids`."""
-        return self.layouts.ids(split, keys)
+        own = self.layouts
+        return own.ids(*self.served(split, keys or (own.seed.numpy(), own.episode.numpy(), own.knob.numpy())))
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for the layouts so far, by object and cause. Waits for the device.

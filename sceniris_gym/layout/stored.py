@@ -121,13 +121,13 @@ class StoredLayouts(LayoutSource):
         """
         raise ArgumentError("set_knobs: stored layouts keep the knobs they were made with. Use a LayoutGenerator.")
 
-    def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
-        """See `LayoutSource`: the ids of the rows, whatever the worlds' own seeds and episodes are."""
-        seed, episode = (self.layouts.seed.numpy(), self.layouts.episode.numpy()) if keys is None else keys[:2]
+    def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
+        """See `LayoutSource`: the keys of the rows, whatever the worlds' own seeds and episodes are."""
+        seed, episode, _ = keys
         rank = seed.astype(np.uint64) + episode.astype(np.uint64) * np.uint64(self._stride)
         row = (rank % np.uint64(len(self._table))).astype(np.int64)
         table = self._table[row]
-        return self.layouts.ids(table.split, (table.seed, np.where(episode < 0, -1, table.episode), table.knob))
+        return table.split, (table.seed, np.where(episode < 0, -1, table.episode), table.knob)
 
 
 def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None:

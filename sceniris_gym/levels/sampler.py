@@ -191,9 +191,9 @@ class LevelSampler(LayoutSource):
             self._since = 0
             launch_refresh(self._buffer, self.levels)
 
-    def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
+    def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
         """See `LayoutSource`."""
-        return self.source.ids(split, keys)
+        return self.source.served(split, keys)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """See `LayoutSource`."""

@@ -225,12 +225,13 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
     seeds = np.array([one.seed for one in found], np.uint64)
     episodes = np.array([one.episode for one in found], np.int32)
     knobs = np.array([rows[one.knobs] for one in found])
-    served = map(LayoutId.parse, source.ids(split, (seeds, episodes, knobs)))
-    for one, other in zip(ids, served, strict=True):
-        if one is not None and (one.split, one.seed, one.episode) != (other.split, other.seed, other.episode):
-            cure = "It chooses rows by 'seed' and 'episode'."
-            raise SceneMismatchError(f"{where}: the layout_source does not serve '{one}' by its id. {cure}")
-    return ChosenLayouts(seeds, np.array([one is not None for one in ids]), episodes, knobs)
+    chosen = np.array([one is not None for one in ids])
+    served_split, (served_seeds, served_episodes, _) = source.served(split, (seeds, episodes, knobs))
+    wrong = chosen & ((served_seeds != seeds) | (served_episodes != episodes) | (served_split != split))
+    if wrong.any():
+        one, cure = ids[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."
+        raise SceneMismatchError(f"{where}: the layout_source does not serve '{one}' by its id. {cure}")
+    return ChosenLayouts(seeds, chosen, episodes, knobs)
 
 
 def _numbers_of_worlds(value: Any, num_envs: int, name: str) -> np.ndarray:
