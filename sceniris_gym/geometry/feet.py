@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import shapely
 from shapely.geometry import MultiPoint
 
 from sceniris_gym.config.limits import MAX_FOOT
@@ -12,8 +13,9 @@ from sceniris_gym.geometry.resting_poses import ROCKING
 
 # Points this far [m] above the lowest one are on the same level.
 _FLAT = 2.0e-4
-# Angle [rad] by which a direction is turned to see how far a foot reaches next to it.
-_TURN = 1.0e-3
+# Number of directions in which a curved foot is measured, the angles [rad] up to which the narrowest one is searched,
+# each around the one before, and the foot's least reach [m].
+_SIDES, _TURNS, _POINT = 360, np.radians([180.0, 1.0, 0.01, 1.0e-4, 1.0e-6]), 1.0e-7
 # A foot that shrinks to less than this share of its area as it leans by a fifth of the angle is curved.
 _SHARE = 0.5
 
@@ -42,7 +44,7 @@ def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.ndarray:
-    """Return the corners [m] of a curved foot, counter-clockwise, shape (`MAX_FOOT`, 2).
+    """Return the corners [m] of a curved foot, shape (n, 2).
 
     A centre of mass has risen as the whole leans by the angle in any direction if it is inside of the corners by more
     than its height times the tangent of half the angle.
@@ -52,14 +54,24 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
             ground below.
         angle: The angle [rad].
     """
-    sides, upward = around(MAX_FOOT), np.full(MAX_FOOT, np.cos(angle))
-    along = np.column_stack([-sides[:, 1], sides[:, 0]])
-    before, after = (
-        -lowest(np.column_stack([-np.sin(angle) * (sides + step * along), upward])) / np.sin(angle)
-        for step in (-_TURN, _TURN)
-    )
-    # the point of a convex curve that is furthest along a direction, from its distance and how that changes
-    return (0.5 * (before + after))[:, None] * sides + (0.5 * (after - before) / _TURN)[:, None] * along
+
+    def reach(angles: np.ndarray) -> np.ndarray:
+        upward = np.full(len(angles), np.cos(angle))
+        level = -np.sin(angle) * np.stack([np.cos(angles), np.sin(angles)])
+        return -lowest(np.column_stack([*level, upward])) / np.sin(angle)
+
+    narrow = 0.0  # the direction in which it is the narrowest, exactly: a roller rolls along it
+    for turn in _TURNS:
+        tries = narrow + turn * np.linspace(-1.0, 1.0, _SIDES + 1)
+        narrow = tries[(reach(tries) + reach(tries + np.pi)).argmin()]
+    angles = narrow + 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    sides, far = np.column_stack([np.cos(angles), np.sin(angles)]), reach(angles)
+    middle = 2.0 * (far[:, None] * sides).mean(axis=0)
+    far = np.maximum(far - sides @ middle, _POINT)
+    # a corner of what is as far away as this in each direction is an edge of the hull of the inverse distances
+    dual = shapely.get_coordinates(MultiPoint(sides / far[:, None]).convex_hull)
+    edges = np.stack([dual[:-1], dual[1:]], axis=1)
+    return middle + np.linalg.solve(edges, np.ones((len(edges), 2, 1)))[..., 0]
 
 
 def _touching(points: np.ndarray, share: float = 1.0) -> np.ndarray:

@@ -9,9 +9,9 @@ carried is shaken, so that the margin is to be above t sqrt(f h), with h the hei
 
 MuJoCo keeps four contacts of a face, the largest quadrilateral of its corners. Where a round support has more, a load
 near its rim is outside of them, so it tips until others take over. That adds s sqrt(d h) to the margin, at most. A load
-on a curved foot has risen after leaning by an angle a if its margin is above h tan(a / 2). It rolls around the place at
-which its centre is above where it touches: with radius R that is R (R v + e) / (R - h) away, where v is the lean of
-what carries it, and it swings as far beyond.
+on a curved foot has risen after leaning by an angle a if its margin is above h tan(a / 2). It rolls to where its centre
+is above the point that it touches: with a radius of curvature R it turns by (R v + e) / (R - h), where v is the lean of
+what carries it, so its centre moves by h times that, and swings as far beyond. If R is about h it takes its time.
 
 The corners of a patch are those that are furthest in each of 16 directions, so its hull is a little smaller than the
 exact one.
@@ -24,7 +24,7 @@ from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_statics import DIRECTIONS, MOST_MOVE, RISE, LawVector, Statics
+from sceniris_gym.program.device_statics import DIRECTIONS, MOST_MOVE, RISE, ROLL, LawVector, Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -58,6 +58,9 @@ class Level:
     gap: float
     lean: wp.vec2
     law: LawVector
+    center: wp.vec2  # of the rectangle around a curved foot
+    axis: wp.vec2  # of that
+    reach: wp.vec2  # half of its sides
 
 
 @wp.func
@@ -239,10 +242,20 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
             return False
         if level.law[5] > 0.0:
             tan = level.law[5] / wp.static(RISE)
-            aside = wp.length(wp.vec2(level.load[1], level.load[2]) - level.middle)
-            rise = wp.max(level.inner - height * tan, 0.1 * level.inner)
-            roll += 2.0 * level.inner / rise * (level.inner / tan * wp.length(below) + aside)
+            eccentric = wp.vec2(level.load[1], level.load[2]) - level.center
+            far = wp.vec2(0.0)
+            for i in range(2):
+                axis = level.axis
+                if i == 1:
+                    axis = wp.vec2(-axis[1], axis[0])
+                reach = level.reach[i]
+                rise = reach - height * tan
+                if rise < level.law[6] * reach:
+                    return False
+                push = reach / tan * wp.abs(wp.dot(axis, below)) + wp.abs(wp.dot(axis, eccentric))
+                far[i] = 2.0 * height * tan / wp.max(rise, 2.0 * height * reach / wp.static(ROLL)) * push
+            roll += wp.length(far)
         below += level.lean
     drop += fall
-    far = wp.length(moved[0]) + roll
-    return drop * drop + far * far < _MOVE * _MOVE
+    aside = wp.length(moved[0]) + roll
+    return drop * drop + aside * aside < _MOVE * _MOVE

@@ -12,7 +12,9 @@ MOST_MOVE = 6.5e-3
 """Greatest move [m] of an object until it is at rest."""
 RISE = 0.9
 """Share of the rise after a lean that is enough on a curved foot: what neither rises nor falls rolls."""
-LawVector = wp.types.vector(length=6, dtype=float)
+ROLL = 2.2
+"""How far [m per rad] a ball rolls down a slope in 0.8 s, from rest; in a second it gets 1.5 times as far."""
+LawVector = wp.types.vector(length=7, dtype=float)
 """The numbers of a `program.standing.Law`."""
 
 
@@ -35,6 +37,9 @@ class Statics:
     variant_footadr: wp.array[int]
     variant_footnum: wp.array[int]
     variant_law: wp.array[LawVector]  # see `Law`
+    variant_center: wp.array[wp.vec2]  # around the pivot, at heading 0; see `Roll`
+    variant_axis: wp.array[wp.vec2]
+    variant_reach: wp.array[wp.vec2]
     variant_radius: wp.array[float]  # of its foot around its pivot; 1e30 if that does not hold it by itself
     foot_corneradr: wp.array[int]  # a foot has convex parts
     foot_cornernum: wp.array[int]

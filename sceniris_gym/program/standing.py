@@ -10,13 +10,14 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPoint, Polygon
 
-from sceniris_gym.geometry.feet import curved_foot, flat_foot
+from sceniris_gym.config.limits import MAX_FOOT
+from sceniris_gym.geometry.feet import around, curved_foot, flat_foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, weights
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
 from sceniris_gym.program.device import ObjectKind
-from sceniris_gym.program.device_statics import MOST_MOVE, RISE
+from sceniris_gym.program.device_statics import MOST_MOVE, RISE, ROLL
 from sceniris_gym.program.loads import CONTACTS, contact_heights, contact_of, deepest, depth_of, tilt_of
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import drawn_states, touch_distances
@@ -36,10 +37,16 @@ _SWAP = 2.2
 # A curved foot is one from which the object comes back as it leans by one of these angles [degrees]: a ball of facets
 # needs the larger ones.
 _LEANS = (ROCKING, 2.0 * ROCKING, 4.0 * ROCKING)
+# The steadiness of what rolls on a support that may lean: a ball whose centre of mass is nearer to its own centre is
+# kicked by that as it is put down, and rolls for a second or more.
+_STEADY = 0.1
 # Width [m] of the walls around a surface that a foot cannot reach over.
 _WALL = 5.0e-3
 # A load that moves the centre of mass of what carries it by less than this share of its margin does not tip it.
 _LIGHT = 0.25
+# A part of a foot with a smaller area [m^2] is an edge or a corner. MuJoCo finds depths of up to 46 mm between that and
+# the end of a cylinder: 201 of 512 lemons on one were thrown off in MuJoCo C, none from the same shape as a mesh.
+_EDGE = 1.0e-8
 # Axes are level if they are inclined by less than this.
 _LEVEL = 1.0e-3
 
@@ -55,6 +62,7 @@ class Law(NamedTuple):
         swap: What is added to the margin as four contacts give way to others, as a share of the root of sink times
             height.
         tip: The same as the foot rolls, as a share of height.
+        steady: The least distance of the centre of mass below the centre of curvature, as a share of the radius.
     """
 
     shake: float
@@ -63,9 +71,10 @@ class Law(NamedTuple):
     hold: float
     swap: float = 0.0
     tip: float = 0.0
+    steady: float = 0.0
 
 
-FLAT, CURVED = Law(0.4, 0.0, 1.3, 1e3), Law(0.0, 0.0, 0.0, 1.0)
+FLAT, CURVED = Law(0.4, 0.0, 1.3, 1e3), Law(0.0, 0.0, 0.0, 1e3)
 ROUND, OTHERS = Law(0.3, 20.0, 2.0, 0.7), Law(0.3, 20.0, 2.0, 1e3)
 """The laws of boxes on boxes or planes and of flat feet with a few corners on one convex geom; of curved feet, which
 roll as they lean, and come back to where they were if the load is low enough; of round feet; and of all others.
@@ -74,6 +83,24 @@ Contacts of the last two change as they lean.
 With them 31 of 31,360 layouts of 1,000 random scenes moved by 1 cm in half a second of MuJoCo C (seed 900000 of
 `tests.stress.standing`); of the rejected candidates 68% would have stood.
 """
+
+
+class Roll(NamedTuple):
+    """The rectangle around a curved foot, seen from above around the pivot at heading 0; what it is wide, it rolls.
+
+    Attributes:
+        center: Its centre [m], shape (2,).
+        axis: Its first axis, shape (2,).
+        reach: Half of its sides along that and across [m], shape (2,).
+    """
+
+    center: np.ndarray = np.zeros(2)
+    axis: np.ndarray = np.zeros(2)
+    reach: np.ndarray = np.zeros(2)
+
+
+_FLAT = Roll()
+"""What does not roll."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +117,7 @@ class Foot:
         hangs: How far [m] parts that drawn joints move reach below that at most; negative above.
         drop: Height [m] from which it falls until its support carries it; negative inside of that. It is 0 unless other
             geoms collide than it is placed by.
+        roll: How it rolls, if it is curved.
     """
 
     parts: list[np.ndarray]
@@ -99,6 +127,7 @@ class Foot:
     bottom: float = 0.0
     hangs: float = -np.inf
     drop: float = 0.0
+    roll: Roll = _FLAT
 
 
 @dataclass(frozen=True)
@@ -162,11 +191,18 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
             found.append(NO_STANCE)
             continue
         stance = replace(_stance(scene, o, pieces, float(load[number]), [number]), tilt=lean)
-        rolls = any(f.law.tip for f in stance.feet)  # as its support leans, however little
-        if carrier is not None and (rolls or not _is_heavy(scene, objects[carrier], pieces, found[carrier])):
+        if any(f.law.tip for f in stance.feet):  # it rolls as anything below leans, however little
+            stance = replace(stance, levels=_down(number, below))
+        elif carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
             stance = replace(stance, levels=[number, *found[carrier].levels])
         found.append(stance)
     return found
+
+
+def _down(number: int, below: list[int | None]) -> list[int]:
+    """Return the numbers of an object and of all that carry it."""
+    carrier = below[number]
+    return [number, *([] if carrier is None else _down(carrier, below))]
 
 
 def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: Stance) -> bool:
@@ -226,7 +262,9 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     is_shifted = "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)  # its centre of mass
     rims = [shapely.get_num_coordinates(s.outline.convex_hull.simplify(_STRAIGHT)) - 1 for s in surfaces]
     law = law if are_boxes or max(rims) <= _FOUR else OTHERS._replace(swap=_SWAP)
-    feet = [_foot(shapes, v, law, lower, is_shifted) for v in o.variants]
+    steady = _STEADY if mjm.body_weldid[support.body] else 0.0
+    on_edges = 0.0 if any(p.type == PieceType.CYLINDER for p in below) else 1.0
+    feet = [_foot(shapes, v, law._replace(steady=steady), lower, is_shifted, on_edges) for v in o.variants]
     heights = [contact_heights(own, shapes[0][0], v) for v in o.variants]
     rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
     is_whole = whole or _cannot_leave(o, feet, walls)
@@ -243,7 +281,9 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     )
 
 
-def _foot(shapes: list[list[HomeShape]], variant: Variant, law: Law, lower: float, is_shifted: bool) -> Foot:
+def _foot(
+    shapes: list[list[HomeShape]], variant: Variant, law: Law, lower: float, is_shifted: bool, on_edges: float
+) -> Foot:
     """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round.
 
     Args:
@@ -253,6 +293,7 @@ def _foot(shapes: list[list[HomeShape]], variant: Variant, law: Law, lower: floa
         law: The law.
         lower: Height [m] of the support that it is placed by over the support that it collides with.
         is_shifted: Whether draws of masses move its centre of mass.
+        on_edges: What `Law.hold` is multiplied by if an edge or a corner of a piece is a part of the foot.
     """
     turn, quat, (whole, standing, fixed, _) = matrix(variant.quat).T, variant.quat, shapes[0]
     shape = standing if standing.points() else whole
@@ -260,28 +301,44 @@ def _foot(shapes: list[list[HomeShape]], variant: Variant, law: Law, lower: floa
     parts = flat_foot([(points - variant.pivot) @ turn for points in shape.points()])
     if len(parts) == 1 and len(parts[0]) > _FEW_CORNERS:
         law = ROUND
+    if any(MultiPoint(part).convex_hull.area < _EDGE for part in parts):
+        law = law._replace(hold=law.hold * on_edges)
     bottom = fixed.bottom(quat) if standing.points() else np.inf
     hangs = max(bottom - moving.bottom(quat) for *_, moving in shapes)
     drop = whole.bottom(quat) - bottom + lower
     found = []
-    for corners, its_law in [(parts, law)] if parts else [_rolling(shape, variant, np.radians(a)) for a in _LEANS]:
+    curved = (_rolling(shape, variant, np.radians(a), law) for a in _LEANS)
+    for corners, its_law, roll in [(parts, law, _FLAT)] if parts else curved:
         hull, at = MultiPoint(np.concatenate(corners)).convex_hull, shapely.points(ends[:, :2])
         margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at)) - its_law.tip * ends[:, 2]
+        margins = margins if its_law.hold else np.full_like(margins, -np.inf)
         if its_law.tip:
-            inner = hull.boundary.distance(shapely.centroid(hull))
-            aside = np.maximum(inner - hull.boundary.distance(at), 0.0)
-            rise = np.maximum(inner - its_law.tip / RISE * ends[:, 2], 0.1 * inner)
-            margins = np.minimum(margins, MOST_MOVE - 2.0 * inner / rise * aside)
+            margins = np.minimum(margins, _spare(roll, its_law, ends))
         least = -np.inf if is_shifted else float(margins.min())
-        found.append(Foot(corners, its_law, least, float(margins.max()), bottom, hangs, drop))
+        found.append(Foot(corners, its_law, least, float(margins.max()), bottom, hangs, drop, roll))
     return next((f for f in found if f.margin > 0.0), max(found, key=lambda f: f.most))
 
 
-def _rolling(shape: HomeShape, variant: Variant, lean: float) -> tuple[list[np.ndarray], Law]:
-    """Return the curved foot of an object that is to come back from a lean [rad], and its law."""
+def _rolling(shape: HomeShape, variant: Variant, lean: float, law: Law) -> tuple[list[np.ndarray], Law, Roll]:
+    """Return the curved foot of an object that is to come back from a lean [rad], and its law, as steady as another."""
     turn = matrix(variant.quat)
     corners = curved_foot(lambda up: shape.lowest(up @ turn) - up @ turn @ variant.pivot, lean)
-    return [corners], CURVED._replace(tip=RISE * np.tan(0.5 * lean))
+    box = shapely.get_coordinates(MultiPoint(corners).minimum_rotated_rectangle)[:3]
+    sides = 0.5 * np.diff(box, axis=0)
+    reach = np.linalg.norm(sides, axis=1)
+    few = corners[(corners @ around(MAX_FOOT).T).argmax(axis=0)]
+    law = CURVED._replace(tip=RISE * np.tan(0.5 * lean), steady=law.steady)
+    return [few], law, Roll(box[0] + sides.sum(axis=0), sides[0] / reach[0], reach)
+
+
+def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
+    """Return by how much less [m] than it may an object with its centre of mass at each end, shape (n, 3), rolls."""
+    tan, axes = law.tip / RISE, np.array([roll.axis, [-roll.axis[1], roll.axis[0]]])
+    height = ends[:, 2:]
+    rise = roll.reach - tan * height
+    factor = 2.0 * height * tan / np.maximum(rise, 2.0 * height * roll.reach / ROLL)
+    far = np.linalg.norm(factor * ((ends[:, :2] - roll.center) @ axes.T), axis=1)
+    return np.minimum(MOST_MOVE - far, (rise - law.steady * roll.reach).min(axis=1))
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:

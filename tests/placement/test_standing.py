@@ -57,6 +57,7 @@ def _load(
     off: wp.array[float],
     softness: float,
     law: LawVector,
+    reach: wp.vec2,
     # Out:
     stands: wp.array[bool],
 ):
@@ -72,6 +73,8 @@ def _load(
     level.inner = 0.05
     level.softness = wp.mat22(softness, 0.0, 0.0, softness)
     level.law = law
+    level.axis = wp.vec2(0.6, 0.8)
+    level.reach = reach
     levels[0] = level
     stands[i] = loads_stand(levels, 1)
 
@@ -148,15 +151,17 @@ def test_weight_and_centre_are_those_of_mujoco(tmp_path: Path):
         (21.0, (0.0, 0.0, 1.0), 0.0),
         (3.0, (0.0, 0.0, 1.0), 0.0133),
         (0.0, (0.0, 0.0, 1.0, 1e3, 2.0, 0.0), 0.05 - 2.0 * (0.0005 * 0.05) ** 0.5),
-        (0.0, (0.0, 0.0, 1.0, 1e3, 0.0, 0.3), 0.5 * 6.5e-3 * (1.0 - 0.3 / 0.9)),
+        (0.0, (0.0, 0.0, 1.0, 1e3, 0.0, 0.3), 6.5e-3 * (0.05 - 0.05 / 3.0) / (2.0 * 0.05 / 3.0)),
+        (0.0, (0.0, 0.0, 1.0, 1e3, 0.0, 0.9 * 0.9999), 6.5e-3 * 0.05 / 2.2),
+        (0.0, (0.0, 0.0, 1.0, 1e3, 0.0, 0.9 * 0.85, 0.2), 0.0),
     ],
-    ids=["rigid", "shaken", "soft", "top-heavy", "moves", "four of many contacts", "rolls"],
+    ids=["rigid", "shaken", "soft", "top-heavy", "moves", "four of many contacts", "rolls", "a ball", "unsteady"],
 )
 def test_a_load_stands_up_to_a_distance_from_the_middle(softness: float, law: tuple[float, ...], limit: float):
     """By margin, fall, leaning, leaning ever further, the motion of its top, contacts that change, and rolling."""
     off = np.linspace(0.0001, 0.06, 600)
     stands = wp.zeros(len(off), dtype=bool)
-    numbers = LawVector(*law, *(1e3, 0.0, 0.0)[len(law) - 3 :])
-    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, numbers], [stands], device="cpu")
+    numbers = LawVector(*law, *(1e3, 0.0, 0.0, 0.0)[len(law) - 3 :])
+    wp.launch(_load, len(off), [wp.array(off, dtype=float), softness, numbers, wp.vec2(0.05)], [stands], device="cpu")
     last = off[stands.numpy()].max(initial=0.0)
     assert last == pytest.approx(limit, abs=0.0008)

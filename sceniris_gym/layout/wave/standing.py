@@ -6,6 +6,7 @@ from sceniris_gym.config.limits import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
+from sceniris_gym.placement.placed import turned
 from sceniris_gym.placement.standing import Level, find_patch, lies_on_a_part, loads_stand, measure, weigh
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
@@ -74,6 +75,10 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - origin, layouts.body_quat[row, body])
         at = wp.vec2(place[0] - origin[0], place[1] - origin[1])
+        level.reach = statics.variant_reach[variant]
+        if level.reach[0] > 0.0:
+            level.axis = turned(statics.variant_axis[variant], place[3])
+            level.center = at + turned(statics.variant_center[variant], place[3])
         if not find_patch(statics, variant, at, place[3], surface, ground, patch):
             return False
         level = measure(level, patch)

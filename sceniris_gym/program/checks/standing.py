@@ -85,6 +85,11 @@ def check_standing(plan: Plan) -> None:
             )
         check_weight(plan.scene, o.bodies, where)
         best = max(stance.feet, key=lambda f: f.most)
+        if best.most == -np.inf:
+            raise SceneKeyError(
+                f"{where}: '{o.name}' touches the cylinder '{o.config.support.parent}' by edges of its geoms, where "
+                f"MuJoCo's contacts throw it off. Make a mesh of that cylinder, {_ANYWAY}."
+            )
         if best.most <= 0.0:
             falls, foot = ("rolls", "curved foot, or too high above it") if best.law.tip else ("falls", "foot")
             raise SceneKeyError(

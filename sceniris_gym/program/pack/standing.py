@@ -15,7 +15,7 @@ from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 from sceniris_gym.program.pack.regions import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.standing import CURVED, Foot, carriers_of
+from sceniris_gym.program.standing import CURVED, Foot, Roll, carriers_of
 
 # MuJoCo takes the end of a cylinder for a polygon of 16 corners when it looks for contacts on a face.
 _ROUND = np.cos(np.pi / 16)
@@ -58,6 +58,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "obj_tilt": np.array([s.tilt for s in found]),
         "obj_touch": np.array([s.touch for s in found]),
         "variant_law": np.reshape([f.law for f in feet], (-1, len(CURVED))),
+        **{f"variant_{name}": np.array([getattr(f.roll, name) for f in feet]) for name in Roll._fields},
         "variant_radius": np.array(radius, float),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),

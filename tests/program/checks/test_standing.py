@@ -156,7 +156,7 @@ CURVED: dict[str, tuple[str, tuple[float, float, float], float, bool]] = {
     "a capsule on its end": ('type="capsule" size=".03 .06"', (1e-3, 0.0, 0.0), 0.09, False),
     "a capsule on its side": ('type="capsule" size=".03 .06" euler="90 0 0"', (0.0, 0.03, 0.0), 0.03, True),
     "a capsule with a weight in its side": ('type="capsule" size=".03 .06" euler="90 0 0"', (1e-3, 0, 0), 0.03, False),
-    "a cylinder on its side": ('type="cylinder" size=".03 .06" euler="0 90 0"', (0.04, 1e-4, 0.0), 0.03, True),
+    "a cylinder on its side": ('type="cylinder" size=".03 .06" euler="0 90 0"', (0.04, 5e-5, 0.0), 0.03, True),
 }
 
 
