@@ -13,6 +13,8 @@ from sceniris_gym.geometry.resting_poses import ROCKING
 
 # Points this far [m] above the lowest one are on the same level.
 _FLAT = 2.0e-4
+# A foot is what touches before a lean has moved any point by this [m]: a chair on its back rocks by up to 3 cm.
+_MOVE = 3.0e-3
 # Number of directions in which a curved foot is measured, the angles [rad] up to which the narrowest one is searched,
 # each around the one before, and the foot's least reach [m].
 _SIDES, _TURNS, _POINT = 360, np.radians([180.0, 1.0, 0.01, 1.0e-4, 1.0e-6]), 1.0e-7
@@ -23,8 +25,9 @@ _SHARE = 0.5
 def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
     """Return the foot of convex pieces on level ground; nothing if it is curved, so that it rolls as it leans.
 
-    A piece has a foot if it reaches the ground, also as the whole leans by the angle that a stable pose may rock by.
-    Its corners are the points that touch the ground as it leans by that in all directions.
+    A piece has a foot if it reaches the ground, also as the whole leans by the angle that a stable pose may rock by, or
+    by less if that moves it by 3 mm. Its corners are the points that touch the ground as it leans by that in all
+    directions.
 
     Args:
         pieces: Vertices of each piece [m], z up, shape (n, 3).
@@ -35,11 +38,13 @@ def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
     points = np.concatenate(pieces)
     owner = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
     bottom = points[:, 2].min() + _FLAT
-    touching = _touching(points)
-    level, whole = (MultiPoint(points[found, :2]).convex_hull.area for found in (_touching(points, 0.2), touching))
+    size = np.linalg.norm(points - [*points[:, :2].mean(axis=0), bottom], axis=1).max()
+    lean = min(np.radians(ROCKING), _MOVE / size)
+    level, touching = (_touching(points, share * lean) for share in (0.2, 1.0))
+    narrow, whole = (MultiPoint(points[found, :2]).convex_hull.area for found in (level, touching))
     carrying = {*owner[touching].tolist(), *owner[points[:, 2] < bottom].tolist()}
-    if level > _SHARE * whole:
-        return [_corners(pieces[i]) for i in sorted(carrying)]
+    if narrow > _SHARE * whole:
+        return [_corners(pieces[i], lean) for i in sorted(carrying)]
     return []
 
 
@@ -74,15 +79,14 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
     return middle + np.linalg.solve(edges, np.ones((len(edges), 2, 1)))[..., 0]
 
 
-def _touching(points: np.ndarray, share: float = 1.0) -> np.ndarray:
-    """Return the numbers of the points that are lowest as they lean by a share of the angle in all directions."""
-    lean = np.radians(share * ROCKING)
+def _touching(points: np.ndarray, lean: float) -> np.ndarray:
+    """Return the numbers of the points that are lowest as they lean by an angle [rad] in all directions."""
     return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
 
 
-def _corners(points: np.ndarray) -> np.ndarray:
+def _corners(points: np.ndarray, lean: float) -> np.ndarray:
     """Return the corners of the foot of one piece."""
-    found = points[_touching(points), :2]
+    found = points[_touching(points, lean), :2]
     kept = found[(found != np.roll(found, 1, axis=0)).any(axis=1)]
     return kept if len(kept) else found[:1]
 

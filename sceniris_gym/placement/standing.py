@@ -33,6 +33,8 @@ _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
 # A part of a foot of which less than this share is on the support has one contact there, which it may lose.
 _SLIVER = wp.constant(0.5)
+# The same for a curved foot, which may have a piece at each end and nothing between them.
+_ALL = wp.constant(0.99)
 # The largest quadrilateral of corners of a circle leaves out 0.29 of its radius.
 _LOST = wp.constant(0.35)
 # Greatest move [m] of the uppermost object until it is at rest.
@@ -142,9 +144,12 @@ def find_patch(
         for k in range(num):
             corner = statics.corner[statics.foot_corneradr[foot] + k]
             points[k] = at + corner[0] * x + corner[1] * wp.vec2(-x[1], x[0])
-        least = float(0.0)
+        share = float(0.0)
         if feet > 1:
-            least = _SLIVER * area(points, num)
+            share = float(_SLIVER)
+        if statics.variant_law[variant][5] > 0.0:
+            share = float(_ALL)
+        least = share * area(points, num)
         for s in range(statics.part_sidenum[part]):
             num = clip(points, num, _side(statics, statics.part_sideadr[part] + s, ground))
         if num > 0 and area(points, num) >= least:

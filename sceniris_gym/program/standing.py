@@ -28,7 +28,7 @@ from sceniris_gym.scene.support import subtree
 _NEAR = 5.0e-4
 # A foot with more corners than this is round.
 _FEW_CORNERS = 8
-# A surface with more corners than these, up to so many metres, loses some of its contacts.
+# A foot or a surface with more corners than these, up to so many metres, loses some of its contacts.
 _FOUR, _STRAIGHT = 4, 1.0e-4
 # Share of the root of sink times height by which a load keeps from the edge of such a surface; see `Law`. In 26,400
 # drops of boxes and prisms near its rim in MuJoCo C, with radii of 2 to 50 cm, those that fell needed up to 1 on 4
@@ -37,9 +37,10 @@ _SWAP = 2.2
 # A curved foot is one from which the object comes back as it leans by one of these angles [degrees]: a ball of facets
 # needs the larger ones.
 _LEANS = (ROCKING, 2.0 * ROCKING, 4.0 * ROCKING)
-# The steadiness of what rolls on a support that may lean: a ball whose centre of mass is nearer to its own centre is
-# kicked by that as it is put down, and rolls for a second or more.
+# The steadiness of what rolls on a support that may lean, or with contacts that are a little off: with a centre of mass
+# that is nearer to the centre of curvature it is kicked as it is put down, and rolls for a second or more.
 _STEADY = 0.1
+_BALLS = {PieceType.SPHERE, PieceType.CAPSULE}
 # Width [m] of the walls around a surface that a foot cannot reach over.
 _WALL = 5.0e-3
 # A load that moves the centre of mass of what carries it by less than this share of its margin does not tip it.
@@ -190,7 +191,7 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
         if not o.config.has_to_stand or o.heap is not None:
             found.append(NO_STANCE)
             continue
-        stance = replace(_stance(scene, o, pieces, float(load[number]), [number]), tilt=lean)
+        stance = replace(_stance(scene, o, pieces, float(load[number])), levels=[number], tilt=lean)
         if any(f.law.tip for f in stance.feet):  # it rolls as anything below leans, however little
             stance = replace(stance, levels=_down(number, below))
         elif carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
@@ -224,7 +225,7 @@ def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
     return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
-def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float, levels: list[int]) -> Stance:
+def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float) -> Stance:
     """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
     support, mjm = o.support, scene.mjm
     assert support is not None
@@ -237,7 +238,7 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     touch = touch_distances(scene, found, support.body)
     own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]
     if not own:
-        return replace(NO_STANCE, levels=levels)
+        return NO_STANCE
     surfaces = [s for mine in o.surfaces for s in mine]
     there = [p for p in pieces if p.body == support.body]
     below = [
@@ -262,14 +263,16 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     is_shifted = "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)  # its centre of mass
     rims = [shapely.get_num_coordinates(s.outline.convex_hull.simplify(_STRAIGHT)) - 1 for s in surfaces]
     law = law if are_boxes or max(rims) <= _FOUR else OTHERS._replace(swap=_SWAP)
-    steady = _STEADY if mjm.body_weldid[support.body] else 0.0
+    # MuJoCo finds the exact point below the lowest one on a plane, and below the centre of a ball or a capsule on a box
+    is_exact = {p.type for p in below} == {PieceType.PLANE} or {p.type for p in own} <= _BALLS
+    steady = 0.0 if is_exact and not mjm.body_weldid[support.body] else _STEADY
     on_edges = 0.0 if any(p.type == PieceType.CYLINDER for p in below) else 1.0
     feet = [_foot(shapes, v, law._replace(steady=steady), lower, is_shifted, on_edges) for v in o.variants]
     heights = [contact_heights(own, shapes[0][0], v) for v in o.variants]
     rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
     is_whole = whole or _cannot_leave(o, feet, walls)
     return Stance(
-        levels=levels,
+        levels=[],
         feet=feet,
         load=load,
         sink=max(depth_of(scene, c, load / CONTACTS, light[[c.own, c.below]].sum()).item() for c in rough),
@@ -301,6 +304,8 @@ def _foot(
     parts = flat_foot([(points - variant.pivot) @ turn for points in shape.points()])
     if len(parts) == 1 and len(parts[0]) > _FEW_CORNERS:
         law = ROUND
+    elif any(len(part) > _FOUR for part in parts):
+        law = law._replace(swap=_SWAP)
     if any(MultiPoint(part).convex_hull.area < _EDGE for part in parts):
         law = law._replace(hold=law.hold * on_edges)
     bottom = fixed.bottom(quat) if standing.points() else np.inf
@@ -308,7 +313,7 @@ def _foot(
     drop = whole.bottom(quat) - bottom + lower
     found = []
     curved = (_rolling(shape, variant, np.radians(a), law) for a in _LEANS)
-    for corners, its_law, roll in [(parts, law, _FLAT)] if parts else curved:
+    for corners, its_law, roll in [(parts, law._replace(steady=0.0), _FLAT)] if parts else curved:
         hull, at = MultiPoint(np.concatenate(corners)).convex_hull, shapely.points(ends[:, :2])
         margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at)) - its_law.tip * ends[:, 2]
         margins = margins if its_law.hold else np.full_like(margins, -np.inf)

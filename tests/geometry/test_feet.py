@@ -38,6 +38,12 @@ def test_a_leg_that_touches_as_the_whole_leans_carries():
     assert len(flat_foot(legs)) == 4
 
 
+def test_what_touches_after_a_long_way_carries_nothing():
+    """One leg of a table of 2 m is 2 cm short, which 2.5 degrees would make up for; it moves by far more than 3 mm."""
+    legs = [box(0.05, 0.05, 0.7, (x, y, 0.02 * (x > 0 and y > 0))) for x in (-1, 1) for y in (-1, 1)]
+    assert len(flat_foot(legs)) == 3
+
+
 def test_the_foot_of_a_ball_is_curved():
     """It has no flat foot."""
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.04)
@@ -52,6 +58,19 @@ def test_a_curved_foot_has_the_radius_of_curvature_times_the_tangent_of_half_the
     low, high = capsule.min(axis=0), capsule.max(axis=0)
     np.testing.assert_allclose(high, [0.04 * np.tan(LEAN / 2), 0.1 + 0.04 * np.tan(LEAN / 2)], rtol=0.01)
     np.testing.assert_allclose(low, -high, rtol=0.01)
+
+
+def test_a_roller_is_as_narrow_as_it_is_round():
+    """A cylinder on its side reaches its radius times the tangent of half the lean to both sides."""
+    axis = np.array([np.cos(0.3), np.sin(0.3), 0.0])
+    across = np.array([-axis[1], axis[0], 0.0])
+
+    def lowest(up: np.ndarray) -> np.ndarray:
+        along = up @ axis
+        return 0.04 * up[:, 2] - 0.04 * np.sqrt(1.0 - along**2) - 0.05 * np.abs(along)
+
+    found = curved_foot(lowest, LEAN) @ across[:2]
+    np.testing.assert_allclose([found.min(), found.max()], 0.04 * np.tan(LEAN / 2) * np.array([-1, 1]), rtol=0.02)
 
 
 def test_a_cylinder_on_its_end_is_round_and_flat():

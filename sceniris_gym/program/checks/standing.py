@@ -92,6 +92,8 @@ def check_standing(plan: Plan) -> None:
             )
         if best.most <= 0.0:
             falls, foot = ("rolls", "curved foot, or too high above it") if best.law.tip else ("falls", "foot")
+            if best.law.tip and best.law.steady:
+                foot += f" for '{o.config.support.parent}', which is no fixed plane"
             raise SceneKeyError(
                 f"{where}: '{o.name}' {falls} over: its centre of mass is {-1e3 * best.most:.3g} mm outside of its "
                 f"{foot}. Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."

@@ -114,6 +114,37 @@ def test_what_hangs_over_a_round_rim_stands(radius: float, top: str):
     assert [i for i in far if judge.moves(rows.qpos[i], *nothing).max() > STILL] == []
 
 
+POST = """<mujoco><option timestep=".004"/><default><geom solref=".03 1.2"/></default><asset>{mesh}</asset><worldbody>
+  <body name="post" pos="0 0 1"><freejoint/><geom type="box" size=".03 .027 .042" density="2600"/></body>
+  <body name="top" pos="9 0 1"><freejoint/>{top}</body></worldbody></mujoco>"""
+_RING = [(0.016 * np.cos(0.25 * np.pi * i), 0.016 * np.sin(0.25 * np.pi * i)) for i in range(8)]
+_OCTAGON = " ".join(f"{x:.6f} {y:.6f} {z}" for z in (-0.012, 0.012) for x, y in _RING)
+_END = '<geom type="ellipsoid" size=".02 .03 .02" pos="{} 0 0"/>'
+
+
+@pytest.mark.parametrize(
+    ("mesh", "top"),
+    [
+        (f'<mesh name="octagon" vertex="{_OCTAGON}"/>', '<geom type="mesh" mesh="octagon" density="2900"/>'),
+        ("", _END.format(-0.06) + _END.format(0.06)),
+    ],
+    ids=["a foot with eight corners", "two round feet"],
+)
+def test_what_hangs_over_a_straight_edge_stands(mesh: str, top: str):
+    """MuJoCo drops some of more than four corners, and between two feet there is nothing."""
+    spec = mujoco.MjSpec.from_string(POST.format(mesh=mesh, top=top))
+    scene = {"model": spec, "floor": {"size": [2, 2]}, "objects": {"post": {"on": "floor"}, "top": {"on": "post"}}}
+    try:
+        compiled = compile_on_cpu(scene, bank=8)
+    except InfeasibleSceneError:  # it would always fall
+        assert not mesh
+        return
+    rows, judge = make(compiled, 4096), StackJudge(compiled.mjm)
+    off = np.linalg.norm(rows.qpos[:, 7:9] - rows.qpos[:, :2], axis=1)
+    nothing = np.zeros((0, 3)), np.zeros((0, 4))
+    assert [i for i in np.argsort(-off)[: 4 * _LAYOUTS] if judge.moves(rows.qpos[i], *nothing).max() > STILL] == []
+
+
 ROLLING = """<mujoco><worldbody><body name="ball" pos="0 0 1"><freejoint/>
   <inertial pos="0 0 -.02" mass="{mass}" diaginertia="1e-3 1e-3 1e-3"/><geom type="sphere" size=".04"/>
   <geom type="box" size=".06 .06 .005" pos="0 0 .045"/></body>

@@ -174,6 +174,34 @@ def test_what_balances_on_a_curved_foot_is_refused(case: str):
         checked(scene)
 
 
+LOOSE = """<mujoco><worldbody><geom name="floor" type="plane" size="3 3 .1"/>
+  <body name="post" pos="0 0 .1"><geom name="post" type="cylinder" size=".05 .1"/></body>
+  <body name="bench" pos="1 0 .1">{joint}<geom name="bench" type="box" size=".2 .2 .1"/></body>
+  <body name="thing" pos="0 0 2"><freejoint/><geom {geom}/></body></worldbody></mujoco>"""
+ROLLER = 'type="cylinder" size=".03 .06" euler="0 90 0"'
+
+
+@pytest.mark.parametrize(
+    ("geom", "on", "joint", "stays"),
+    [(BALL, "floor", "", True), (BALL, "bench", "", True), (BALL, "bench", "<freejoint/>", False)]
+    + [(ROLLER, "floor", "", True), (ROLLER, "bench", "", False)],
+)
+def test_what_rolls_freely_needs_what_cannot_move(geom: str, on: str, joint: str, stays: bool):
+    """A ball on a loose bench, and a roller where MuJoCo's contacts are a little off, as they are on a box."""
+    objects = {"thing": {"on": on}} | ({"bench": {"on": "floor"}} if joint else {})
+    spec = mujoco.MjSpec.from_string(LOOSE.format(geom=geom, joint=joint))
+    message = r"thing\.on: 'thing' rolls over: .* too high above it for 'bench', which is no fixed plane"
+    with nullcontext() if stays else pytest.raises(SceneKeyError, match=message):
+        checked(scene_of(objects, model=spec))
+
+
+def test_edges_on_a_cylinder_are_refused():
+    """MuJoCo finds depths of centimetres there: a lemon is thrown off. A mesh of the cylinder is taken."""
+    banana = {"asset": "banana", "on": "post"}
+    with pytest.raises(SceneKeyError, match="'banana' touches the cylinder 'post' by edges of its geoms"):
+        checked(scene_of({"banana": banana}, model=mujoco.MjSpec.from_string(LOOSE.format(geom=BALL, joint=""))))
+
+
 @pytest.mark.skipif(not hasattr(mujoco.MjModel, "geom_surfacevel"), reason="this MuJoCo has no belts")
 def test_a_belt_is_no_support():
     """Of the thing or below it, unless that is meant to be carried away."""
