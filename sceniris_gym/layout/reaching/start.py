@@ -35,6 +35,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TRIALS = 64
 """Trials of a restart whose kind of start draws heights or joints."""
+# Greatest distance [m] of the TCP from a grasp. At the limit of a joint the inverse kinematics of `ik` ends up to a
+# millimetre away, and the fingers would be in what they hold by as much.
+_EXACT = wp.constant(1.0e-4)
 # Numbers of the uniform numbers of a trial, behind those of the joints.
 _HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 
@@ -172,7 +175,7 @@ def _pose(
             pos = pos + wp.vec3(0.0, 0.0, lift[0] + u * (lift[1] - lift[0]))
             at, turn = in_base(reach, layouts, row, pos, quat)
             solved = refine(reach.arm, at, turn, joints, wp.static(ITERATIONS))
-            if not accepted(solved):
+            if not accepted(solved) or solved.pos_err > _EXACT:
                 reach_search.failed[c] = ReachStep.IK_AT_GRASP
                 continue
             joints = solved.q
