@@ -354,6 +354,7 @@ def test_memory_is_kept_where_a_source_goes_while_something_is_captured():
     for source in sources:
         source.generate()
     del source
+    gc.collect()  # sources of other tests
     with wp.ScopedStream(wp.Stream("cuda:0")), wp.ScopedCapture("cuda:0"):
         sources.pop()
         gc.collect()
