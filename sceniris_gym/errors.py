@@ -156,6 +156,8 @@ _CLOSER = "Place it closer to the robot, turn it towards it, or use a less thoro
 _ADVICE = {
     "overhead": "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both.",
     "unsound": "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model.",
+    "falls": "Draw its 'mass' or 'ipos' from less, give it a wider support or a region further from the edge, or write "
+    "'stands: false' if it is meant to fall.",
     **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
 }
 """The remedies for some causes."""

@@ -153,6 +153,9 @@ def test_the_advice_for_a_scene_without_layouts_depends_on_the_cause():
     assert "'inside'" in infeasible("overhead")
     for cause in ("unreachable", "no_ik", "blocked"):
         assert "'reachable'" in infeasible(cause)
+    for words in ("'mass' or 'ipos'", "wider support", "'stands: false'"):
+        assert words in infeasible("falls")
+    assert "neighbours" not in infeasible("falls")
     assert "joints" in infeasible("empty", "cabinet/upper_drawer")
     turned = infeasible("empty", "cabinet/upper_drawer", "stable")
     assert "'cabinet/upper_drawer'" in turned

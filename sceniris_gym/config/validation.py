@@ -79,6 +79,11 @@ def _check_bodies(scene: SceneWords, where: str) -> None:
 
 def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
     """Check an object without an asset of its own."""
+    if part.asset is None and (owner := scene.owners.get(name)) is not None:
+        raise SceneKeyError(
+            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Name one there, or one of "
+            f"all variants in 'objects.{owner}'."
+        )
     if part.asset is not None or scene.model is not None:
         return
     if part.kind != "marker":

@@ -175,7 +175,7 @@ class DatasetWriter:
         elif record != self._manifest["parts"][part]:
             raise DatasetError(
                 f"{self.folder / part_name(part)}: was missing, and the bytes made in its place are not those of "
-                f"{MANIFEST}. Make it with the kind of device that made the others."
+                f"{MANIFEST}. Make it with the versions that made the others, of libraries as well."
             )
 
     def _finish(self) -> None:

@@ -15,6 +15,9 @@ COLUMNS = {
 """Columns of `LayoutsView` by what they say: which layout it is, by which key its physics and looks are drawn, what is
 written into a world, what was found of the arms, and how it was made."""
 
+NEXT = ("next_seed", "next_episode", "next_knob")
+"""Columns of `LayoutsView` that say which layout a world gets next."""
+
 
 def columns(*parts: str) -> tuple[str, ...]:
     """Return the names of the columns of these parts, or of all."""

@@ -81,6 +81,7 @@ class KnobTable:
         first: The first column of each knob, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
         of_draws: The knob of each draw of physics or looks, by the draw's name.
+        are_kept: Whether layouts keep the numbers that they were made with, as stored ones do.
 
     Raises:
         ArgumentTypeError: `names` are no names.
@@ -103,6 +104,7 @@ class KnobTable:
         numbers = [knob.default for knob in self.knobs.values()]
         self.first = dict(zip(self.knobs, np.cumsum([0, *map(len, numbers)]).tolist(), strict=False))
         self.default = np.concatenate([np.zeros(0, np.float32), *numbers])
+        self.are_kept = False
         self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
 
     @property

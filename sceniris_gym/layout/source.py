@@ -10,6 +10,7 @@ import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_mask
@@ -114,17 +115,17 @@ class LayoutSource(StaysHere):
 
         Raises:
             SeedError: Not 64-bit seeds, episodes below 2^31 - 1, or not one per world.
-            ArgumentError: Numbers that the knobs cannot have, or not a row for each world.
+            ArgumentError: Numbers that the knobs cannot have, not a row for each world, or stored layouts.
             MaskError, MaskTypeError: As in generate.
         """
         nworld, device = self.layouts.nworld, self.layouts.seed.device
         keeps = seeds is None and episodes is not None
         wanted = None if keeps else seeds_on_device(seeds, nworld, device)
         first = None if episodes is None else episodes_on_device(episodes, nworld, device)
-        on_device, rows = self._checked(mask), None if knobs is None else self.layouts.knobs.checked(knobs, nworld)
+        rows = np.zeros((1, 0)) if knobs is None else self.layouts.knobs.checked(knobs, nworld)
+        columns, on_device = self._changeable(np.arange(rows.shape[1])), self._checked(mask)
         self.launch_reseed(wanted, on_device, first)
-        if rows is not None:
-            self._set_knobs(np.arange(rows.shape[1]), rows, on_device)
+        self._set_knobs(columns, rows, on_device)
 
     @launching
     def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:
@@ -137,11 +138,17 @@ class LayoutSource(StaysHere):
 
         Raises:
             UnknownNameError: The worlds were not made with such a knob.
-            ArgumentError: A value that does not lie within that of the scene file.
+            ArgumentError: A value that does not lie within that of the scene file, or stored layouts.
             MaskError, MaskTypeError: As in generate.
         """
         columns, rows = self.layouts.knobs.part(values, self.layouts.nworld)
-        self._set_knobs(columns, rows, self._checked(mask))
+        self._set_knobs(self._changeable(columns), rows, self._checked(mask))
+
+    def _changeable(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns of knobs, unless there are some and the layouts keep theirs."""
+        if len(columns) and self.layouts.knobs.are_kept:
+            raise ArgumentError("set_knobs: stored layouts keep the knobs they were made with. Use a LayoutGenerator.")
+        return columns
 
     def _set_knobs(self, columns: np.ndarray, rows: np.ndarray, mask: wp.array | None) -> None:
         if len(columns):

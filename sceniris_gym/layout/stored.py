@@ -5,9 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
+from sceniris_gym.config.messages import short
+from sceniris_gym.errors import SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import (
     LayoutKeys,
     Layouts,
@@ -20,7 +22,7 @@ from sceniris_gym.layout.layouts import (
     open_episode,
 )
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -99,10 +101,9 @@ class StoredLayouts(LayoutSource):
         check_type(table, LayoutTable, "StoredLayouts: table")
         nworld = as_count(nworld, "StoredLayouts: nworld")
         self._stride = as_count(stride, "StoredLayouts: stride")
-        compiled.scene.check_hash(table.scene, "StoredLayouts: table", "Store layouts of this scene.")
-        self.layouts = Layouts.create(compiled, nworld, knobs=table.knobs)
         check_table(compiled, table, "StoredLayouts: table")
-        self.layouts.knobs.checked(table.knob, len(table))
+        self.layouts = Layouts.create(compiled, nworld, knobs=table.knobs)
+        self.layouts.knobs.are_kept = True
         self.device = compiled.device
         self._table, self._stored = table, _on_device(table, self.device)
         self.reseed(seed)
@@ -112,14 +113,6 @@ class StoredLayouts(LayoutSource):
         out = self.layouts.view
         inputs = [self._stored, mask, self._stride, layout_width(out)]
         wp.launch(_serve, dim=self.layouts.nworld, inputs=inputs, outputs=[out], device=self.device)
-
-    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """Refuse other numbers than the stored layouts were made with.
-
-        Raises:
-            ArgumentError: Always.
-        """
-        raise ArgumentError("set_knobs: stored layouts keep the knobs they were made with. Use a LayoutGenerator.")
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
         """See `LayoutSource`: the keys of the rows, whatever the worlds' own seeds and episodes are."""
@@ -131,7 +124,7 @@ class StoredLayouts(LayoutSource):
 
 
 def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None:
-    """Refuse columns of another size, beyond whose ends a kernel would read, and rows that no layout has.
+    """Refuse another scene, split or knobs, columns of another size, which kernels trust, and rows that no layout has.
 
     Args:
         compiled: The scene.
@@ -139,8 +132,17 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         where: The argument, with which errors begin.
 
     Raises:
-        SceneMismatchError: There are such columns or rows.
+        SceneMismatchError: There are such columns or rows, or the scene, the split or the names of knobs are others.
+        ArgumentTypeError, UnknownNameError, ArgumentError: Knobs that the scene does not have, or other numbers of them
+            than it may have.
     """
+    compiled.scene.check_hash(table.scene, where, "Give layouts of this scene.")
+    knobs = KnobTable(compiled, table.knobs)
+    if table.split not in USER_SPLITS or table.knobs != knobs.names:
+        raise SceneMismatchError(
+            f"{where}: split should be 'train' or 'eval' and knobs should be {knobs.names}, got {short(table.split)} "
+            f"and {short(table.knobs)}. Store layouts as a generator makes them."
+        )
     arrays = {name: array for name, array in vars(table).items() if isinstance(array, np.ndarray)}
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in "biuf"}
     mjm, nrow, nreach = compiled.mjm, len(table), (*shapes.get("grasp", ()), 0, 0)[1]
@@ -178,6 +180,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
             f"({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
         )
     check_numbers(compiled, {name: getattr(table, name) for name in ("present", "start", "grasp")}, where)
+    knobs.checked(table.knob, nrow)
 
 
 def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], where: str) -> None:

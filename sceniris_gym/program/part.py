@@ -55,7 +55,8 @@ def chosen_objects(
         if support is None or name in names or not (present is None or name in present):
             continue
         if any(other in names for other in with_variants([support.parent.split("/")[0]], config.variants)):
-            raise ArgumentError(f"{where}: '{support.parent}' carries '{name}'. Name '{name}' as well.")
+            load = config.owners.get(name, name)
+            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Name '{load}' as well.")
     for heap in config.heaps.values():
         left = [name for name in heap.of if name not in names]
         if left and len(left) < len(heap.of):
@@ -64,13 +65,16 @@ def chosen_objects(
 
 
 def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
-    """Return the numbers of the other objects that carry chosen ones, and of all others that these carry."""
+    """Return the numbers of the other objects that carry chosen ones, and of all others that these carry.
+
+    What a chosen one carries is chosen, too, or absent.
+    """
     found: set[int] = set()
     for number in chosen:
         while (number := carriers[number]) is not None:  # type: ignore[assignment]
             found.add(number)
     for number, carrier in enumerate(carriers):  # carriers come before what they carry
-        if carrier in found:
+        if carrier in found and carrier not in chosen:
             found.add(number)
     return sorted(found.difference(chosen))
 
@@ -93,9 +97,9 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     given = _given(carriers_of(plan.objects), chosen)
     numbers, still = [*given, *chosen], is_static(plan.scene.mjm)
     objects = [plan.objects[i] for i in numbers]
-    # a support leans as it likes, unless it is static or placed before
+    # a support leans as it likes, unless it is static or placed before; heaps draw no points on theirs
     firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in objects]
-    objects = [o if is_firm else replace(o, tilts=True) for o, is_firm in zip(objects, firm, strict=True)]
+    objects = [o if is_firm or o.heap else replace(o, tilts=True) for o, is_firm in zip(objects, firm, strict=True)]
     for i, o in enumerate(objects[: len(given)]):
         objects[i] = replace(o, config=o.config.model_copy(update={"reachable": False}))
     made = upload_plan(replace(plan, objects=objects), compiled.device, starts=False)

@@ -57,9 +57,6 @@ def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> Sc
         CycleError: Joints that equalities tie to each other in a cycle.
     """
     check_type(config, SceneConfig, "build_model: config")
-    for name in config.owners if simulated is None else ():
-        if config.objects[name].asset is None:
-            raise SceneKeyError(f"{config.where}: objects.{name}: should have an 'asset', as all variants do.")
     if isinstance(config.model, mujoco.MjModel):
         scene = _taken(config, config.model)
         if simulated is None:

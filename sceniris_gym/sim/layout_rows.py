@@ -24,22 +24,22 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
         ArgumentTypeError: They are no layouts.
         SceneMismatchError: They are of another scene, or have rows that no layout of it has. Or their physics or looks
             were drawn with knobs that the worlds do not have.
+        UnknownNameError, ArgumentError: They have knobs, or numbers of them, that the scene does not have.
     """
     if not isinstance(layouts, Layouts | LayoutTable):
         raise ArgumentTypeError(f"layouts should be Layouts or a LayoutTable, got {type(layouts)}.")
     compiled, known = own.compiled, own.knobs.names
-    stored = isinstance(layouts, LayoutTable)
-    scene, knobs = (layouts.scene, layouts.knobs) if stored else (layouts.compiled.hash, layouts.knobs.names)
-    compiled.scene.check_hash(scene, "layouts: each of them", "Give layouts of this scene.")
+    if isinstance(layouts, LayoutTable):
+        check_table(compiled, layouts, "layouts")
+        knobs = layouts.knobs
+    else:
+        compiled.scene.check_hash(layouts.compiled.hash, "layouts: each of them", "Give layouts of this scene.")
+        knobs = layouts.knobs.names
     if knobs != known and {*knobs, *known} & set(own.knobs.of_draws.values()):
         raise SceneMismatchError(
             f"layouts: were drawn with the knobs {list(knobs)}, and these worlds have {list(known)}. Make the "
             f"randomizer with knobs={list(knobs)}."
         )
-    if isinstance(layouts, LayoutTable):
-        check_table(compiled, layouts, "layouts")
-        if knobs == known:
-            own.knobs.checked(layouts.knob, len(layouts))
     view = LayoutsView()
     for name in ("knob", *columns("draw", "pose")) if knobs == known else columns("draw", "pose"):
         array = getattr(layouts, name)

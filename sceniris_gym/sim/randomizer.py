@@ -344,6 +344,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             SceneMismatchError: The layouts are of another scene, or were drawn with other knobs.
+            UnknownNameError, ArgumentError: The scene has no such knobs, or not such numbers of them.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         stored, nrow = stored_rows(layouts, self.layouts, str(self.device)), layouts.qpos.shape[0]

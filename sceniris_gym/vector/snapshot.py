@@ -15,7 +15,6 @@ from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.stored import check_numbers
-from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import PROMISED
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.vector.outcome import finite_rows
@@ -36,8 +35,8 @@ class Snapshot:
     Attributes:
         source: Hash of the scene, split and knobs of the layouts.
         worlds: The world that each row is of, shape (nrow,), int64.
-        rows: What has a row for each world, by name: the state in mujoco_warp's Data, the layout, the steps since its
-            reset, and the memory of the task, each of shape (nrow, ...).
+        rows: What has a row for each world, by name: the state in mujoco_warp's Data, the layout, which one follows,
+            the steps since its reset, and the memory of the task, each of shape (nrow, ...).
     """
 
     source: tuple[str, ...]
@@ -74,13 +73,14 @@ def _form(tensor: Tensor) -> tuple[Any, ...]:
     return tensor.dtype, tensor.layout, tensor.is_meta
 
 
-def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], compiled: CompiledScene) -> None:
+def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], layouts: Layouts) -> None:
     """Refuse what cannot be written into the worlds.
 
     Raises:
         ArgumentTypeError: No Snapshot.
         SceneMismatchError: A snapshot of another scene, split or task, of worlds with other knobs, or with numbers that
             no world can have.
+        ArgumentError: Numbers that a knob cannot have.
     """
     check_type(snapshot, Snapshot, "options['state']")
     rows: dict[str, Any] = {**snapshot.rows, "worlds": snapshot.worlds}
@@ -95,7 +95,9 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
     if not finite_rows(of_state).all():
         raise SceneMismatchError("options['state'] should have finite numbers. Leave out the rows of broken worlds.")
     numbers = {name: snapshot.rows[key].cpu().numpy() for key, name in _INDICES.items() if key in snapshot.rows}
-    check_numbers(compiled, numbers, "options['state']")
+    check_numbers(layouts.compiled, numbers, "options['state']")
+    for name in live.keys() & {"layout.knob", "layout.next_knob"}:
+        layouts.knobs.checked(snapshot.rows[name], len(snapshot))
 
 
 def put(snapshot: Snapshot, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
@@ -117,11 +119,21 @@ def put(snapshot: Snapshot, live: Mapping[str, Tensor], mask: Tensor | None) -> 
     return restored
 
 
-def live_tensors(state: State, layouts: Layouts, memory: Mapping[str, Any]) -> dict[str, Tensor]:
-    """Return all tensors that have a row for each world, by name, in the memory that steps and resets use."""
+def live_tensors(
+    state: State, layouts: Layouts, memory: Mapping[str, Any], following: tuple[str, ...]
+) -> dict[str, Tensor]:
+    """Return all tensors that have a row for each world, by name, in the memory that steps and resets use.
+
+    Args:
+        state: The worlds.
+        layouts: Their layouts.
+        memory: What else may have such tensors, by name.
+        following: The columns of the layouts that follow: `NEXT`, unless a sampler chooses them.
+    """
     arrays = {f"data.{name}": getattr(state.data, name) for name in _OF_DATA}
     arrays |= {f"model.{name}": array for name, array in state.model_rows.items()}
     arrays |= {f"layout.{name}": getattr(layouts, name) for name in columns()}
+    arrays |= {f"layout.{name}": getattr(layouts.view, name) for name in following}
     tensors = {name: wp.to_torch(array) for name, array in arrays.items() if array.size}
     # torch cannot index uint64
     found = {name: t.view(torch.int64) if t.dtype is torch.uint64 else t for name, t in tensors.items()}

@@ -9,6 +9,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.layout.columns import NEXT
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
@@ -115,11 +116,11 @@ class TaskWorlds:
         level = () if sampler is None else (wp.to_torch(sampler.level), wp.to_torch(sampler.probe))
         redraws = wp.to_torch(replacer.number), wp.to_torch(replacer.status)
         memory = {"task": self._task, "redraws": redraws, "level": level, **memory}
-        return live_tensors(self.state, self.randomizer.layouts, memory)
+        return live_tensors(self.state, self.randomizer.layouts, memory, NEXT if sampler is None else ())
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
         """Write a snapshot into its own worlds, or into those of a mask, and return the mask of them; see `put`."""
-        check_snapshot(snapshot, self.source, live, self._compiled)
+        check_snapshot(snapshot, self.source, live, self.randomizer.layouts)
         due = put(snapshot, live, mask)
         if self._compiled.config.variants:  # which brings the model of the variants as it was made
             self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))

@@ -282,6 +282,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 source.set_knobs(given[KNOBS], mask)
             if kept is not None:
                 due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
+                source.set_knobs(given.get(KNOBS) or {}, mask)  # a snapshot has knobs, too
             else:
                 self._reseed(seed, chosen, mask)
                 self._worlds.reset(due.clone())
@@ -323,10 +324,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def snapshot(self, mask: Any = None) -> Snapshot:
         """Copy the state of the masked worlds, for `reset(options={"state": snapshot})`.
 
-        It has the physics, the layout, the steps since the reset, and the memory of the task: every tensor of the task
-        and its helpers that has `num_envs` rows and that torch has written to. On a CPU an episode goes on to the same
-        bits; on a GPU the state has the same bits, and later steps differ as two runs do. Statistics count a restored
-        episode from there on.
+        It has the physics, the layout and which one follows, the steps since the reset, and the memory of the task:
+        every tensor of the task and its helpers that has `num_envs` rows and that torch has written to. On a CPU an
+        episode goes on to the same bits; on a GPU the state has the same bits, and later steps differ as two runs do.
+        Statistics count a restored episode from there on.
 
         Args:
             mask: As in `replace`; None is all worlds.

@@ -194,6 +194,17 @@ def test_an_object_without_an_asset_is_a_body_of_the_scene_s_model(tmp_path: Pat
     assert "objects.mug.asset: is missing" in refusal({"objects": objects}, {}, SceneKeyError)
 
 
+def test_a_variant_without_an_asset_is_told_by_the_key_that_the_file_has():
+    """Of the object, which may have the asset of all; there is no body that could take its place."""
+    objects: dict[str, Any] = {"cup": {"variants": {"wide": {}, "tall": {"asset": "can"}}, "on": "floor"}}
+    scene = {"floor": {"size": [1, 1]}, "objects": objects}
+    said = refusal(scene, {}, SceneKeyError)
+    assert "objects.cup.variants: 'wide' has no asset. Name one there, or one of all variants in 'objects.cup'" in said
+    assert "body" not in said
+    objects["cup"]["asset"] = "tin"
+    SceneConfig.load(scene)
+
+
 def test_many_objects_that_refer_to_each_other_are_checked_in_no_time():
     """Each chain is followed once: with every object related to four before it there are 4^28 chains."""
     objects: dict[str, dict] = {f"o{i}": {"asset": "mug", "on": "floor"} for i in range(32)}

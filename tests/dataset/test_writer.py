@@ -183,7 +183,7 @@ def test_other_bytes_than_the_manifest_tells_are_said(tmp_path: Path):
     told["parts"][1]["sha256"] = "0" * 64
     path.write_text(json.dumps(told))
     (tmp_path / "layouts-00001.npy").unlink()
-    with pytest.raises(DatasetError, match="kind of device"):
+    with pytest.raises(DatasetError, match="versions that made the others"):
         write(tmp_path, resume=True)
 
 

@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.scenes import compile_on_cpu, make, posed, write_mjcf
+from tests.layout.scenes import compile_on_cpu, make, posed, read, write_mjcf
 from tests.scene.heaping import THINGS, folder, words
 from tests.versions import since_4
 
@@ -76,3 +76,18 @@ def test_what_stands_in_the_way_of_a_row_keeps_it_from_being_served(tmp_path: Pa
     assert 0 not in served
     assert len(served) > 1
     assert (rows.status == Status.VALID).mean() > 0.9
+
+
+def test_a_heap_is_redrawn_alone_in_its_container(compiled: CompiledScene):
+    """Into one of the rows, in the bin as it stands, which keeps its bits."""
+    with np.load(folder() / "pile.npz") as stored:
+        pos, quat = stored["pos"], stored["quat"]
+    generator = LayoutGenerator(compiled, 40, seed=2)
+    generator.generate()
+    before = read(generator.layouts)
+    after = read(generator.extend(generator.layouts, THINGS))
+    assert (after.status == Status.VALID).all()
+    np.testing.assert_array_equal(after.mocap_pos, before.mocap_pos)
+    old, new = ([row_of(data, pos, quat) for data in posed(compiled, rows)] for rows in (before, after))
+    assert len(set(new)) == len(pos)
+    assert old != new

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -16,7 +17,7 @@ from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.scenes import compile_on_cpu, compiled_from
+from tests.layout.scenes import box_mjcf, compile_on_cpu, compiled_from
 from tests.oracle.stack_judge import STILL, StackJudge
 
 # A lamp on a ball joint, an arm of a hinge and a slide, a tray and three boxes on a table.
@@ -274,3 +275,23 @@ def test_the_top_of_a_settled_stack_is_redrawn_and_stands():
     assert (found.status.numpy() == Status.VALID).mean() > 0.9
     far = [judge.moves(qpos, np.zeros((0, 3)), np.zeros((0, 4))).max() for qpos in found.qpos.numpy()]
     assert max(far) < STILL
+
+
+def test_a_carrier_moves_although_what_is_absent_might_stand_on_it(tmp_path: Path):
+    """Alone or with what is added to it, on the floor and on a slab; nothing moves in MuJoCo C."""
+    slab, tray = box_mjcf(tmp_path, "slab", 0.3, 0.3, 0.04), box_mjcf(tmp_path, "tray", 0.2, 0.2, 0.02)
+    carriers = {"slab": {"asset": slab, "on": "floor"}, "tray": {"asset": tray}}
+    loads = {name: {"asset": "block", "on": "tray", "ratio_on_support": 1} for name in ("one", "other")}
+    words = {"floor": {"size": [1.0, 1.0]}, "groups": {"later": {"of": list(loads), "count": 0}}}
+    for support in ("floor", "slab"):
+        carriers["tray"]["on"] = support
+        compiled = compile_on_cpu({**words, "objects": carriers | loads}, bank=2)
+        generator, judge = LayoutGenerator(compiled, 8), StackJudge(compiled.mjm)
+        generator.generate()
+        adr, away = address(compiled, "tray"), [compiled.scene.bodies["other"]]
+        after = generator.extend(generator.extend(generator.layouts, "tray"), ["tray", "one"])
+        assert (after.status.numpy() == Status.VALID).all()
+        assert (generator.layouts.qpos.numpy()[:, adr] != after.qpos.numpy()[:, adr]).all()
+        assert after.present.numpy()[:, [compiled.slots.index(name) for name in loads]].tolist() == [[1, 0]] * 8
+        far = [judge.moves(qpos, np.zeros((0, 3)), np.zeros((0, 4)), away).max() for qpos in after.qpos.numpy()]
+        assert max(far) < STILL

@@ -11,12 +11,21 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, CountError, SceneMismatchError, SeedError
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    CountError,
+    SceneMismatchError,
+    ScenirisError,
+    SeedError,
+)
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table, read_table
+from sceniris_gym.levels import Levels
+from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import Batch
@@ -26,6 +35,8 @@ from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu
 
 NROW = 7
+REGION = "objects.thing.region"
+BOX = np.tile(np.array([-0.2, -0.2, 0.2, 0.2], np.float32), (NROW, 1))
 SERVED = ("qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos")
 
 
@@ -48,6 +59,11 @@ def table(crane: CompiledScene) -> LayoutTable:
     made = make_table(crane, NROW, 20)
     assert 0 < made.present[:, 1].sum() < NROW
     return made
+
+
+def _randomizer(compiled: CompiledScene) -> ResetRandomizer:
+    batch = Batch(compiled.scene, NROW, "cpu")
+    return ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields)
 
 
 def columns(layouts: Layouts) -> dict[str, np.ndarray]:
@@ -312,3 +328,60 @@ def test_arguments_of_another_type_are_told_by_their_names(crane: CompiledScene,
         StoredLayouts(crane, nothing, nothing)
     with pytest.raises(CountError, match="StoredLayouts: nworld should be an integer"):
         StoredLayouts(crane, table, nothing)
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        ({"knobs": ("nope",)}, "unknown knob 'nope'"),
+        ({"knobs": (REGION,)}, r"knobs should have shape \(7, 4\), got"),
+        ({"knobs": 3}, "knobs should be a name or several"),
+        (
+            {"knobs": ("objects.thing.reg*",), "knob": BOX},
+            rf"knobs should be .*'{REGION}',\).* got 'train' and \('objects",
+        ),
+        ({"knobs": (REGION,), "knob": 9.0 * BOX}, rf"{REGION} should be"),
+        ({"split": "test"}, "split should be 'train' or 'eval' .* got 'test' and"),
+        ({"split": ["eval"]}, "split should be 'train' or 'eval'"),
+    ],
+)
+def test_a_table_that_no_generator_makes_is_refused_by_all_that_take_one(
+    crane: CompiledScene, table: LayoutTable, words: dict[str, Any], match: str
+):
+    """Knobs that the scene does not have, that have no columns or other numbers, and another split."""
+    randomizer, wrong = _randomizer(crane), replace(table, **words)
+    before = randomizer.data.qpos.numpy().copy()
+    for take in (lambda: randomizer.write(wrong, range(NROW)), lambda: StoredLayouts(crane, wrong, 2)):
+        with pytest.raises(ScenirisError, match=match):
+            take()
+    np.testing.assert_array_equal(randomizer.data.qpos.numpy(), before)
+    fine = replace(table, knobs=(REGION,), knob=BOX)
+    randomizer.write(fine, range(NROW))
+    StoredLayouts(crane, fine, 2)
+
+
+class Wrapped(LayoutSource):
+    """A source of somebody's own around another one."""
+
+    def __init__(self, source: LayoutSource) -> None:
+        self.source, self.layouts = source, source.layouts
+
+    def launch_generate(self, mask: wp.array | None) -> None:
+        """Serve its layouts."""
+        self.source.launch_generate(mask)
+
+
+@pytest.mark.parametrize("wrap", [lambda s: s, lambda s: LevelSampler(s, Levels(capacity=4)), Wrapped])
+def test_stored_layouts_keep_their_knobs_in_every_wrapper(crane: CompiledScene, table: LayoutTable, wrap: Any):
+    """Other numbers are refused before anything is launched, and launches never raise."""
+    source = wrap(StoredLayouts(crane, replace(table, knobs=(REGION,), knob=BOX), 2))
+    box = [[-0.1, -0.1], [0.1, 0.1]]
+    for change in (lambda: source.set_knobs({REGION: box}), lambda: source.reseed(5, knobs=BOX[:2])):
+        with pytest.raises(ArgumentError, match="set_knobs: stored layouts keep the knobs they were made with"):
+            change()
+    assert (source.layouts.view.next_episode.numpy() == 0).all()
+    assert source.layouts.view.next_seed.numpy().tolist() == [0, 1]
+    with wp.ScopedDevice("cpu"):
+        source.launch_set_knobs(wp.array([0], dtype=int), wp.array([[0.1]], dtype=float), None)
+    source.generate()
+    np.testing.assert_array_equal(source.layouts.knob.numpy(), BOX[:2])

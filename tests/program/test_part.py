@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.part import chosen_objects, part_of
-from tests.layout.scenes import compile_on_cpu
+from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,16 @@ def test_what_cannot_be_placed_alone_is_refused(hard: CompiledScene):
         chosen_objects(hard, ["cabinet"], "replace")
     with pytest.raises(ArgumentError, match="should name one object at least"):
         chosen_objects(hard, [], "replace")
+
+
+def test_what_is_to_be_named_as_well_has_the_name_that_the_scene_file_has(tmp_path: Path):
+    """An object with variants, by its own name and not by that of one of them, which would be refused."""
+    box = box_mjcf(tmp_path, "box", 0.3, 0.3, 0.04)
+    load = {"asset": ["can", "tin"], "on": "box"}
+    compiled = compile_on_cpu({"floor": FLOOR, "objects": {"box": {"asset": box, "on": "floor"}, "load": load}}, bank=2)
+    with pytest.raises(ArgumentError, match=r"'box' carries 'load'\. Name 'load' as well\."):
+        chosen_objects(compiled, "box", "replace")
+    assert chosen_objects(compiled, ["box", "load"], "replace") == ("box", "load/can", "load/tin")
 
 
 def test_everything_else_is_an_obstacle(hard: CompiledScene):

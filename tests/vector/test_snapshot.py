@@ -17,6 +17,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
 from tests.vector.stepping import actions, assert_equal, leaves, state
 
+SLIDE = "objects.cabinet.joints.slide"
 SENSING = {"noise": {"tcp": 0.01}, "delay": (0, 2), "dropout": 0.2}
 
 
@@ -131,6 +132,29 @@ def test_rows_go_to_the_masked_worlds_in_order(make_env):
     np.testing.assert_array_equal(state(envs)["qpos"][1], old["data.qpos"][1])
 
 
+def test_the_episodes_that_follow_are_those_that_were_chosen(make_env):
+    """By knobs, also those that no layout has been made with yet, and by seeds; in another environment, too."""
+    first, second = (make_env(4, knobs=SLIDE) for _ in range(2))
+    first.reset(seed=4)
+    second.reset(seed=9)
+    first.set_knob(SLIDE, [0.05, 0.06], np.arange(4) < 3)
+    first.reset()
+    first.set_knob(SLIDE, [0.07, 0.08], np.arange(4) == 1)
+    first.randomizer.reseed(77, np.arange(4) == 2)
+    kept, runs = first.snapshot(), []
+    for envs in (first, second, first):
+        envs.reset(options={"state": kept})
+        runs.append([])
+        for _ in range(3):
+            runs[-1] += [*envs.layout_ids(), envs.randomizer.layouts.qpos.numpy().tobytes()]
+            envs.reset()
+        envs.set_knob(SLIDE, [0.1, 0.11])
+    assert runs[0] == runs[1] == runs[2]
+    second.reset(options={"state": kept, "knobs": {SLIDE: [0.13, 0.14]}})
+    second.reset()
+    assert (np.abs(second.randomizer.layouts.joint("slide").numpy() - 0.135) <= 0.005).all()
+
+
 def test_wrong_snapshots_are_refused(make_env):
     """Of another scene, split or type, of other knobs, too many rows, a seed beside them, or before the first reset."""
     envs = make_env(2)
@@ -149,7 +173,7 @@ def test_wrong_snapshots_are_refused(make_env):
     with pytest.raises(ArgumentError, match="different worlds"):
         envs.reset(options={"state": kept[[0, 0]]})
     others = [replace(kept, source=("0123456789abcdef", *kept.source[1:]))]
-    for words in ({"split": "eval"}, {"knobs": "objects.cabinet.joints.slide"}):
+    for words in ({"split": "eval"}, {"knobs": SLIDE}):
         foreign = make_env(2, **words)
         foreign.reset(seed=0)
         others.append(foreign.snapshot())
@@ -181,10 +205,11 @@ def _with(kept: Snapshot, name: str, value: float) -> Snapshot:
 
 def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
     """Edited on the way: the worlds stay as they were, and the rows of the others can still be restored."""
-    envs = make_env(2)
+    envs = make_env(2, knobs=SLIDE)
     envs.reset(seed=4)
     kept, before = envs.snapshot(), state(envs)
     wrong = {
+        r"from \[0\.04\] to \[0\.16\]": [_with(kept, f"layout.{name}", 7.0) for name in ("knob", "next_knob")],
         "finite numbers": [_with(kept, "data.qpos", np.nan), _with(kept, "data.ctrl", np.inf)],
         r"start should be from -1 to -1, got 5 in row 1": [_with(kept, "layout.start", 5)],
         r"present should be from 0 to 1, got 7 in row 1": [_with(kept, "layout.present", 7)],

@@ -123,8 +123,8 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
         drawn = "may be drawn as" if (scene.least.opt.gravity != scene.most.opt.gravity).any() else "is"
         wind = f" with a wind that pushes '{o.name}' by up to {push:.3g} N for each kg" if push else ""
         raise SceneKeyError(
-            f"{where}: gravity {drawn} {pull.tolist()}{wind}, and should point down the z axis to {_TILT:g} degree for "
-            f"what stands. Correct it, {_ANYWAY}."
+            f"{where}: gravity {drawn} {pull.round(6).tolist()}{wind}, and should point down the z axis to {_TILT:g} "
+            f"degree for what stands. Correct it, {_ANYWAY}."
         )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
         raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
