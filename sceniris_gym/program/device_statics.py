@@ -30,8 +30,7 @@ class Statics:
     # Objects in placement order, and the variants of `Program`.
     obj_leveladr: wp.array[int]
     obj_levelnum: wp.array[int]  # 0: it needs no test
-    obj_sink: wp.array[float]  # [m], under the greatest load; 0 where masses are drawn, then
-    obj_give: wp.array[float]  # sink for each kilogram of load [m/kg]
+    obj_give: wp.array[float]  # sink for each kilogram of load [m/kg], where masses are drawn
     obj_tilt: wp.array[float]  # tangent of the angle by which it may be pulled away from straight down
     obj_touch: wp.array[float]  # distance from which on its support carries it [m]
     variant_footadr: wp.array[int]
@@ -47,6 +46,7 @@ class Statics:
 
     # Levels, the object itself first: the object of each, and the others that it carries beside the levels above.
     level_obj: wp.array[int]
+    level_sink: wp.array[float]  # [m], under the greatest load with the object itself on it; 0 where masses are drawn
     level_loadadr: wp.array[int]
     level_loadnum: wp.array[int]
     load: wp.array[int]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import NamedTuple
 
 import mujoco
@@ -139,7 +140,7 @@ class Stance:
         levels: Itself, the free object that carries it, and so on down to one on what cannot move, as their numbers in
             `Plan.objects`.
         feet: Its foot in each of its variants; none if it does not collide with its support.
-        load: The greatest weight [kg] of it and of all that may be put on it.
+        load: The greatest weight [kg] of it and of all that is on it at a time.
         sink: How deep its contacts are under that load, with the least masses that are drawn [m], for the test of
             standing: four of them, and with the softness of a friction of 1 or more.
         depth: The greatest depth to which it may sink into its support [m].
@@ -148,6 +149,7 @@ class Stance:
         is_whole: Whether all of its foot is on its support.
         is_belt: Whether a surface between them moves, as that of a belt.
         tilt: Tangent of the angle by which it may be pulled away from straight down.
+        sinks: `sink` under the greatest load with one object on it, by the number of that object.
     """
 
     levels: list[int]
@@ -160,6 +162,7 @@ class Stance:
     is_whole: bool
     is_belt: bool = False
     tilt: float = 0.0
+    sinks: dict[int | None, float] = field(default_factory=dict)
 
     @property
     def is_certain(self) -> bool:
@@ -181,23 +184,39 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
         pieces: All obstacles.
     """
     below = carriers_of(objects)
-    load = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
-    for number, carrier in reversed(list(enumerate(below))):
-        if carrier is not None:
-            load[carrier] += load[number]
+    loads = _loads(scene, objects, below)
     lean = tilt_of(scene, [o for o in objects if o.config.has_to_stand and o.heap is None])
     found: list[Stance] = []
     for number, (o, carrier) in enumerate(zip(objects, below, strict=True)):
         if not o.config.has_to_stand or o.heap is not None:
             found.append(NO_STANCE)
             continue
-        stance = replace(_stance(scene, o, pieces, float(load[number])), levels=[number], tilt=lean)
+        stance = replace(_stance(scene, o, pieces, loads[number]), levels=[number], tilt=lean)
         if any(f.law.tip for f in stance.feet):  # it rolls as anything below leans, however little
             stance = replace(stance, levels=_down(number, below))
         elif carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
             stance = replace(stance, levels=[number, *found[carrier].levels])
         found.append(stance)
     return found
+
+
+def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | None]) -> list[dict[int | None, float]]:
+    """Return the greatest weight [kg] of each object and of all that is on it at a time.
+
+    The key None has the greatest of all worlds, the number of an object on it the greatest with that one there.
+    """
+    own = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
+    on: list[dict[str | None, list[int]]] = [{} for _ in objects]  # by the group that may leave some of them out
+    for number, o in enumerate(objects):
+        for level in _down(number, below):
+            on[level].setdefault(scene.config.absent.get(o.name) if level != number else None, []).append(number)
+    count = {label: group.count[1] for label, group in scene.config.groups.items()}
+
+    def heaviest(stacked: dict[str | None, list[int]], there: int | None) -> float:
+        ranked = {label: sorted(of, key=lambda n: (n != there, -own[n])) for label, of in stacked.items()}
+        return float(sum(own[of[: count.get(str(label))]].sum() for label, of in ranked.items()))
+
+    return [{n: heaviest(stacked, n) for n in (None, *chain(*stacked.values()))} for stacked in on]
 
 
 def _down(number: int, below: list[int | None]) -> list[int]:
@@ -225,9 +244,9 @@ def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
     return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
-def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float) -> Stance:
-    """Work out how one object stands, with a load [kg] of it and of all that may be put on it."""
-    support, mjm = o.support, scene.mjm
+def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict[int | None, float]) -> Stance:
+    """Work out how one object stands under its loads; see `_loads`."""
+    load, support, mjm = loads[None], o.support, scene.mjm
     assert support is not None
     drawn = [adr for adr, (low, high) in o.spans.items() if low < high]
     moved = {b for j in np.flatnonzero(np.isin(mjm.jnt_qposadr, drawn)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
@@ -270,17 +289,21 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], load: float
     feet = [_foot(shapes, v, law._replace(steady=steady), lower, is_shifted, on_edges) for v in o.variants]
     heights = [contact_heights(own, shapes[0][0], v) for v in o.variants]
     rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
+    each = np.array(list(loads.values())) / CONTACTS
+    deep = np.max([depth_of(scene, c, each, light[[c.own, c.below]].sum()) for c in rough], axis=0)
+    sinks = dict(zip(loads, deep.tolist(), strict=True))
     is_whole = whole or _cannot_leave(o, feet, walls)
     return Stance(
         levels=[],
         feet=feet,
         load=load,
-        sink=max(depth_of(scene, c, load / CONTACTS, light[[c.own, c.below]].sum()).item() for c in rough),
+        sink=sinks[None],
         depth=max(deepest(scene, contacts, at, o.bodies, load, is_whole) for at in heights),
         touch=max(distance for distance in touch if distance is not None),
         friction=max(c.friction for c in every),
         is_whole=is_whole,
         is_belt=bool(np.any(getattr(mjm, "geom_surfacevel", np.zeros(mjm.ngeom))[[p.geom for p in (*own, *below)]])),
+        sinks=sinks,
     )
 
 

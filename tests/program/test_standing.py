@@ -10,7 +10,7 @@ import pytest
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.program.standing import FLAT, ROUND, carriers_of
 from tests.layout.scenes import box_mjcf
-from tests.program.scenes import scene_of
+from tests.program.scenes import checked, scene_of
 
 PAIR = """<mujoco><option jacobian="dense"/><worldbody>
   <geom name="below" type="{below}" size="1 1 .1" {a}/>
@@ -133,6 +133,35 @@ def test_what_is_heavy_does_not_feel_a_light_load(density: int, levels: list[int
     spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     plan = build_plan(scene_of({"base": {"on": "floor"}, "cube": {"on": "base"}}, model=spec))
     assert plan.stances[1].levels == levels
+
+
+def test_a_carrier_is_loaded_by_those_that_are_there_at_a_time(tmp_path: Path):
+    """The heaviest variant, and as many members of a group as there may be, whatever on it they stand on."""
+    names = ("light", "middle", "heavy")
+    files = {n: box_mjcf(tmp_path, n, 0.05, 0.05, s) for n, s in zip(names, (0.04, 0.08, 0.16), strict=True)}
+    base = {"asset": box_mjcf(tmp_path, "base", 0.2, 0.2, 0.05), "on": "floor"}
+    book = {"asset": box_mjcf(tmp_path, "book", 0.1, 0.1, 0.03), "on": "base"}
+    variants = {"thing": {"variants": {n: {"asset": file} for n, file in files.items()}, "on": "book"}}
+    members = {n: {"asset": file, "on": "book" if n == "heavy" else "base"} for n, file in files.items()}
+    group = {"some": {"of": list(names), "count": [0, 2]}}
+    for words, groups, loads in ((variants, {}, (2.7, 0.7)), (members, group, (2.9, 0.7))):
+        scene = scene_of({"base": base, "book": book, **words}, groups=groups)
+        stances = build_plan(scene).stances
+        assert [s.load for s in stances[:2]] == pytest.approx(loads)
+        assert [s.load for s in stances[2:]] == pytest.approx([0.1, 0.2, 0.4])
+
+
+def test_a_support_of_variants_sinks_no_deeper_than_under_one(tmp_path: Path):
+    """A plank sinks as deep under an object with twelve equal variants as under one of them."""
+    crate, plank = box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.12), box_mjcf(tmp_path, "plank", 0.1, 0.1, 0.01)
+    many = {f"v{i}": {"asset": crate} for i in range(12)}
+    scenes = [{"variants": many}, {"asset": crate}]
+    found = [
+        checked(scene_of({"plank": {"asset": plank, "on": "floor"}, "thing": {**words, "on": "plank"}}))
+        for words in scenes
+    ]
+    several, alone = (plan.stances[0] for plan in found)
+    assert several.depth == alone.depth < 0.005
 
 
 CABINET = """<mujoco><worldbody><body name="cabinet"><freejoint/><geom type="box" size=".1 .1 .1" mass="{mass}"/>

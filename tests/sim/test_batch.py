@@ -111,6 +111,30 @@ def test_the_default_budget_counts_the_sides_that_things_may_lie_on(words: dict,
     assert (data.ncon <= contacts, data.nefc <= rows) == (turns, turns)
 
 
+def test_the_default_budget_counts_geoms_that_lie_across_others():
+    """Three plates of 13 geoms on each other, nested as they rest: contacts and rows of MuJoCo C fit.
+
+    They would not with four for each geom that a plate stands on.
+    """
+    plates = {"low": "floor", "middle": "low", "high": "middle"}
+    objects = {name: {"asset": "plate", "on": below} for name, below in plates.items()}
+    scene = build_model(SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": objects}))
+    mjm, data, rng, most = scene.mjm, mujoco.MjData(scene.mjm), np.random.default_rng(0), 0
+    contacts, rows = default_budget(mjm, scene)
+    for _ in range(15):
+        mujoco.mj_resetData(mjm, data)
+        for i, name in enumerate(plates):
+            adr, turn = mjm.jnt_qposadr[mjm.body_jntadr[scene.bodies[name]]], rng.uniform(0.0, np.pi)
+            offset = rng.uniform(-0.004, 0.004, 2) * (i > 0)
+            data.qpos[adr : adr + 7] = [*offset, 0.004 * i, np.cos(turn), 0.0, 0.0, np.sin(turn)]
+        for _ in range(15):
+            mujoco.mj_step(mjm, data)
+            assert data.ncon <= contacts
+            assert data.nefc <= rows
+            most = max(most, data.ncon)
+    assert most > default_budget(mjm)[0]
+
+
 def test_more_worlds_than_memory_are_refused(small_scene):
     """With their size, before anything is allocated."""
     with pytest.raises(MemoryLimitError, match=r"1000000000 worlds: takes \d+\.\d GiB or more"):

@@ -68,7 +68,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         level = Level()
         level.own = _centered(own)
         level.load = _centered(total)
-        level.sink = statics.obj_sink[obj] + statics.obj_give[obj] * level.load[0]
+        level.sink = statics.level_sink[number] + statics.obj_give[obj] * level.load[0]
         level.gap = program.obj_gap[obj] - statics.obj_touch[obj]
         level.foot = place[2] - program.obj_gap[obj] - origin[2]
         level.law = statics.variant_law[variant]

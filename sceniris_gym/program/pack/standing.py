@@ -53,7 +53,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     arrays = {
         **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
         "direction": around(DIRECTIONS),
-        "obj_sink": sink * (not drawn),
+        "level_sink": np.array([found[i].sinks.get(n, 0.0) for n, c in enumerate(chains) for i in c]) * (not drawn),
         "obj_give": give * drawn,
         "obj_tilt": np.array([s.tilt for s in found]),
         "obj_touch": np.array([s.touch for s in found]),

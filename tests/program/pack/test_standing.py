@@ -41,6 +41,19 @@ def test_levels_carry_what_stands_beside_the_chain(tmp_path: Path):
     assert loads == [[], [], [], [], [], [], [2], [], [], [1, 2, 3]]
 
 
+def test_a_carrier_sinks_under_each_variant_as_under_that_alone(tmp_path: Path):
+    """A plank under one of three boxes, each on it as if the others were in no world."""
+    plank = {"asset": box_mjcf(tmp_path, "plank", 0.06, 0.06, 0.05), "on": "floor"}
+    boxes = [box_mjcf(tmp_path, f"box_{z}", 0.05, 0.05, 0.04 * z) for z in (1, 2, 4)]
+    _, several = packed({"plank": plank, "thing": {"asset": boxes, "on": "plank"}})
+    alone = [packed({"plank": plank, "thing": {"asset": box, "on": "plank"}})[1] for box in boxes]
+    (_, *found), each = (
+        lists(several, "level_sink", "obj_level"),
+        [lists(one, "level_sink", "obj_level") for one in alone],
+    )
+    assert found == [sinks for _, sinks in each]
+
+
 def test_a_scene_in_which_nothing_can_fall_has_none(tmp_path: Path):
     """Neither a kernel nor arrays."""
     objects = {"crate": {"asset": box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05), "on": "floor"}}
