@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.layout.knobs import PARTS
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS
 from sceniris_gym.scene.model import SceneModel
 
-_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]+):([0-9]+)(?::({PARTS}))?")
+_FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]{{1,20}}):([0-9]{{1,20}})(?::({PARTS}))?")
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class LayoutId:
         found = _FORM.fullmatch(text)
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
             raise LayoutIdError(
-                f"layout id '{text}' should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
+                f"layout id {short(text)} should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
                 f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31 - 1. Knobs may "
                 "follow as name=hex, with 8 digits a number."
             )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import mujoco
 import numpy as np
 import warp as wp
 
@@ -22,7 +23,7 @@ from sceniris_gym.layout.layouts import (
     open_episode,
 )
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
+from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -31,6 +32,13 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Largest difference of a squared length of a quaternion from 1.
 _UNIT = 1.0e-4
+# What a joint may be beyond its limits [m or rad], as limits are soft.
+_BEYOND = 0.1
+INTEGERS = ("present", "start", "grasp", "status", "episode", "draw_episode", "draw_stream")
+"""Columns of layouts whose numbers have bounds."""
+# Kinds of NumPy types that columns may have; others are any numbers.
+_KINDS: dict[str, str] = dict.fromkeys((*INTEGERS, "seed", "draw_seed"), "biu")
+_MOST = (1 << 31) - 1
 
 
 @wp.kernel
@@ -144,7 +152,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
             f"and {short(table.knobs)}. Store layouts as a generator makes them."
         )
     arrays = {name: array for name, array in vars(table).items() if isinstance(array, np.ndarray)}
-    shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in "biuf"}
+    shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _KINDS.get(name, "biuf")}
     mjm, nrow, nreach = compiled.mjm, len(table), (*shapes.get("grasp", ()), 0, 0)[1]
     known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
     joints = (*shapes.get("grasp_qpos", ()), -1, -1, -1)[2]
@@ -165,26 +173,35 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
             raise SceneMismatchError(
-                f"{where}.{name} should have shape ({wanted_shape}), one row or more and as many in all columns, got "
-                f"{found}. Store layouts of the same scene."
+                f"{where}.{name} should have shape ({wanted_shape}), one row or more and as many in all columns, "
+                f"{'integers, ' if name in _KINDS else ''}got {found or type(arrays.get(name))}. Store layouts of the "
+                "same scene."
             )
     first = compiled.program.quat_qposadr.numpy()
     quats = np.concatenate([table.qpos[:, first[:, None] + np.arange(4)], table.mocap_quat], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         unit = np.abs(np.square(quats.astype(float)).sum(axis=2) - 1.0) < _UNIT
-        finite = np.isfinite(table.qpos).all(axis=1) & np.isfinite(table.mocap_pos).all(axis=(1, 2))
-    wrong = np.flatnonzero(~(finite & unit.all(axis=1)))
+        near = np.abs(table.mocap_pos).sum(axis=2) <= compiled.program.bound_mocap.numpy()[: mjm.nmocap]
+    limited = np.flatnonzero((mjm.jnt_limited != 0) & (mjm.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
+    adr, ranges = mjm.jnt_qposadr[limited], mjm.jnt_range[limited].T
+    home = compiled.home_qpos[adr]
+    at, least, most = table.qpos[:, adr], np.minimum(ranges[0], home) - _BEYOND, np.maximum(ranges[1], home) + _BEYOND
+    within = np.isfinite(table.qpos).all(axis=1) & ((at >= least) & (at <= most)).all(axis=1)
+    wrong = np.flatnonzero(~(within & near.all(axis=1) & unit.all(axis=1)))
     if len(wrong):
         raise SceneMismatchError(
-            f"{where}: row {wrong[0]} has a number that is not finite, or a quaternion whose length is not 1 "
-            f"({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
+            f"{where}: row {wrong[0]} has a number that is not finite or out of bounds, or a quaternion whose length "
+            f"is not 1 ({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
         )
-    check_numbers(compiled, {name: getattr(table, name) for name in ("present", "start", "grasp")}, where)
+    unmade = np.flatnonzero(table.status == Status.NONE) if table.scene else []
+    if len(unmade):
+        raise SceneMismatchError(f"{where}: row {unmade[0]} is no layout yet. Generate before you read the table.")
+    check_numbers(compiled, {name: getattr(table, name) for name in INTEGERS}, where)
     knobs.checked(table.knob, nrow)
 
 
 def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], where: str) -> None:
-    """Refuse rows of `present`, `start`, `grasp` and `tree_asleep` beyond the scene, or with two variants at once.
+    """Refuse integers that no row has, by the names of their columns, and rows with two variants at once.
 
     Raises:
         SceneMismatchError: There are such rows.
@@ -192,7 +209,8 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
     targets = () if compiled.reaching is None else compiled.reaching.targets
     grasps = np.array([len(target.grasp_set.grasps) for target in targets], int)
     kinds = {"present": (0, 1), "start": (-1, len(compiled.config.start) - 1), "grasp": (-1, grasps - 1)}
-    kinds["tree_asleep"] = -(1 << 31), compiled.sim_mjm.ntree - 1
+    kinds |= dict.fromkeys(("episode", "draw_episode"), (-1, MOST_EPISODES - 1)) | {"status": (0, max(Status))}
+    kinds |= {"elapsed": (0, _MOST), "draw_stream": (0, _MOST), "tree_asleep": (-_MOST - 1, compiled.sim_mjm.ntree - 1)}
     for name, (least, most) in kinds.items():
         values = numbers.get(name, np.zeros(0))
         wrong = np.argwhere(~((values >= least) & (values <= most)) if values.size else [])

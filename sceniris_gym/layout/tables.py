@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
+from sceniris_gym.errors import check_type
 from sceniris_gym.layout.columns import columns
+from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.seeds import as_seeds
@@ -20,7 +22,14 @@ CHUNK = 4096  # layouts that are made at once
 
 
 def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTable:
-    """Copy the first `nrow` layouts (None: all) of a LayoutGenerator to the host."""
+    """Copy the first `nrow` layouts (None: all) of a LayoutGenerator to the host.
+
+    Raises:
+        ArgumentTypeError: No LayoutGenerator.
+        CountError: The number is no integer of at least 0.
+    """
+    check_type(generator, LayoutGenerator, "read_table: generator")
+    nrow = nrow if nrow is None else as_count(nrow, "read_table: nrow", 0)
     layouts, nmocap = generator.layouts, generator.compiled.mjm.nmocap
 
     def read(array: wp.array) -> np.ndarray:

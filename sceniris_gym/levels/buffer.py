@@ -15,6 +15,7 @@ from sceniris_gym.program.device import allocate
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LEARNABILITY, _GIVEN = (wp.constant(SCORES.index(name)) for name in ("learnability", "given"))
+_MOST_SCORE = wp.constant(float(np.finfo(np.float32).max))
 BINS = wp.constant(512)
 """Bins of scores."""
 _SHARE = 4  # levels that a world can insert between two refreshes, at most
@@ -246,6 +247,8 @@ def _update(
     if status:
         if status[row] == Status.FALLBACK:
             return
+    if not (outcome[row] >= 0.0 and outcome[row] <= _MOST_SCORE):
+        return
     if probe:
         end = probe[row]
         if end >= 0 and end < buffer.episodes.shape[0]:
@@ -315,7 +318,8 @@ def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
         **dict.fromkeys(("value", "knob", "base_knob", "next_knob"), (-most, most)),
         **dict.fromkeys(("vacant", "level", "next_level"), (-1, buffer.age.shape[0] - 1)),
         **dict.fromkeys(("probe", "next_probe"), (-1, buffer.column.shape[0] - 1)),
-        **dict.fromkeys(("age", "next_episode"), (-1, np.inf)),
+        **dict.fromkeys(("episode", "next_episode"), (-1, MOST_EPISODES - 1)),
+        "age": (-1, np.inf),
         **{name: (values, values) for name, values in of_words.items()},
         **{"present": (of_words["least"], of_words["most"]), "inserted": (0, buffer.vacant.shape[0])},
     }

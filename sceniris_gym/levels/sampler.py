@@ -146,7 +146,7 @@ class LevelSampler(LayoutSource):
             seed: `layout_seed` of the same info, shape (n,).
             episode: `layout_episode`, shape (n,). Rows below 0 do not count.
             score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
-                successes are counted: 1 for a success, 0 for a failure.
+                successes are counted: 1 for a success, 0 for a failure. Rows with any other number do not count.
             knobs: `layout_knobs` of the same info; None has those of the scene file.
 
         Raises:
@@ -175,6 +175,11 @@ class LevelSampler(LayoutSource):
 
     def _column(self, values: Any, dtype: type) -> wp.array:
         """Return a column on the device, seeds as the 64 bits that they are."""
+        is_whole = values.dtype.kind in "biu" if isinstance(values, np.ndarray) else not values.is_floating_point()
+        if dtype is not wp.float32 and not is_whole:
+            raise ArgumentError("LevelSampler.update: levels, seeds and episodes should be integers.")
+        if dtype is wp.int32:  # what is beyond does not count, and should not begin again from below
+            values = values.clip(-(1 << 31), (1 << 31) - 1)
         given = wp.array(values) if isinstance(values, np.ndarray) else wp.from_torch(values.detach().contiguous())
         given = given.to(self._device)
         if dtype is wp.uint64 and given.dtype in (wp.int64, wp.uint64):
@@ -231,8 +236,9 @@ class LevelSampler(LayoutSource):
                 least = np.maximum.accumulate([0, *values])[1:]
             wrong = np.flatnonzero(~((values >= least) & (values <= most)))
             if len(wrong):
-                got = f"got {values.flat[wrong[0]]} at {wrong[0]}"
-                raise ArgumentError(f"{where}: {name} should be from {least} to {most}, {got}.")
+                first, ends = wrong[0], [np.broadcast_to(end, values.shape).flat[wrong[0]] for end in (least, most)]
+                got = f"got {values.flat[first]} at {first}"
+                raise ArgumentError(f"{where}: {name} should be from {ends[0]:g} to {ends[1]:g} there, {got}.")
         for name in ("knob", "base_knob", "next_knob"):
             self.layouts.knobs.checked(state[name], len(state[name]))
         for array, name in ((getattr(self._buffer, name), name) for name in bounds):

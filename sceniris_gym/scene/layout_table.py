@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import ArgumentTypeError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
 
 
 @dataclass(frozen=True)
@@ -112,10 +112,14 @@ class LayoutTable:
         """Return the rows of all tables, at least one, as one table.
 
         Raises:
-            SceneMismatchError: They are of different scenes, splits or knobs.
+            ArgumentError: There is none, or something else than tables.
+            SceneMismatchError: They are of different scenes, splits or knobs, or have columns of other widths.
         """
+        if not isinstance(tables, Sequence) or not tables or not all(isinstance(t, LayoutTable) for t in tables):
+            raise ArgumentError("LayoutTable.concatenate: tables should be a list of one LayoutTable or more.")
+        widths = {tuple(getattr(table, name).shape[1:] for name in COLUMNS) for table in tables}
         first, *others = ((table.scene, table.split, table.knobs) for table in tables)
-        if any(other != first for other in others):
+        if any(other != first for other in others) or len(widths) > 1:
             raise SceneMismatchError(
                 "LayoutTable.concatenate: the tables should be of one scene, split and set of knobs."
             )
@@ -128,7 +132,13 @@ class LayoutTable:
         return replace(self, **{name: getattr(self, name)[index] for name in COLUMNS})
 
     def chunks(self, size: int) -> Iterator[tuple[int, LayoutTable]]:
-        """Yield the first row index and the rows of each chunk of at most `size` rows."""
+        """Yield the first row index and the rows of each chunk of at most `size` rows.
+
+        Raises:
+            ArgumentError: The size is no integer of at least 1.
+        """
+        if not isinstance(size, int) or size < 1:
+            raise ArgumentError(f"LayoutTable.chunks: size should be an integer of at least 1, got {size!r:.80}.")
         for start in range(0, len(self), size):
             yield start, self[slice(start, start + size)]
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.stored import check_numbers
+from sceniris_gym.layout.stored import INTEGERS, check_numbers
 from sceniris_gym.sim.randomizer import PROMISED
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.vector.outcome import finite_rows
@@ -22,8 +22,8 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
 _OF_DATA = (*PROMISED, *fields_of_data("tree_awake"))
-_FINITE = tuple(f"data.{name}" for name in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"))
-_INDICES = {f"layout.{name}": name for name in ("present", "start", "grasp")} | {"data.tree_asleep": "tree_asleep"}
+_FINITE = ("data.", "layout.qpos", "layout.mocap")
+_INDICES = {f"layout.{name}": name for name in INTEGERS} | {"data.tree_asleep": "tree_asleep", "elapsed": "elapsed"}
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
 """Packages whose objects hold no memory of a task."""
 
@@ -47,6 +47,7 @@ class Snapshot:
         return len(self.worlds)
 
     def __getitem__(self, index: Any) -> Snapshot:
+        index = [index] if isinstance(index, int) else index  # one row is a snapshot, too
         return Snapshot(self.source, self.worlds[index], {name: rows[index] for name, rows in self.rows.items()})
 
 
@@ -83,16 +84,20 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
         ArgumentError: Numbers that a knob cannot have.
     """
     check_type(snapshot, Snapshot, "options['state']")
+    check_type(snapshot.rows, Mapping, "options['state'].rows")
     rows: dict[str, Any] = {**snapshot.rows, "worlds": snapshot.worlds}
-    found = {name: (*_form(values), tuple(values.shape)) for name, values in rows.items()}
+    given = {name: values for name, values in rows.items() if isinstance(values, Tensor)}
+    found = {name: (*_form(values), tuple(values.shape)) for name, values in given.items()}
     tensors = {"worlds": torch.zeros(1, dtype=torch.int64), **live}
     wanted = {name: (*_form(tensor), (len(snapshot), *tensor.shape[1:])) for name, tensor in tensors.items()}
     if snapshot.source != source or not wanted.items() <= found.items():
         raise SceneMismatchError(
             "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."
         )
-    of_state = [rows.flatten(1) for name, rows in snapshot.rows.items() if name in _FINITE]
-    if not finite_rows(of_state).all():
+    floats = {name: rows.reshape(len(rows), -1) for name, rows in snapshot.rows.items() if rows.is_floating_point()}
+    # NaN may stand for nothing, as where an arm has no grasp, but not where the worlds have none
+    unknown = [n for n, rows in floats.items() if n in live and rows.isnan().any() and not live[n].isnan().any()]
+    if unknown or not finite_rows([rows for name, rows in floats.items() if name.startswith(_FINITE)]).all():
         raise SceneMismatchError("options['state'] should have finite numbers. Leave out the rows of broken worlds.")
     numbers = {name: snapshot.rows[key].cpu().numpy() for key, name in _INDICES.items() if key in snapshot.rows}
     check_numbers(layouts.compiled, numbers, "options['state']")

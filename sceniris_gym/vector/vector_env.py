@@ -359,8 +359,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.randomizer.set_knob(name, value, mask)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do."""
+        """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do.
+
+        Raises:
+            ArgumentError: The name of a method, or what a knob cannot have.
+            FixedError: An attribute that cannot be changed.
+        """
         check_type(name, str, "set_attr: name")
+        if name.startswith("__") or callable(getattr(type(self), name, None)):
+            raise ArgumentError(f"set_attr: name '{name}' is a method or built in. Name a knob or an attribute.")
         if "." in name:
             self.set_knob(name, values)
         else:

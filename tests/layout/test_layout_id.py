@@ -16,7 +16,16 @@ def test_an_id_is_read_as_it_was_written(split: str, seed: int, episode: int):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a:train:1", "a:test:1:0", "a:train:-1:0", f"a:train:{2**64}:0", f"a:train:0:{2**31 - 1}"]
+    "text",
+    [
+        "",
+        "a:train:1",
+        "a:test:1:0",
+        "a:train:-1:0",
+        f"a:train:{2**64}:0",
+        f"a:train:0:{2**31 - 1}",
+        f"a:train:{'9' * 6000}:0",
+    ],
 )
 def test_anything_else_is_refused(text: str):
     """With the form that it should have."""

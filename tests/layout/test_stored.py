@@ -319,6 +319,24 @@ def test_a_row_that_no_scene_can_be_in_is_refused(crane: CompiledScene, table: L
         StoredLayouts(crane, replace(table, **{column: values}), 2)
 
 
+def test_rows_that_are_no_layouts_are_refused(crane: CompiledScene):
+    """What was never made, joints far beyond their limits, things far away, and keys that are no integers."""
+    generator = LayoutGenerator(crane, 3)
+    with pytest.raises(SceneMismatchError, match=r"row 0 is no layout yet\. Generate before you read the table"):
+        StoredLayouts(crane, read_table(generator), 2)
+    generator.generate()
+    made = read_table(generator)
+    far = {"mocap_pos": np.full_like(made.mocap_pos, 1e30), "qpos": made.qpos + 50.0 * (np.arange(crane.mjm.nq) == 0)}
+    wrong = [({name: values}, "row 0 has a number that is not finite or out of bounds") for name, values in far.items()]
+    for name in ("seed", "episode", "draw_seed", "draw_episode", "draw_stream", "present"):
+        wrong.append(({name: getattr(made, name) + 0.5}, rf"\.{name} should have shape .*, integers"))
+    for name in ("episode", "draw_episode", "draw_stream"):
+        wrong.append(({name: np.full(3, -5, np.int32)}, rf"\.{name} should be from .* got -5 in row 0"))
+    for columns, match in wrong:
+        with pytest.raises(SceneMismatchError, match=match):
+            StoredLayouts(crane, replace(made, **columns), 2)
+
+
 def test_arguments_of_another_type_are_told_by_their_names(crane: CompiledScene, table: LayoutTable):
     """One after the other; they were AttributeErrors."""
     nothing: Any = None

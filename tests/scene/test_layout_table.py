@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import ArgumentTypeError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
 # A free body, a hinge, and two mocap bodies.
@@ -97,6 +97,22 @@ def test_of_mere_states_nothing_else_is_claimed():
     assert states.grasp.shape == (4, 0)
     assert len(LayoutTable.concatenate([states, states])[2:7]) == 5
     assert all(len(getattr(states, name)) == 4 for name in COLUMNS)
+
+
+def test_tables_that_cannot_be_joined_or_cut_are_refused():
+    """No tables, columns of other widths, and chunks of no rows."""
+    states = [
+        LayoutTable.from_states(np.ones((4, nq)), np.zeros((4, 0, 3)), np.zeros((4, 0, 4)), np.ones((4, 2), bool))
+        for nq in (7, 8)
+    ]
+    for wrong in ([], None, [3]):
+        with pytest.raises(ArgumentError, match="tables should be a list of one LayoutTable or more"):
+            LayoutTable.concatenate(wrong)  # type: ignore[arg-type]
+    with pytest.raises(SceneMismatchError, match="of one scene, split and set of knobs"):
+        LayoutTable.concatenate(states)
+    for size in (0, -1, None, "x"):
+        with pytest.raises(ArgumentError, match="size should be an integer of at least 1"):
+            next(states[0].chunks(size))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["qpos", "mocap_pos", "mocap_quat", "present"])

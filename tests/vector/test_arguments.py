@@ -310,6 +310,8 @@ WRONG_CALLS = {
     "task": (FixedError, "task", lambda envs: envs.set_attr("task", {})),
     "autoreset_mode": (FixedError, "autoreset_mode", lambda envs: envs.set_attr("autoreset_mode", {})),
     "steps": (CountError, "max_episode_steps should be", lambda envs: envs.set_attr("max_episode_steps", {})),
+    "method": (ArgumentError, "'reset' is a method or built in", lambda envs: envs.set_attr("reset", 3)),
+    "built in": (ArgumentError, "'__class__' is a method or", lambda envs: envs.set_attr("__class__", int)),
     "attribute": (ArgumentTypeError, "set_attr: name", lambda envs: envs.set_attr(3, 4)),
     "knob": (ArgumentTypeError, "set_knob: name", lambda envs: envs.set_knob([SLIDE], [0.05, 0.06])),
     "value": (ArgumentError, SLIDE, lambda envs: envs.set_knob(SLIDE, 10**400)),

@@ -109,6 +109,11 @@ def test_constants_of_a_task_are_no_memory(reach_scene):
     assert task.index.tolist() == [0, 1, 2, 3]
     assert task.steps.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert task.newest.tolist() == [5.0, 5.0, 5.0, 2.0]
+    (name,) = (name for name in kept.rows if name.endswith("newest"))
+    with pytest.raises(SceneMismatchError, match="finite numbers"):
+        envs.reset(options={"state": _with(kept, name, np.nan)})
+    task.newest[0] = np.nan  # this task knows such numbers
+    envs.reset(options={"state": _with(kept, name, np.nan)})
 
 
 def test_rows_go_to_the_masked_worlds_in_order(make_env):
@@ -210,13 +215,22 @@ def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
     kept, before = envs.snapshot(), state(envs)
     wrong = {
         r"from \[0\.04\] to \[0\.16\]": [_with(kept, f"layout.{name}", 7.0) for name in ("knob", "next_knob")],
-        "finite numbers": [_with(kept, "data.qpos", np.nan), _with(kept, "data.ctrl", np.inf)],
+        "finite numbers": [
+            *(_with(kept, f"data.{name}", np.nan) for name in ("qpos", "time", "qacc_warmstart", "qfrc_applied")),
+            _with(kept, "layout.qpos", np.nan),
+            _with(kept, "data.ctrl", np.inf),
+        ],
+        r"episode should be from -1 to 2147483646, got -5 in row 1": [_with(kept, "layout.episode", -5)],
+        r"status should be from 0 to 3, got 9 in row 1": [_with(kept, "layout.status", 9)],
+        r"elapsed should be from 0 to 2147483647, got -3 in row 1": [_with(kept, "elapsed", -3)],
         r"start should be from -1 to -1, got 5 in row 1": [_with(kept, "layout.start", 5)],
         r"present should be from 0 to 1, got 7 in row 1": [_with(kept, "layout.present", 7)],
         r"of this scene, split, task and knobs": [
             replace(kept, rows={**kept.rows, "data.qpos": kept.rows["data.qpos"][:1]}),
             replace(kept, rows={**kept.rows, "elapsed": kept.rows["elapsed"].float()}),
             replace(kept, worlds=kept.worlds.float()),
+            replace(kept, worlds=kept.worlds.numpy()),
+            replace(kept, rows={**kept.rows, "data.qpos": None}),
         ],
         "different worlds": [replace(kept, worlds=torch.tensor([0, -1]))],
     }
@@ -226,5 +240,5 @@ def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
                 envs.reset(options={"state": snapshot})
     assert_equal(state(envs), before)
     mask = np.array([True, False])
-    envs.reset(options={"state": _with(kept, "data.qpos", np.nan)[:1], "reset_mask": mask})
+    envs.reset(options={"state": _with(kept, "data.qpos", np.nan)[0], "reset_mask": mask})
     assert_equal(state(envs), before)
