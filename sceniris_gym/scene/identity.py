@@ -19,7 +19,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.reach.map import map_file
-from sceniris_gym.scene.model_files import file_of
+from sceniris_gym.scene.model_files import MODEL_FOLDERS, file_of, model_tree
 
 _NO_MATTER = frozenset(
     ("camera", "light", "texture", "material", "visual", "statistic", "size", "sensor", "skin", "custom", "text")
@@ -33,7 +33,6 @@ _LOOKS = frozenset(("rgb1", "rgb2", "material", "texcoord", "texuniform"))
 """Attributes of appearance alone; `rgba` counts, as invisible geoms are no obstacles with `geometry: visual`."""
 _SEEN = frozenset(("camera", "light", "texture", "material"))
 """Elements of MJCF that decide pictures, and count in scenes whose looks or physics are drawn."""
-_FOLDERS = ("meshdir", "assetdir", "texturedir")
 
 _ARRAYS = (
     *("body_parentid", "body_pos", "body_quat", "body_ipos", "body_mass", "body_mocapid", "body_gravcomp"),
@@ -137,11 +136,7 @@ def map_of(robot: RobotConfig) -> Path | None:
 
 def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) -> None:
     """Add the contents of a file and of those that it refers to, meshes as their bytes, and looks if they are drawn."""
-    try:
-        root = _with_includes(path, path.parent)
-    except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
-        update(path.read_bytes())
-        return
+    root = model_tree(path, path.parent, set())
     keeps_visuals = root.tag == "robot" and any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
     no_matter = _NO_MATTER - _SEEN if drawn else _NO_MATTER
     for token in _tokens(root, no_matter - _SEEN_IN_URDF if keeps_visuals else no_matter, drawn):
@@ -150,7 +145,7 @@ def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) 
         for mesh in root.iterfind(f".//{part}//mesh[@filename]"):  # of a URDF
             source = file_of(mesh.attrib["filename"], path.parent)
             update(source.read_bytes() if source is not None else b"")
-    folders = [path.parent / c.attrib[f] for c in root.iter("compiler") for f in _FOLDERS if f in c.attrib]
+    folders = [path.parent / c.attrib[f] for c in root.iter("compiler") for f in MODEL_FOLDERS if f in c.attrib]
     for element in root.iter():
         if element.tag in no_matter or "file" not in element.attrib:
             continue
@@ -163,22 +158,17 @@ def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) 
             update(found.read_bytes())
 
 
-def _with_includes(path: Path, folder: Path) -> ElementTree.Element:
-    """Return the contents of a file, with those of included files, which are in `folder`, in the place of includes."""
-    root = ElementTree.fromstring(path.read_bytes())
-    for parent in list(root.iter()):
-        for i in reversed([i for i, child in enumerate(parent) if child.tag == "include"]):
-            parent[i : i + 1] = list(_with_includes(folder / parent[i].attrib["file"], folder))
-    return root
-
-
 def _tokens(element: ElementTree.Element, no_matter: frozenset[str], drawn: bool) -> Iterator[str]:
     """Yield an element and its contents, as far as they matter; attributes in the order of their names."""
     if element.tag in no_matter:
         return
     yield element.tag
     for name, value in sorted(element.attrib.items()):
-        if (drawn or name not in _LOOKS) and (element.tag != "option" or name in _OPTIONS) and (name not in _FOLDERS):
+        if (
+            (drawn or name not in _LOOKS)
+            and (element.tag != "option" or name in _OPTIONS)
+            and (name not in MODEL_FOLDERS)
+        ):
             yield f"{name}={' '.join(value.split())}"
     for child in element:
         yield from _tokens(child, no_matter, drawn)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import io
 import math
+import re
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from shlex import quote
@@ -18,17 +20,23 @@ import mujoco
 
 from sceniris_gym.config.paths import user_path
 from sceniris_gym.errors import CycleError, SceneFileError, import_extra
-from sceniris_gym.files import read_bytes
+from sceniris_gym.files import opened, read_bytes
 
 URDF = ".urdf"
 """Suffix of URDF files; files with any other suffix are read as MJCF."""
 THINGS = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of meshes and USD, which are no models; the importer makes assets of them."""
 _COLLADA = ".dae"
+MODEL_FOLDERS = ("meshdir", "assetdir", "texturedir")
+"""Attributes of `compiler` that are folders."""
 # What a few words make much of: the attributes that multiply, and the most that MuJoCo makes in some seconds.
-_GROWING = {"hfield": (("nrow", "ncol"), 1 << 26), "texture": (("width", "height"), 1 << 28)} | dict.fromkeys(
-    ("replicate", "composite", "flexcomp"), (("count",), 20_000)
-)
+_GROWING = {"hfield": ("nrow", "ncol"), "texture": ("width", "height"), "attach": ()}
+_GROWING |= dict.fromkeys(("replicate", "composite", "flexcomp"), ("count",))
+_MOST = {"hfield": 1 << 26, "texture": 1 << 28, "made": 20_000}
+_NUMBER = re.compile(r"\+?\d+(\.\d*)?(e\+?\d{1,2})?")
+_MOST_MODELS = 1_000
+_APART = re.compile(rb"<\?.*?\?>|<!\[CDATA\[.*?\]\]>|<!--(.*?)-->", re.DOTALL)
+_DOCTYPE = re.compile(rb"<!DOCTYPE(?!\s+[\w.-]+\s*>)")
 _PACKAGES = ("package://", "model://")
 # Lower bounds for the masses and inertias of a URDF, which may leave them out [kg, kg m^2].
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
@@ -55,9 +63,10 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
             f"`sceniris-gym import {quote(str(path))} -o {quote(path.stem + '.xml')}` makes an asset of it."
         )
     try:
-        folders = list(_folders(path, "", path.parent))
-    except (OSError, RecursionError) as error:
-        raise SceneFileError(f"{where}: '{path}' cannot be read: {error}.") from None
+        folders: list[tuple[str, Path]] = []
+        _read(path, "", folders)
+    except (OSError, RecursionError, SceneFileError) as error:
+        raise SceneFileError(f"{where}: '{path}' cannot be read: {str(error).rstrip('.')}.") from None
     try:
         if repaired is None:
             spec = mujoco.MjSpec.from_file(str(path))
@@ -97,51 +106,107 @@ def file_of(uri: str, folder: Path) -> Path | None:
 
     A package is looked for among the folders above the URDF: a folder of its name, or one that holds the same files.
     """
+    return next((place for place in _places(uri, folder) if place.is_file()), None)
+
+
+def _places(uri: str, folder: Path) -> list[Path]:
     for scheme in _PACKAGES:
         if uri.startswith(scheme):
             package, _, rest = uri.removeprefix(scheme).partition("/")
             above = (folder, *folder.parents)
-            places = [*(f / package / rest for f in above), *(f / rest for f in above)]
-            return next((place for place in places if place.is_file()), None)
-    path = folder / uri.removeprefix("file://")
-    return path if path.is_file() else None
+            return [*(f / package / rest for f in above), *(f / rest for f in above)]
+    return [folder / uri.removeprefix("file://")]
 
 
-def _folders(path: Path, prefix: str, folder: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[str, Path]]:
-    """Yield the folder of a model, and those of all models that it attaches, each after the prefix of its names.
+def model_tree(path: Path, folder: Path, seen: set[Path]) -> ElementTree.Element:
+    """Return the contents of a model's file, with included files in the place of includes.
+
+    Comments become empty, as MuJoCo reads some that are no XML: with '--' in them, or other bytes.
+
+    Args:
+        path: The file.
+        folder: The folder of included files.
+        seen: The files that were included so far, to which this is added.
 
     Raises:
-        OSError: One of them, or a file that one includes from `folder`, is no file.
+        OSError: It, or a file that it includes, is no file.
+        SceneFileError: One is no XML, so that MuJoCo may find other things in it, or is included twice.
+    """
+    if path.resolve() in seen:
+        raise SceneFileError(f"{path}: is included twice, or by itself. A file should be included once.")
+    seen.add(path.resolve())
+    try:
+        text = _APART.sub(_without_comment, read_bytes(path).lstrip())
+        root = ElementTree.fromstring(_DOCTYPE.sub(b"<<", text))  # no XML, as MuJoCo reads on within it
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: of an unknown encoding
+        raise SceneFileError(f"{path}: should be MJCF or URDF in well-formed XML, found: {error}.") from None
+    for parent in list(root.iter()):
+        for i in reversed([i for i, child in enumerate(parent) if child.tag == "include"]):
+            parent[i : i + 1] = list(model_tree(folder / parent[i].get("file", ""), folder, seen))
+    return root
+
+
+def _without_comment(found: re.Match[bytes]) -> bytes:
+    return found[0] if found[1] is None else b"<!--" + b"\n" * found[1].count(b"\n") + b"-->"
+
+
+def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple[Path, ...] = ()) -> Counter[str]:
+    """Append the folder of a model, and of all models that it attaches, each after the prefix of its names.
+
+    Returns:
+        What MuJoCo makes of the model; see `_size`.
+
+    Raises:
+        OSError: A file that one of them includes or refers to is no file.
         CycleError: One contains itself.
-        SceneFileError: One is larger than its text by far.
+        SceneFileError: One is larger than its text by far, or no XML.
     """
     chain = (*above, path.resolve())
     if chain[-1] in above:
         raise CycleError(str(path), map(str, above[above.index(chain[-1]) :]), "models contain each other")
-    yield prefix, folder
-    try:
-        root = ElementTree.fromstring(read_bytes(path))
-    except ElementTree.ParseError:  # MuJoCo reads some files that are no XML
-        return
-    _check_size(root, str(path))
+    folders.append((prefix, path.parent))
+    if len(folders) > _MOST_MODELS:
+        raise SceneFileError(f"{path}: is one of over {_MOST_MODELS} models in one. They should be at most so many.")
+    root = model_tree(path, path.parent, set())
+    below = {path.parent / c.get(word, "") for c in (root, *root.iter("compiler")) for word in MODEL_FOLDERS}
+    files = {file for each in root.iter() for name, file in each.attrib.items() if name.startswith("file")}
+    for place in (p for file in files for name in (file, Path(file).name) for f in below for p in _places(name, f)):
+        if place.exists() and not (place.is_file() or place.is_dir()):
+            opened(place)  # raises the error about it
     prefixes = {attach.get("model"): attach.get("prefix") or "" for attach in root.iter("attach")}
-    for part in (*root.iter("model"), *root.iter("include")):
-        if (file := part.get("file")) and (found := folder / file).exists():
-            below = folder if part.tag == "include" else found.parent
-            yield from _folders(found, prefix + prefixes.get(part.get("name"), ""), below, chain)
+    models: dict[str | None, Counter[str]] = defaultdict(Counter)
+    for part in root.iter("model"):
+        if (file := part.get("file")) is not None:
+            name = part.get("name")
+            models[name] += _read(path.parent / file, prefix + prefixes.get(name, ""), folders, chain)
+    return _size(root, str(path), models)
 
 
-def _check_size(element: ElementTree.Element, where: str) -> int:
-    """Return the number of elements that MuJoCo makes of one, or of cells of a texture or a field of heights.
+def _size(element: ElementTree.Element, where: str, models: dict[str | None, Counter[str]]) -> Counter[str]:
+    """Count what MuJoCo makes of an element: what is written, what is made of that, and cells of fields and textures.
+
+    Args:
+        element: The element.
+        where: The beginning of errors.
+        models: The same of the models that may be attached, by name; under None of those that take their own.
 
     Raises:
         SceneFileError: It is too large.
     """
-    inside = 1 + sum(_check_size(child, where) for child in element)
-    words, most = _GROWING.get(element.tag, ((), inside))
-    numbers = [int(n) for word in words for n in element.get(word, "").split() if n.isdecimal()]
-    if (size := inside * math.prod(numbers)) > most:
-        raise SceneFileError(f"{where}: <{element.tag}> makes {size:,} parts, and should make at most {most:,}.")
+    size = Counter({element.tag if element.tag in _MOST else "written": 1})
+    if element.tag == "attach":
+        size += models.get(element.get("model"), models[None])
+    for child in element:
+        size += _size(child, where, models)
+    if (words := _GROWING.get(element.tag)) is not None:
+        numbers = [n for word in words for n in element.get(word, "").split() if _NUMBER.fullmatch(n)]
+        size = Counter({kind: number * math.prod(int(float(n)) for n in numbers) for kind, number in size.items()})
+        size["made"] += size.pop("written", 0)
+    for kind, most in _MOST.items():
+        if size[kind] > most:
+            raise SceneFileError(
+                f"{where}: <{element.tag}> makes {size[kind]:,} parts, and should make at most {most:,}."
+            )
     return size
 
 

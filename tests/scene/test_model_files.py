@@ -161,15 +161,20 @@ def test_a_model_that_contains_itself_is_refused(tmp_path: Path):
 
 
 def test_a_pipe_is_no_part_of_a_model(tmp_path: Path):
-    """MuJoCo would wait for it, or read for ever: included, included by an included file, attached, or not attached."""
+    """MuJoCo would wait for it, or read for ever: included, attached or not, or in any attribute for a file."""
     os.mkfifo(tmp_path / "pipe.xml")
     (tmp_path / "zero.xml").symlink_to("/dev/zero")
     write(tmp_path / "sub/more.xml", '<mujoco><include file="pipe.xml"/></mujoco>')
+    os.mkfifo(tmp_path / "sub/pipe.obj")
     for inside in (
         '<include file="pipe.xml"/>',
         '<include file="zero.xml"/>',
         '<include file="sub/more.xml"/>',
         '<asset><model name="x" file="zero.xml"/></asset>',
+        '<worldbody><flexcomp name="f" type="mesh" file="pipe.xml" dim="2"/></worldbody>',
+        '<compiler meshdir="sub"/><worldbody><flexcomp name="f" type="mesh" file="pipe.obj" dim="2"/></worldbody>',
+        '<asset><mesh name="m" file="zero.xml"/></asset>',
+        '<asset><texture name="t" type="cube" fileright="pipe.xml"/></asset>',
     ):
         model = write(tmp_path / "model.xml", f"<mujoco>{inside}</mujoco>")
         with pytest.raises(SceneFileError, match=r"model\.xml' cannot be read: .*a pipe or a device, not a file"):
@@ -186,6 +191,19 @@ def test_a_pipe_is_no_part_of_a_model(tmp_path: Path):
         ),
         ('<asset><hfield name="h" nrow="50000" ncol="50000" size="1 1 1 1"/></asset>', "makes 2,500,000,000 parts"),
         ('<asset><texture name="t" builtin="flat" width="60000" height="60000"/></asset>', "makes 3,600,000,000 parts"),
+        (
+            '<worldbody><replicate count=" +100000000"><geom size="1"/></replicate></worldbody>',
+            "makes 200,000,000 parts",
+        ),
+        ('<asset><hfield name="h" nrow="+50000" ncol="50000" size="1 1 1 1"/></asset>', "makes 2,500,000,000 parts"),
+        (
+            "<asset>" + 40 * '<hfield nrow="8000" ncol="8000" size="1 1 1 1"/>' + "</asset>",
+            "<asset> makes 2,560,000,000 parts",
+        ),
+        (
+            "<worldbody>" + 9 * '<replicate count="9000"><site/></replicate>' + "</worldbody>",
+            "<worldbody> makes 162,000 parts",
+        ),
         ("<worldbody>" + 3000 * "<body>" + 3000 * "</body>" + "</worldbody>", "recursion"),
     ],
 )
@@ -203,3 +221,63 @@ def test_a_model_that_is_repeated_a_little_is_read(tmp_path: Path):
     write(tmp_path / "row.xml", f"<mujoco>{field}<worldbody>{rows}</replicate></worldbody></mujoco>")
     model = write(tmp_path / "model.xml", '<mujoco><include file="row.xml"/></mujoco>')
     assert load_model(model, "scene: model").compile().ngeom == 200
+
+
+@pytest.mark.parametrize("attached", ["l", "none"])
+def test_models_that_attach_each_other_many_times_are_refused(tmp_path: Path, attached: str):
+    """Each of seven attaches the next a dozen times, or names it as a dozen models that it does not attach."""
+    for i in range(7):
+        models = "".join(f'<model name="{n}l" file="l{i + 1}.xml"/>' for n in range(12))
+        bodies = "".join(f'<body><attach model="{n}{attached}" body="r" prefix="p{n}"/></body>' for n in range(12))
+        write(
+            tmp_path / f"l{i}.xml",
+            f'<mujoco><asset>{models}</asset><worldbody><body name="r">{bodies}</body></worldbody></mujoco>',
+        )
+    write(tmp_path / "l7.xml", '<mujoco><worldbody><body name="r"/></worldbody></mujoco>')
+    with pytest.raises(SceneFileError, match=r"l\d\.xml: (<body> makes .* at most 20,000|is one of over 1000 models)"):
+        load_model(tmp_path / "l0.xml", "scene: model")
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [
+        ('<mujoco model="&nbsp;">', "</mujoco>"),
+        ("<!DOCTYPE mujoco [<?x > <mujoco>", "</mujoco> ?> ]><mujoco/>"),
+        ('<!DOCTYPE mujoco SYSTEM "><mujoco>', '</mujoco>"><mujoco/>'),
+        ('<mujoco model="<!--">', '<custom/><!-- --><custom><text name="a" data="-->"/></custom></mujoco>'),
+        ('<mujoco x:y="z">', "</mujoco>"),
+        ("<mujoco>", "</mujoco><mujoco/>"),
+    ],
+)
+def test_a_model_that_is_no_xml_is_refused(tmp_path: Path, begin: str, end: str):
+    """MuJoCo reads it, and would find what no check saw: here that it attaches itself."""
+    inside = '<asset><model name="x" file="{}"/></asset><worldbody><body name="a"/></worldbody>'
+    part = write(tmp_path / "part.xml", f"<mujoco>{inside.format('part.xml')}</mujoco>")
+    other = write(tmp_path / "other.xml", "<mujoco/>")
+    assert mujoco.MjSpec.from_string(begin + inside.format(other) + end) is not None
+    model = write(tmp_path / "model.xml", "\n".join((begin, inside.format(part), end)))
+    with pytest.raises(SceneFileError, match=r"model\.xml: should be MJCF or URDF in well-formed XML.*(line|DOCTYPE)"):
+        load_model(model, "scene: model")
+
+
+def test_comments_and_marks_of_other_editors_are_read(tmp_path: Path):
+    """Dashes and bytes of another encoding in comments, a mark of byte order, a line before the declaration."""
+    text = b'<mujoco><!-- -- a <b> \xe9 ---><custom><text name="t" data="--"/></custom><worldbody><geom size="1"/>'
+    for before in (b"\xef\xbb\xbf", b'\n<?xml version="1.0"?><!DOCTYPE mujoco>', b""):
+        (tmp_path / "model.xml").write_bytes(before + text + b"</worldbody></mujoco>")
+        assert load_model(tmp_path / "model.xml", "scene: model").compile().ngeom == 1
+        robot = {"model": str(tmp_path / "model.xml")}
+        build_model(SceneConfig.load({"robot": robot, "objects": {}}))
+
+
+def test_a_file_that_is_included_twice_is_refused(tmp_path: Path):
+    """Under two names, which MuJoCo takes for two files, or by itself."""
+    write(tmp_path / "part.xml", "<mujoco/>")
+    (tmp_path / "sub").mkdir()
+    for inside in (
+        '<include file="part.xml"/><include file="sub/../part.xml"/>',
+        '<include file="sub/../model.xml"/>',
+    ):
+        model = write(tmp_path / "model.xml", f"<mujoco>{inside}</mujoco>")
+        with pytest.raises(SceneFileError, match="is included twice"):
+            load_model(model, "scene: model")

@@ -84,4 +84,4 @@ def test_a_class_without_a_file_has_no_model(tmp_path: Path):
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):
     """With what MuJoCo says."""
     with pytest.raises(SceneFileError, match=r"here: MuJoCo cannot read '.*ketchup.xml'"):
-        load_thing("ketchup", OBJECTS["ketchup"], models(tmp_path, BOTTLE.replace("<worldbody>", "<word>")), "here")
+        load_thing("ketchup", OBJECTS["ketchup"], models(tmp_path, BOTTLE.replace("worldbody", "word")), "here")
