@@ -86,13 +86,18 @@ def refusal(headers: Mapping[str, str], host: str, origins: Sequence[str]) -> st
         host: The address that the page listens on.
         origins: Other addresses that the page has in a browser.
     """
-    asked = headers.get("Host", "").lower()
+    try:
+        asked = headers.get("Host", "").lower()
+        urls = [f"http://{asked}", headers.get("Origin", f"http://{asked}").lower()]
+        sites = [urlsplit(url) for url in urls]
+    except (ValueError, LookupError) as error:  # LookupError: of more than one
+        return f"'Host' and 'Origin' should be an address each: {error}."
     named = {origin.lower().rpartition("//")[2].rstrip("/") for origin in origins} - {""}
-    for url in (f"http://{asked}", headers.get("Origin", f"http://{asked}")):
-        site = urlsplit(url.lower())
+    for url, site in zip(urls, sites, strict=True):
         name = site.hostname or ""
         own = name == host.lower() or (_is_numeric(name) and not _is_loopback(host))
-        if not (_is_loopback(name) or site.netloc in named or (own and site.netloc == asked)):
+        fits = _is_loopback(name) or site.netloc in named or (own and site.netloc == asked)
+        if not fits or "@" in url or url != f"{site.scheme}://{site.netloc}":
             return f"'{url}' is no address of this page. If it should be, start the page with --allow-origin {url}."
     return None
 

@@ -63,6 +63,10 @@ def test_other_sites_do_not_reach_the_page():
             ("hub.example.org", "https://hub.example.org", "200"),
             (f"site.example:{port}", "", "403"),
             (f"localhost:{port}", "http://site.example", "403"),
+            ("[", "", "403"),
+            ("localhost", "http://[", "403"),
+            ("localhost\r\nHost: localhost", "", "403"),
+            ("localhost", "http://localhost\r\nOrigin: http://localhost", "403"),
         ):
             origin = origin and f"Origin: {origin}\r\n"
             assert status(host, origin, "close") == answer
@@ -80,6 +84,10 @@ def test_other_sites_do_not_reach_the_page():
         ("127.0.0.1", "notlocalhost", None, False),
         ("127.0.0.1", "localhost", "null", False),
         ("127.0.0.1", "localhost", "file://", False),
+        ("127.0.0.1", "localhost#.site.example", None, False),
+        ("127.0.0.1", "localhost/.site.example", None, False),
+        ("127.0.0.1", "localhost?.site.example", None, False),
+        ("127.0.0.1", "localhost", "http://site.example@localhost", False),
         ("127.0.0.1", "192.168.0.7:8080", None, False),
         ("127.0.0.1", "", None, False),
         ("0.0.0.0", "192.168.0.7:8080", "http://192.168.0.7:8080", True),
