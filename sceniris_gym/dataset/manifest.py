@@ -27,6 +27,13 @@ _FIELDS = {
     **{"columns": dict, "object_names": list, "reachable_names": list, "formats": list, "versions": dict},
     **{"scene_sha256": str, "files": dict, "parts": list},
 }
+_SUM, _COUNT, _POSITIVE = ("[0-9a-f]{64}", "64 hexadecimal digits"), (r"\d+", "0 or more"), (r"[1-9]\d*", "positive")
+_RIGHT = {
+    **{"format": (f"[1-{FORMAT}]", f"1 to {FORMAT}"), "hash": ("[0-9a-f]{16}", "16 hexadecimal digits")},
+    **{"split": ("train|eval", "train or eval"), "seed": _COUNT, "layouts": _POSITIVE, "rows_of_a_part": _POSITIVE},
+    **{"sha256": _SUM, "scene_sha256": _SUM, "rows": _POSITIVE, "valid": _COUNT, "first_pass_valid": _COUNT},
+}
+"""Patterns of values, and what they should be in words."""
 _FILE = re.compile(r"\w[\w.-]{0,200}", re.ASCII)
 """The name of a file beside the manifest."""
 _RECORD = {"sha256": str, "files": dict, "rows": int, "valid": int, "first_pass_valid": int}
@@ -166,7 +173,7 @@ def read_record(path: Path) -> dict[str, Any] | None:
 
 
 def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
-    """Return `told` if it is a mapping with these fields.
+    """Return `told` if it is a mapping with these fields, which have values that a data set may have.
 
     Raises:
         DatasetError: It is something else.
@@ -175,9 +182,14 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
         value = told.get(name) if isinstance(told, dict) else None
         if type(value) is not kind:
             raise DatasetError(f"{path}: '{name}' should be of type {kind.__name__}, got {value!s:.80}.")
+        pattern, words = _RIGHT.get(name, (".*", ""))
+        if not re.fullmatch(pattern, str(value), re.ASCII | re.DOTALL):
+            raise DatasetError(f"{path}: '{name}' should be {words}, got {value!s:.80}.")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
             raise DatasetError(f"{path}: 'files' should be names of files in its folder with sums, got {name!r:.80}.")
+    if fields is _RECORD and not told["first_pass_valid"] <= told["valid"] <= told["rows"]:
+        raise DatasetError(f"{path}: 'valid' should be 'first_pass_valid' to 'rows', got {told['valid']}.")
     if fields is _FIELDS:
         for record in told["parts"]:
             checked(path, record, _RECORD)

@@ -223,6 +223,14 @@ def test_damage_is_found_and_named(copied: Path):
         ("columns", {"qpos": "float32"}, "cannot be read"),
         ("columns", {"qpos": {"dtype": f"{'9' * 5000},f4", "shape": []}}, "cannot be read"),
         ("columns", {}, "numbers"),
+        ("split", "x", "'split' should be train or eval, got x"),
+        ("format", 99, r"'format' should be 1 to \d+, got 99"),
+        ("format", 0, "'format'"),
+        ("rows_of_a_part", 0, "'rows_of_a_part' should be positive"),
+        ("layouts", -1, "'layouts' should be positive"),
+        ("seed", -1, "'seed' should be 0 or more"),
+        ("hash", "", "'hash' should be 16 hexadecimal digits"),
+        ("scene_sha256", "x", "'scene_sha256' should be 64 hexadecimal digits"),
         ("files", {"a\0b": "x"}, "names of files"),
         ("files", {"\ud800": "x"}, "names of files"),
         ("files", {"..": "x"}, "names of files"),
@@ -236,6 +244,19 @@ def test_a_manifest_that_cannot_be_right_is_refused(copied: Path, name: str, val
     path = copied / "dataset.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
     with pytest.raises(DatasetError, match=words):
+        LayoutDataset(copied)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("rows", -16), ("valid", -1), ("valid", 17), ("first_pass_valid", -1), ("sha256", "")]
+)
+def test_the_record_of_a_part_that_cannot_be_right_is_refused(copied: Path, name: str, value: object):
+    """By its field: more valid layouts than rows, fewer than none, no sum."""
+    path = copied / "dataset.json"
+    held = json.loads(path.read_text())
+    held["parts"][1][name] = value
+    path.write_text(json.dumps(held))
+    with pytest.raises(DatasetError, match=f"'{name}' should be"):
         LayoutDataset(copied)
 
 
