@@ -20,6 +20,9 @@ from sceniris_gym.stopping import temporary
 UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
 """Errors of the operating system that mean that nothing can be written."""
 
+NO_FILE = "a folder, a pipe or a device, not a file"
+"""What is there, but is not read."""
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
@@ -58,7 +61,12 @@ def opened(path: Path, *, own: bool = False) -> BinaryIO:
     if stat.S_ISREG(found.st_mode) and not (own and foreign):
         return os.fdopen(file, "rb")
     os.close(file)
-    raise OSError(errno.EINVAL, "others write it" if own else "a folder, a pipe or a device, not a file", str(path))
+    raise OSError(errno.EINVAL, "others write it" if own else NO_FILE, str(path))
+
+
+def no_file(path: Path, what: str = "file") -> str:
+    """Return in words why a path is no file, though it should be one, as `what` says."""
+    return f"it is {NO_FILE}" if path.exists() else f"there is no such {what}"
 
 
 def read_bytes(path: Path) -> bytes:

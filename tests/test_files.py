@@ -11,7 +11,16 @@ from pathlib import Path
 import pytest
 
 from sceniris_gym.errors import NotSupportedError, OutputError
-from sceniris_gym.files import as_json, check_picture, check_writable, opened, read_bytes, replacing, write_text
+from sceniris_gym.files import (
+    as_json,
+    check_picture,
+    check_writable,
+    no_file,
+    opened,
+    read_bytes,
+    replacing,
+    write_text,
+)
 
 
 def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path):
@@ -177,3 +186,10 @@ def test_what_is_written_is_strict_json():
         "e": None,
     }
     assert as_json([1 / 3, 2, float("inf")], digits=3) == "[0.333, 2, null]"
+
+
+def test_what_is_no_file_is_said(tmp_path: Path):
+    """A pipe is there, so it is not missing."""
+    os.mkfifo(tmp_path / "pipe")
+    assert no_file(tmp_path / "pipe") == "it is a folder, a pipe or a device, not a file"
+    assert no_file(tmp_path / "gone", "map") == "there is no such map"

@@ -18,7 +18,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_array
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError, NotSupportedError, PosesError, ReachWarning, SceneKeyError, UnknownNameError
-from sceniris_gym.files import check_picture, replacing
+from sceniris_gym.files import check_picture, no_file, replacing
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.pictures.reach_picture import draw
@@ -228,7 +228,7 @@ def read_poses(path: Path) -> np.ndarray:
     """
     form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
     if not path.is_file():
-        raise PosesError(f"--poses {path}: there is no such file. It {form}.")
+        raise PosesError(f"--poses {path}: {no_file(path)}. It {form}.")
     try:
         poses = read_array(path)
     except UNREADABLE as error:

@@ -25,6 +25,7 @@ from sceniris_gym.errors import (
     ScenirisError,
     UnknownNameError,
 )
+from sceniris_gym.files import no_file
 
 SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene.yaml', is a path
 
@@ -162,8 +163,8 @@ def _find(scene: str | Path, where: str, folder: Path) -> Path:
     path = user_path(scene, folder, where)
     if not path.is_file():
         raise SceneFileError(
-            f"{where}: there is no scene file '{path}'. Give the path of a YAML file, or the name of a shipped scene: "
-            f"{', '.join(shipped('envs', '.yaml'))}."
+            f"{where}: '{path}': {no_file(path, 'scene file')}. Give the path of a YAML file, or the name of a "
+            f"shipped scene: {', '.join(shipped('envs', '.yaml'))}."
         )
     return path
 

@@ -22,6 +22,7 @@ import warp as wp
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError
+from sceniris_gym.files import no_file
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.labels import end_turns
 from sceniris_gym.reach.lookup import MapView, look_up, vec8h
@@ -126,7 +127,7 @@ class ReachMap:
         """
         again = f"Build it again: {build_command(arm.name, out=path)}." if advice is None else advice
         if not path.is_file():
-            raise MapError(f"{path}: there is no such reachability map. {again}")
+            raise MapError(f"{path}: {no_file(path, 'reachability map')}. {again}")
         try:
             held: dict[str, Any] = read_arrays(path)
             version, made_for = int(held.pop("format")), str(held.pop("arm"))

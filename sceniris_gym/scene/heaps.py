@@ -12,6 +12,7 @@ import numpy as np
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import HeapError, NotSupportedError
+from sceniris_gym.files import no_file
 from sceniris_gym.geometry.pieces import mesh_vertices
 from sceniris_gym.scene.model import SceneModel
 
@@ -60,7 +61,7 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
     """
     mend = "Make it with `sceniris-gym settle SCENE`."
     if not path.is_file():
-        raise HeapError(f"{where}.rows: there is no file '{path}'. {mend}")
+        raise HeapError(f"{where}.rows: '{path}': {no_file(path)}. {mend}")
     try:
         found = read_arrays(path)
         names = tuple(str(name) for name in found["names"])

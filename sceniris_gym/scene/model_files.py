@@ -20,7 +20,7 @@ import mujoco
 
 from sceniris_gym.config.paths import user_path
 from sceniris_gym.errors import CycleError, SceneFileError, import_extra
-from sceniris_gym.files import opened, read_bytes
+from sceniris_gym.files import no_file, opened, read_bytes
 
 URDF = ".urdf"
 """Suffix of URDF files; files with any other suffix are read as MJCF."""
@@ -56,7 +56,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
     """
     path = user_path(path, Path(), where)
     if not path.is_file():
-        raise SceneFileError(f"{where}: there is no file '{path}'. Give the path of an MJCF or URDF file.")
+        raise SceneFileError(f"{where}: '{path}': {no_file(path)}. Give the path of an MJCF or URDF file.")
     if path.suffix.lower() in THINGS:
         raise SceneFileError(
             f"{where}: '{path}' should be an MJCF or URDF file. "

@@ -82,7 +82,9 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
         try:
             return torch.load(found, map_location=device, weights_only=not trust)
         except pickle.UnpicklingError as error:
-            raise (error if trust else ArgumentError(f"{file}: should be weights alone. All else {PICKLE}")) from None
+            found_one = "GLOBAL" in str(error)  # a name of a function; other bytes are no pickle of torch's
+            why = f"should be weights alone. All else {PICKLE}" if found_one else "is damaged or no file of weights."
+            raise (error if trust else ArgumentError(f"{file}: {why}")) from None
 
 
 def scene_of_run(folder: Path) -> str | None:

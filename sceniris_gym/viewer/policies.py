@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, import_extra
+from sceniris_gym.files import no_file
 from sceniris_gym.training.records import PICKLE, of_a_run, read_checkpoint
 
 Policy = Callable[[dict[str, Tensor]], Any]
@@ -44,7 +45,7 @@ def load_policy(name: str, device: str = "cpu", *, trust: bool = False) -> Polic
     """
     path = Path(name)
     if path.suffix in (".pt", ".zip") and not path.is_file():
-        raise ArgumentError(f"--policy {name}: there is no such file. Give {FORMS}.")
+        raise ArgumentError(f"--policy {name}: {no_file(path)}. Give {FORMS}.")
     if path.suffix == ".pt":
         return _of_rsl_rl(path, device)
     if path.suffix == ".zip":

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import warnings
 from pathlib import Path
@@ -161,6 +162,9 @@ def test_a_file_that_holds_no_poses_is_refused(arm: Path, tmp_path: Path, made: 
         reach.read_poses(asked(tmp_path, made))
     with pytest.raises(PosesError, match="no such file"):
         reach.read_poses(tmp_path / "none.npy")
+    os.mkfifo(tmp_path / "pipe.npy")
+    with pytest.raises(PosesError, match="a pipe or a device, not a file"):
+        reach.read_poses(tmp_path / "pipe.npy")
     (tmp_path / "text.npy").write_text("no array")
     with pytest.raises(PosesError, match="cannot read"):
         reach.read_poses(tmp_path / "text.npy")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -142,10 +143,13 @@ def test_a_file_that_is_no_scene_is_refused_by_its_line(tmp_path: Path, text: st
 
 def test_a_missing_file_or_name_is_refused_with_what_there_is(tmp_path: Path):
     """A missing path lists the shipped scenes; a wrong name gets the nearest one."""
-    with pytest.raises(SceneFileError, match=r"no scene file '.*nowhere\.yaml'.*mid, mid_16k"):
+    with pytest.raises(SceneFileError, match=r"nowhere\.yaml': there is no such scene file.*mid, mid_16k"):
         SceneConfig.load(tmp_path / "nowhere.yaml")
-    with pytest.raises(SceneFileError, match="no scene file"):
+    with pytest.raises(SceneFileError, match="it is a folder, a pipe or a device, not a file"):
         SceneConfig.load(tmp_path)
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(SceneFileError, match="it is a folder, a pipe or a device, not a file"):
+        SceneConfig.load(tmp_path / "pipe.yaml")
     with pytest.raises(UnknownNameError, match=r"unknown shipped scene 'midd'\. Did you mean 'mid'"):
         SceneConfig.load("midd")
     with pytest.raises(UnknownNameError, match=r"child\.yaml: base: unknown shipped scene 'mdi'"):

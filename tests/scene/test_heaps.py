@@ -30,7 +30,7 @@ def test_what_is_written_is_read(tmp_path: Path):
 
 def test_files_that_do_not_fit_are_refused(tmp_path: Path):
     """Missing, of something else, of other things, of poses that are none."""
-    with pytest.raises(HeapError, match=r"here\.rows: there is no file .*sceniris-gym settle"):
+    with pytest.raises(HeapError, match=r"here\.rows: '.*': there is no such file.*sceniris-gym settle"):
         read_rows(tmp_path / "rows.npz", HEAP, "here")
     (tmp_path / "text.npz").write_text("no archive")
     with pytest.raises(HeapError, match="holds no settled heaps"):

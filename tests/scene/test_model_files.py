@@ -179,6 +179,13 @@ def test_a_pipe_is_no_part_of_a_model(tmp_path: Path):
         model = write(tmp_path / "model.xml", f"<mujoco>{inside}</mujoco>")
         with pytest.raises(SceneFileError, match=r"model\.xml' cannot be read: .*a pipe or a device, not a file"):
             load_model(model, "scene: model")
+    with pytest.raises(SceneFileError, match=r"pipe\.xml': it is a folder, a pipe or a device, not a file"):
+        load_model(tmp_path / "pipe.xml", "scene: model")
+    links = LINK.format("l0", "package://arm/pipe.stl") + LINK.format("l1", "pipe.stl") + JOINT.format(0, "fixed", 1)
+    (tmp_path / "arm").mkdir()
+    os.mkfifo(tmp_path / "arm/pipe.stl")
+    with pytest.raises(SceneFileError, match=r"cannot be read: .*a pipe or a device, not a file.*pipe\.stl"):
+        load_model(write(tmp_path / "arm.urdf", f'<robot name="arm">{links}</robot>'), "here")
 
 
 @pytest.mark.parametrize(

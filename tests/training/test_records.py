@@ -6,6 +6,7 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -103,7 +104,11 @@ def test_a_checkpoint_is_read_as_weights_unless_it_is_trusted(tmp_path: Path):
     assert not touched.exists()
     read_checkpoint(file, "cpu", trust=True)
     assert touched.exists()
-    file.write_bytes(file.read_bytes()[:200])
+    whole = file.read_bytes()
+    file.write_bytes(np.random.default_rng(1).bytes(1000))
+    with pytest.raises(ArgumentError, match=r"model\.pt: is damaged or no file of weights"):
+        read_checkpoint(file, "cpu")
+    file.write_bytes(whole[:200])
     with pytest.raises(ArgumentError, match=r"model\.pt: should be as 'sceniris-gym train' writes it"):
         read_checkpoint(file, "cpu", trust=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from pathlib import Path
 
@@ -97,8 +98,14 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
     pytest.importorskip("stable_baselines3", reason="needs the extra 'sb3'")
     (tmp_path / "a.pt").write_bytes(b"none")
     (tmp_path / "a.zip").write_bytes(b"none")
+    os.mkfifo(tmp_path / "pipe.pt")
     torch.save({"actor_state_dict": {"cnn.weight": torch.zeros(1)}}, tmp_path / "cnn.pt")
-    for name, words in (("a.pt", "should be weights alone"), ("a.zip", "Stable-Baselines3"), ("cnn.pt", "MLPModel")):
+    for name, words in (
+        ("a.pt", "a.pt: is damaged or no file of weights"),
+        ("a.zip", "Stable-Baselines3"),
+        ("cnn.pt", "MLPModel"),
+        ("pipe.pt", "a pipe or a device"),
+    ):
         with pytest.raises(ArgumentError, match=words):
             load_policy(str(tmp_path / name), trust=True)
 

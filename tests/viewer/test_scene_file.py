@@ -47,7 +47,7 @@ def test_saving_is_seen_and_nothing_else_is(path: Path):
         (GOOD.replace("on:", "onn:"), SceneKeyError, "onn"),
         ("floor: [", SceneFileError, "not YAML"),
         (GOOD.replace("asset: apple", "asset: kumquat"), ScenirisError, "unknown asset 'kumquat'"),
-        (GOOD.replace("asset: apple", "asset: ./kumquat.xml"), ScenirisError, "there is no file"),
+        (GOOD.replace("asset: apple", "asset: ./kumquat.xml"), ScenirisError, "there is no such file"),
     ],
 )
 def test_a_mistake_is_said_in_the_words_of_the_file(path: Path, text: str, error: type[Exception], words: str):

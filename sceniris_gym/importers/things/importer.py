@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, import_extra
+from sceniris_gym.files import no_file
 from sceniris_gym.importers.things import meshes
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
@@ -149,7 +150,7 @@ def _read(source: Path) -> Thing:
     suffix = source.suffix.lower()
     if not source.is_file():
         raise SceneFileError(
-            f"{source}: there is no such file. Give the path of one ({', '.join(SUFFIXES)}), or of a folder of them."
+            f"{source}: {no_file(source)}. Give the path of one ({', '.join(SUFFIXES)}), or of a folder of them."
         )
     if suffix not in SUFFIXES:
         raise NotSupportedError(f"{source}: it should be one of {', '.join(SUFFIXES)}. Export it as one of them.")

@@ -41,7 +41,7 @@ def read_urdf(path: Path) -> Thing:
     missing = [name for name, found in meshes.items() if found is None]
     if missing:
         raise MissingMeshError(
-            f"{path}: it refers to {len(missing)} files that do not exist: {', '.join(missing[:5])}"
+            f"{path}: it refers to {len(missing)} files that do not exist, or are none: {', '.join(missing[:5])}"
             f"{', ...' if len(missing) > 5 else ''}. Put them where the file says, relative to it or below a folder "
             "of the package's name."
         )

@@ -106,5 +106,5 @@ def test_things_stand_on_a_table_that_moves_itself(tmp_path: Path):
 
 def test_a_missing_model_is_an_error_of_ours(tmp_path: Path):
     """As everywhere."""
-    with pytest.raises(SceneFileError, match="there is no file"):
+    with pytest.raises(SceneFileError, match="there is no such file"):
         first_scene(tmp_path / "none.xml")

@@ -69,7 +69,9 @@ def test_links_and_joints_are_those_of_the_file(door: Path):
 def test_missing_meshes_are_all_named(door: Path):
     """So that they can be put in place at once."""
     (door.parents[1] / "meshes" / "door.stl").unlink()
-    with pytest.raises(MissingMeshError, match=r"1 files that do not exist: package://cupboard/meshes/door\.stl"):
+    with pytest.raises(
+        MissingMeshError, match=r"1 files that do not exist, or are none: package://cupboard/meshes/door\.stl"
+    ):
         read_urdf(door)
     assert file_of("file:///nowhere.stl", door.parent) is None
 
