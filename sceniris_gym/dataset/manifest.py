@@ -180,10 +180,8 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
     """
     for name, kind in fields.items():
         value = told.get(name) if isinstance(told, dict) else None
-        if type(value) is not kind:
-            raise DatasetError(f"{path}: '{name}' should be of type {kind.__name__}, got {value!s:.80}.")
-        pattern, words = _RIGHT.get(name, (".*", ""))
-        if not re.fullmatch(pattern, str(value), re.ASCII | re.DOTALL):
+        pattern, words = _RIGHT.get(name, ("", f"of type {kind.__name__}"))
+        if type(value) is not kind or (pattern and not re.fullmatch(pattern, str(value), re.ASCII)):
             raise DatasetError(f"{path}: '{name}' should be {words}, got {value!s:.80}.")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):

@@ -166,7 +166,7 @@ def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple
         raise CycleError(str(path), map(str, above[above.index(chain[-1]) :]), "models contain each other")
     folders.append((prefix, path.parent))
     if len(folders) > _MOST_MODELS:
-        raise SceneFileError(f"{path}: is one of over {_MOST_MODELS} models in one. They should be at most so many.")
+        raise SceneFileError(f"{path}: is one of over {_MOST_MODELS} models in one. Attach fewer.")
     root = model_tree(path, path.parent, set())
     below = {path.parent / c.get(word, "") for c in (root, *root.iter("compiler")) for word in MODEL_FOLDERS}
     files = {file for each in root.iter() for name, file in each.attrib.items() if name.startswith("file")}
@@ -204,9 +204,7 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
         size["made"] += size.pop("written", 0)
     for kind, most in _MOST.items():
         if size[kind] > most:
-            raise SceneFileError(
-                f"{where}: <{element.tag}> makes {size[kind]:,} parts, and should make at most {most:,}."
-            )
+            raise SceneFileError(f"{where}: <{element.tag}> makes {size[kind]:,} parts, should be at most {most:,}.")
     return size
 
 
