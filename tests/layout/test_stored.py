@@ -320,7 +320,7 @@ def test_a_row_that_no_scene_can_be_in_is_refused(crane: CompiledScene, table: L
 
 
 def test_rows_that_are_no_layouts_are_refused(crane: CompiledScene):
-    """What was never made, joints far beyond their limits, things far away, and keys that are no integers."""
+    """Rows that were never made, joints far beyond their limits, things far away, and keys that are no integers."""
     generator = LayoutGenerator(crane, 3)
     with pytest.raises(SceneMismatchError, match=r"row 0 is no layout yet\. Generate before you read the table"):
         StoredLayouts(crane, read_table(generator), 2)
