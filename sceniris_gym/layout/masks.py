@@ -98,7 +98,8 @@ def as_numbers(values: Any) -> np.ndarray:
         found = np.asarray(given.numpy() if _kind(values) in ("torch", "warp") else given)
     except (TypeError, ValueError, RuntimeError):  # lists of different lengths, or a tensor that has no values
         return np.zeros((0, 0))
-    return found if found.dtype.kind in "iuf" else np.zeros((0, 0))
+    is_whole = found.dtype.kind in "iuf" and not isinstance(values, np.ma.MaskedArray)  # which hides some
+    return found if is_whole else np.zeros((0, 0))
 
 
 @wp.func

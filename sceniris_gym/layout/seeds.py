@@ -84,7 +84,7 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
     many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
-    many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1)
+    many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1 and not isinstance(seed, np.ma.MaskedArray))
     if not many or len(seed) != nworld:
         given = f"{len(seed)} of them, " if many else ""
         raise SeedError(

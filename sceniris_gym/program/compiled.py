@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import SupportsInt
+from typing import SupportsIndex
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ import warp as wp
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
-from sceniris_gym.errors import ArgumentError, NotSupportedError, SeedError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.checks.constraints import check_constraints
@@ -130,7 +131,7 @@ class CompiledScene:
         """The scene's part of layout ids."""
         return self.scene.hash
 
-    def layout_id(self, seed: SupportsInt, episode: SupportsInt, split: str = "train", knobs: str = "") -> str:
+    def layout_id(self, seed: SupportsIndex, episode: SupportsIndex, split: str = "train", knobs: str = "") -> str:
         """Return `scenehash:split:seed:episode`, the id of a layout of this scene, which `sceniris-gym replay` takes.
 
         Args:
@@ -140,10 +141,16 @@ class CompiledScene:
             knobs: The knobs that differ from the scene file, as `KnobTable.text` writes them: a fifth part.
 
         Raises:
+            ArgumentTypeError: A seed or an episode that is no integer.
             SeedError: A seed of more than 64 bits.
             ArgumentError: Another split, or an episode out of range; -1 is that of a world without a layout.
         """
-        number, count = int(seed), int(episode)
+        try:
+            number, count = operator.index(seed), operator.index(episode)
+        except TypeError:
+            raise ArgumentTypeError(
+                f"layout_id: seed and episode should be integers, got {short(seed)} and {short(episode)}."
+            ) from None
         if not -(2**63) <= number < 2**64:
             raise SeedError(f"layout_id: seed={short(number)} should be an integer of 64 bits.")
         if not 0 <= count < MOST_EPISODES:

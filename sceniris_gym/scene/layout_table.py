@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from numbers import Integral
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
+from sceniris_gym.config.messages import short
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type
 
 
 @dataclass(frozen=True)
@@ -128,8 +130,9 @@ class LayoutTable:
     def __len__(self) -> int:
         return len(self.qpos)
 
-    def __getitem__(self, index: slice | np.ndarray) -> LayoutTable:
-        return replace(self, **{name: getattr(self, name)[index] for name in COLUMNS})
+    def __getitem__(self, index: Any) -> LayoutTable:
+        rows = row_numbers(index, len(self), "LayoutTable")
+        return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
 
     def chunks(self, size: int) -> Iterator[tuple[int, LayoutTable]]:
         """Yield the first row index and the rows of each chunk of at most `size` rows.
@@ -137,13 +140,20 @@ class LayoutTable:
         Raises:
             ArgumentError: The size is no integer of at least 1.
         """
-        if not isinstance(size, int) or size < 1:
+        if not isinstance(size, Integral) or size < 1:
             raise ArgumentError(f"LayoutTable.chunks: size should be an integer of at least 1, got {size!r:.80}.")
         for start in range(0, len(self), size):
             yield start, self[slice(start, start + size)]
 
     def put(self, data: mujoco.MjData, i: int) -> None:
-        """Write row `i` into `data`, without any computation from it."""
+        """Write row `i` into `data`, without any computation from it.
+
+        Raises:
+            ArgumentTypeError: No MjData, or a row that is no integer.
+        """
+        check_type(data, mujoco.MjData, "LayoutTable.put: data")
+        if not isinstance(i, Integral):
+            raise ArgumentTypeError(f"LayoutTable.put: i should be the number of a row, got {short(i)}.")
         data.qpos[:] = self.qpos[i]
         data.mocap_pos[:] = self.mocap_pos[i]
         data.mocap_quat[:] = self.mocap_quat[i]
@@ -151,3 +161,20 @@ class LayoutTable:
 
 COLUMNS = tuple(f.name for f in fields(LayoutTable) if f.name not in ("scene", "split", "knobs"))
 """Names of the arrays of a LayoutTable."""
+
+
+def row_numbers(index: Any, nrow: int, name: str) -> np.ndarray:
+    """Return the numbers of the rows that an index names, as NumPy takes one, shape (n,); an integer names one row.
+
+    Raises:
+        IndexError: An integer beyond the rows, with which Python ends a loop.
+        ArgumentError: Anything else that names no rows.
+    """
+    try:
+        return np.arange(nrow)[index].reshape(-1)
+    except (IndexError, TypeError, ValueError):
+        if isinstance(index, Integral):
+            raise IndexError(f"{name}: row {index} should be below {nrow}, the number of rows.") from None
+        raise ArgumentError(
+            f"{name}: the index should be rows from 0 to {nrow - 1}, a slice or a mask, got {short(index)}."
+        ) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -221,10 +222,15 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
     cure = f"{where} should have ids of the environment's scene and split."
     ids = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
-    rows = {text: table.rows(knobs_in(text), 1)[0] for text in {one.knobs for one in found}}
+    values: dict[str, np.ndarray] = {}
+    for text, one in {one.knobs: one for one in found}.items():
+        try:
+            values[text] = table.rows(knobs_in(text), 1)[0]
+        except ArgumentError as error:
+            raise ArgumentError(f"{where}: layout id '{':'.join(map(str, astuple(one)))}': {error}") from None
     seeds = np.array([one.seed for one in found], np.uint64)
     episodes = np.array([one.episode for one in found], np.int32)
-    knobs = np.array([rows[one.knobs] for one in found])
+    knobs = np.array([values[one.knobs] for one in found])
     chosen = np.array([one is not None for one in ids])
     served_split, (served_seeds, served_episodes, _) = source.served(split, (seeds, episodes, knobs))
     wrong = chosen & ((served_seeds != seeds) | (served_episodes != episodes) | (served_split != split))
@@ -254,8 +260,8 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
         given = torch.as_tensor(actions, device=device).detach()
     except (TypeError, ValueError, RuntimeError, OverflowError) as error:
         raise ArgumentError(f"actions should be an array of numbers, shape {space.shape}: {error}") from None
-    if given.layout is not torch.strided:
-        raise ArgumentError(f"actions should be a dense tensor, got one of layout {given.layout}.")
+    if given.layout is not torch.strided or given.is_nested or isinstance(actions, np.ma.MaskedArray):
+        raise ArgumentError(f"actions should be a dense array, got a {type(actions)} of layout {given.layout}.")
     if given.shape != space.shape:
         raise ArgumentError(f"actions should have shape {space.shape}, got {tuple(given.shape)}.")
     if given.is_complex():

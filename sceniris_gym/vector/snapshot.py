@@ -15,14 +15,16 @@ from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.stored import INTEGERS, check_numbers
+from sceniris_gym.scene.layout_table import row_numbers
 from sceniris_gym.sim.randomizer import PROMISED
 from sceniris_gym.sim.versions import fields_of_data
-from sceniris_gym.vector.outcome import finite_rows
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
 _OF_DATA = (*PROMISED, *fields_of_data("tree_awake"))
 _FINITE = ("data.", "layout.qpos", "layout.mocap")
+_WERE_FINITE = "finite"
+"""The name of what a snapshot tells of its own floats: which rows of each, sorted by name, were finite."""
 _INDICES = {f"layout.{name}": name for name in INTEGERS} | {"data.tree_asleep": "tree_asleep", "elapsed": "elapsed"}
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
 """Packages whose objects hold no memory of a task."""
@@ -36,7 +38,8 @@ class Snapshot:
         source: Hash of the scene, split and knobs of the layouts.
         worlds: The world that each row is of, shape (nrow,), int64.
         rows: What has a row for each world, by name: the state in mujoco_warp's Data, the layout, which one follows,
-            the steps since its reset, and the memory of the task, each of shape (nrow, ...).
+            the steps since its reset, the memory of the task, and which of these were finite, each of shape (nrow,
+            ...).
     """
 
     source: tuple[str, ...]
@@ -44,16 +47,23 @@ class Snapshot:
     rows: Mapping[str, Tensor]
 
     def __len__(self) -> int:
-        return len(self.worlds)
+        return self.worlds.numel() if isinstance(self.worlds, Tensor) else 0
 
     def __getitem__(self, index: Any) -> Snapshot:
-        index = [index] if isinstance(index, int) else index  # one row is a snapshot, too
-        return Snapshot(self.source, self.worlds[index], {name: rows[index] for name, rows in self.rows.items()})
+        chosen = torch.from_numpy(row_numbers(index, len(self), "Snapshot")).to(self.worlds.device)
+        return Snapshot(self.source, self.worlds[chosen], {name: rows[chosen] for name, rows in self.rows.items()})
 
 
 def take(source: tuple[str, ...], live: Mapping[str, Tensor], worlds: Tensor) -> Snapshot:
     """Return the rows of these worlds, copied."""
-    return Snapshot(source, worlds, {name: tensor[worlds] for name, tensor in live.items()})
+    rows = {name: tensor[worlds] for name, tensor in live.items()}
+    return Snapshot(source, worlds, {**rows, _WERE_FINITE: _are_finite(rows)})
+
+
+def _are_finite(rows: Mapping[str, Tensor]) -> Tensor:
+    """Return which rows of each tensor of floats, sorted by name, are finite, shape (nrow, n), bool."""
+    floats = [rows[name] for name in sorted(rows) if rows[name].is_floating_point()]
+    return torch.stack([values[..., None].isfinite().flatten(1).all(dim=1) for values in floats], dim=1)
 
 
 def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
@@ -90,14 +100,14 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
     found = {name: (*_form(values), tuple(values.shape)) for name, values in given.items()}
     tensors = {"worlds": torch.zeros(1, dtype=torch.int64), **live}
     wanted = {name: (*_form(tensor), (len(snapshot), *tensor.shape[1:])) for name, tensor in tensors.items()}
-    if snapshot.source != source or not wanted.items() <= found.items():
+    is_whole = wanted.items() <= found.items() and all(form[-1][:1] == (len(snapshot),) for form in found.values())
+    if snapshot.source != source or not is_whole or _WERE_FINITE not in found:
         raise SceneMismatchError(
             "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."
         )
-    floats = {name: rows.reshape(len(rows), -1) for name, rows in snapshot.rows.items() if rows.is_floating_point()}
-    # NaN may stand for nothing, as where an arm has no grasp, but not where the worlds have none
-    unknown = [n for n, rows in floats.items() if n in live and rows.isnan().any() and not live[n].isnan().any()]
-    if unknown or not finite_rows([rows for name, rows in floats.items() if name.startswith(_FINITE)]).all():
+    # a task may remember infinity, and NaN may stand for nothing, as where an arm has no grasp
+    state = {name: rows for name, rows in snapshot.rows.items() if name.startswith(_FINITE)}
+    if not (torch.equal(_are_finite(snapshot.rows), rows[_WERE_FINITE]) and _are_finite(state).all()):
         raise SceneMismatchError("options['state'] should have finite numbers. Leave out the rows of broken worlds.")
     numbers = {name: snapshot.rows[key].cpu().numpy() for key, name in _INDICES.items() if key in snapshot.rows}
     check_numbers(layouts.compiled, numbers, "options['state']")

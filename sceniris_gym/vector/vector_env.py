@@ -20,7 +20,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError, check_type
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.masks import as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
@@ -127,6 +127,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         *("task", "autoreset_mode", "output", "compiled", "batch", "randomizer", "state", "statistics", "num_envs"),
         *("device", "split", "rank"),
     )
+    SETTABLE = ("max_episode_steps", "final_images")
+    """Attributes that `set_attr` takes."""
     ARGUMENTS = (
         "scene",
         "overrides",
@@ -362,16 +364,17 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do.
 
         Raises:
-            ArgumentError: The name of a method, or what a knob cannot have.
+            UnknownNameError: Neither a knob nor one of SETTABLE, to which a subclass may add its own.
+            ArgumentError: What a knob cannot have.
             FixedError: An attribute that cannot be changed.
         """
         check_type(name, str, "set_attr: name")
-        if name.startswith("__") or callable(getattr(type(self), name, None)):
-            raise ArgumentError(f"set_attr: name '{name}' is a method or built in. Name a knob or an attribute.")
         if "." in name:
             self.set_knob(name, values)
-        else:
+        elif name in (*self.SETTABLE, *self.FIXED, *self.ARGUMENTS):
             setattr(self, name, values)
+        else:
+            raise UnknownNameError("attribute", name, "set_attr", self.SETTABLE)
 
     def layout_ids(self, info: Mapping[str, Any] | None = None) -> list[str]:
         """Return the ids of the present layouts, one per world. Waits for the device.

@@ -123,3 +123,17 @@ def test_states_that_are_no_arrays_are_told_by_their_names(name: str, wrong: Any
     arrays: dict[str, Any] = {key: np.ones(shape) for key, shape in states.items()}
     with pytest.raises(ArgumentTypeError, match=f"LayoutTable.from_states: {name} should be a NumPy array"):
         LayoutTable.from_states(**arrays | {name: wrong})
+
+
+def test_rows_that_do_not_exist_are_refused():
+    """By the rows that there are; one number names one row, and one beyond them ends a loop."""
+    table = _table(3, 5)
+    assert len(table[0]) == len(table[-1]) == len(table[np.int64(1)]) == 1
+    assert table[0].qpos.shape == (1, *table.qpos.shape[1:])
+    assert sum(len(row) for row in table) == len(table)
+    for index in ("x", [99], (0, 1), np.array([0.5])):
+        with pytest.raises(ArgumentError, match="LayoutTable: the index should be rows from 0 to"):
+            table[index]
+    for data, row in ((None, 0), (mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>")), None)):
+        with pytest.raises(ArgumentTypeError, match=r"LayoutTable\.put: (data|i) should be"):
+            table.put(data, row)  # type: ignore[arg-type]

@@ -112,8 +112,9 @@ def test_constants_of_a_task_are_no_memory(reach_scene):
     (name,) = (name for name in kept.rows if name.endswith("newest"))
     with pytest.raises(SceneMismatchError, match="finite numbers"):
         envs.reset(options={"state": _with(kept, name, np.nan)})
-    task.newest[0] = np.nan  # this task knows such numbers
-    envs.reset(options={"state": _with(kept, name, np.nan)})
+    task.newest[0] = np.nan
+    with pytest.raises(SceneMismatchError, match="finite numbers"):  # whatever the worlds have by now
+        envs.reset(options={"state": _with(kept, name, np.nan)})
 
 
 def test_rows_go_to_the_masked_worlds_in_order(make_env):
@@ -242,3 +243,49 @@ def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
     mask = np.array([True, False])
     envs.reset(options={"state": _with(kept, "data.qpos", np.nan)[0], "reset_mask": mask})
     assert_equal(state(envs), before)
+
+
+def test_one_number_names_one_row_of_a_snapshot(make_env):
+    """Of any library; a number beyond the rows ends a loop, and anything else is refused."""
+    envs = make_env(3)
+    envs.reset(seed=4)
+    kept = envs.snapshot()
+    rows: list[Any] = [1, -1, np.int64(2), torch.tensor(0), [0, 2], slice(None, 2), torch.tensor([True] * 3)]
+    assert [len(kept[row]) for row in rows] == [1, 1, 1, 1, 2, 2, 3]
+    envs.reset(options={"state": kept[np.int64(1)], "reset_mask": np.array([True, False, False])})
+    np.testing.assert_array_equal(state(envs)["qpos"][0], kept.rows["data.qpos"][1])
+    with pytest.raises(IndexError, match="row 9 should be below 3"):
+        kept[9]
+    for index in ("x", [9], 0.5):
+        with pytest.raises(ArgumentError, match="Snapshot: the index should be rows from 0 to 2"):
+            kept[index]
+    for worlds in (None, kept.worlds.numpy(), torch.tensor(0)):
+        with pytest.raises(SceneMismatchError, match="of this scene, split, task and knobs"):
+            envs.reset(options={"state": replace(kept, worlds=worlds)})
+
+
+class _Records(Reach):
+    """Reach with a memory that is infinite, or nothing, in some episodes."""
+
+    value = np.inf
+
+    def on_reset(self, s, mask):
+        """Forget the best reward."""
+        super().on_reset(s, mask)
+        self.drawn.masked_fill_(mask[:, None], self.value)
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_a_task_may_remember_what_is_not_finite(reach_scene, value: float):
+    """Its snapshot goes back whatever the worlds have by then; numbers that were finite have to be so still."""
+    envs = SceneVectorEnv(_Records, 2, scene=reach_scene)
+    task: Any = envs.task
+    task.value = value
+    envs.reset(seed=4)
+    kept, task.value = envs.snapshot(), 1.0
+    envs.reset()
+    envs.reset(options={"state": kept})
+    assert torch.equal(task.drawn.isfinite(), torch.zeros(2, 2, dtype=torch.bool))
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(SceneMismatchError, match="finite numbers"):
+            envs.reset(options={"state": _with(kept, "task.last", wrong)})
