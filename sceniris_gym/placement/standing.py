@@ -144,12 +144,11 @@ def find_patch(
         for k in range(num):
             corner = statics.corner[statics.foot_corneradr[foot] + k]
             points[k] = at + corner[0] * x + corner[1] * wp.vec2(-x[1], x[0])
-        share = float(0.0)
+        least = float(0.0)
         if feet > 1:
-            share = float(_SLIVER)
-        if statics.variant_law[variant][5] > 0.0:
-            share = float(_ALL)
-        least = share * area(points, num)
+            least = _SLIVER * area(points, num)
+        elif statics.variant_law[variant][5] > 0.0:
+            least = _ALL * area(points, num)
         for s in range(statics.part_sidenum[part]):
             num = clip(points, num, _side(statics, statics.part_sideadr[part] + s, ground))
         if num > 0 and area(points, num) >= least:

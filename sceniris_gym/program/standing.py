@@ -88,7 +88,7 @@ first scene 30000, seed 990).
 
 
 class Roll(NamedTuple):
-    """The rectangle around a curved foot, seen from above around the pivot at heading 0; what it is wide, it rolls.
+    """The rectangle around a curved foot, seen from above around the pivot at heading 0. It says how the foot rolls.
 
     Attributes:
         center: Its centre [m], shape (2,).
@@ -101,8 +101,8 @@ class Roll(NamedTuple):
     reach: np.ndarray = np.zeros(2)
 
 
-_FLAT = Roll()
-"""What does not roll."""
+_NO_ROLL = Roll()
+"""The rectangle of a flat foot."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Foot:
     bottom: float = 0.0
     hangs: float = -np.inf
     drop: float = 0.0
-    roll: Roll = _FLAT
+    roll: Roll = _NO_ROLL
 
 
 @dataclass(frozen=True)
@@ -141,21 +141,20 @@ class Stance:
             `Plan.objects`.
         feet: Its foot in each of its variants; none if it does not collide with its support.
         load: The greatest weight [kg] of it and of all that is on it at a time.
-        sink: How deep its contacts are under that load, with the least masses that are drawn [m], for the test of
-            standing: four of them, and with the softness of a friction of 1 or more.
         depth: The greatest depth to which it may sink into its support [m].
         touch: The distance from which on its support carries it [m]: 0 without contact margins.
         friction: The greatest coefficient of sliding friction between them, with the least that is drawn.
         is_whole: Whether all of its foot is on its support.
         is_belt: Whether a surface between them moves, as that of a belt.
         tilt: Tangent of the angle by which it may be pulled away from straight down.
-        sinks: `sink` under the greatest load with one object on it, by the number of that object.
+        sinks: How deep its contacts are [m] under the greatest load with one object on it, by the number of that, and
+            under `load`, by None, with the least masses that are drawn. For the test of standing: four contacts, with
+            the softness of a friction of 1 or more.
     """
 
     levels: list[int]
     feet: list[Foot]
     load: float
-    sink: float
     depth: float
     touch: float
     friction: float
@@ -165,13 +164,18 @@ class Stance:
     sinks: dict[int | None, float] = field(default_factory=dict)
 
     @property
+    def sink(self) -> float:
+        """Depth of its contacts [m] under `load`, 0 if it need not stand."""
+        return self.sinks.get(None, 0.0)
+
+    @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed, so that only what is put on it needs a test."""
         is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
         return is_alone and all(f.margin > 0.0 for f in self.feet)
 
 
-NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, 0.0, is_whole=True)
+NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 """The stance of what need not stand."""
 
 
@@ -285,30 +289,34 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     # MuJoCo finds the exact point below the lowest one on a plane, and below the centre of a ball or a capsule on a box
     is_exact = {p.type for p in below} == {PieceType.PLANE} or {p.type for p in own} <= _BALLS
     steady = 0.0 if is_exact and not mjm.body_weldid[support.body] else _STEADY
-    on_edges = 0.0 if any(p.type == PieceType.CYLINDER for p in below) else 1.0
-    feet = [_foot(shapes, v, law._replace(steady=steady), lower, is_shifted, on_edges) for v in o.variants]
+    takes_edges = not any(p.type == PieceType.CYLINDER for p in below)
+    feet = [_foot(shapes, v, law, lower, is_shifted, takes_edges, steady) for v in o.variants]
     heights = [contact_heights(own, shapes[0][0], v) for v in o.variants]
     rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
     each = np.array(list(loads.values())) / CONTACTS
     deep = np.max([depth_of(scene, c, each, light[[c.own, c.below]].sum()) for c in rough], axis=0)
-    sinks = dict(zip(loads, deep.tolist(), strict=True))
     is_whole = whole or _cannot_leave(o, feet, walls)
     return Stance(
         levels=[],
         feet=feet,
         load=load,
-        sink=sinks[None],
         depth=max(deepest(scene, contacts, at, o.bodies, load, is_whole) for at in heights),
         touch=max(distance for distance in touch if distance is not None),
         friction=max(c.friction for c in every),
         is_whole=is_whole,
         is_belt=bool(np.any(getattr(mjm, "geom_surfacevel", np.zeros(mjm.ngeom))[[p.geom for p in (*own, *below)]])),
-        sinks=sinks,
+        sinks=dict(zip(loads, deep.tolist(), strict=True)),
     )
 
 
 def _foot(
-    shapes: list[list[HomeShape]], variant: Variant, law: Law, lower: float, is_shifted: bool, on_edges: float
+    shapes: list[list[HomeShape]],
+    variant: Variant,
+    law: Law,
+    lower: float,
+    is_shifted: bool,
+    takes_edges: bool,
+    steady: float,
 ) -> Foot:
     """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round.
 
@@ -319,7 +327,8 @@ def _foot(
         law: The law.
         lower: Height [m] of the support that it is placed by over the support that it collides with.
         is_shifted: Whether draws of masses move its centre of mass.
-        on_edges: What `Law.hold` is multiplied by if an edge or a corner of a piece is a part of the foot.
+        takes_edges: Whether the support carries edges and corners of pieces; otherwise no such foot holds.
+        steady: What `Law.steady` is on a curved foot.
     """
     turn, quat, (whole, standing, fixed, _) = matrix(variant.quat).T, variant.quat, shapes[0]
     shape = standing if standing.points() else whole
@@ -329,14 +338,14 @@ def _foot(
         law = ROUND
     elif any(len(part) > _FOUR for part in parts):
         law = law._replace(swap=_SWAP)
-    if any(MultiPoint(part).convex_hull.area < _EDGE for part in parts):
-        law = law._replace(hold=law.hold * on_edges)
+    if not takes_edges and any(MultiPoint(part).convex_hull.area < _EDGE for part in parts):
+        law = law._replace(hold=0.0)
     bottom = fixed.bottom(quat) if standing.points() else np.inf
     hangs = max(bottom - moving.bottom(quat) for *_, moving in shapes)
     drop = whole.bottom(quat) - bottom + lower
     found = []
-    curved = (_rolling(shape, variant, np.radians(a), law) for a in _LEANS)
-    for corners, its_law, roll in [(parts, law._replace(steady=0.0), _FLAT)] if parts else curved:
+    curved = (_rolling(shape, variant, np.radians(a), steady) for a in _LEANS)
+    for corners, its_law, roll in [(parts, law, _NO_ROLL)] if parts else curved:
         hull, at = MultiPoint(np.concatenate(corners)).convex_hull, shapely.points(ends[:, :2])
         margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at)) - its_law.tip * ends[:, 2]
         margins = margins if its_law.hold else np.full_like(margins, -np.inf)
@@ -347,15 +356,15 @@ def _foot(
     return next((f for f in found if f.margin > 0.0), max(found, key=lambda f: f.most))
 
 
-def _rolling(shape: HomeShape, variant: Variant, lean: float, law: Law) -> tuple[list[np.ndarray], Law, Roll]:
-    """Return the curved foot of an object that is to come back from a lean [rad], and its law, as steady as another."""
+def _rolling(shape: HomeShape, variant: Variant, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
+    """Return the curved foot of an object that is to come back from a lean [rad], its law, and how it rolls."""
     turn = matrix(variant.quat)
     corners = curved_foot(lambda up: shape.lowest(up @ turn) - up @ turn @ variant.pivot, lean)
     box = shapely.get_coordinates(MultiPoint(corners).minimum_rotated_rectangle)[:3]
     sides = 0.5 * np.diff(box, axis=0)
     reach = np.linalg.norm(sides, axis=1)
     few = corners[(corners @ around(MAX_FOOT).T).argmax(axis=0)]
-    law = CURVED._replace(tip=RISE * np.tan(0.5 * lean), steady=law.steady)
+    law = CURVED._replace(tip=RISE * np.tan(0.5 * lean), steady=steady)
     return [few], law, Roll(box[0] + sides.sum(axis=0), sides[0] / reach[0], reach)
 
 
