@@ -15,7 +15,7 @@ import numpy as np
 import sceniris_gym
 from sceniris_gym.errors import DatasetError
 from sceniris_gym.files import read_bytes
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 
 MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
 PART_ROWS = 1 << 16
@@ -30,7 +30,12 @@ _FIELDS = {
 _SUM, _COUNT, _POSITIVE = ("[0-9a-f]{64}", "64 hexadecimal digits"), (r"\d+", "0 or more"), (r"[1-9]\d*", "positive")
 _RIGHT = {
     **{"format": (f"[1-{FORMAT}]", f"1 to {FORMAT}"), "hash": ("[0-9a-f]{16}", "16 hexadecimal digits")},
-    **{"split": ("train|eval", "train or eval"), "seed": _COUNT, "layouts": _POSITIVE, "rows_of_a_part": _POSITIVE},
+    **{
+        "split": ("|".join(USER_SPLITS), " or ".join(USER_SPLITS)),
+        "seed": _COUNT,
+        "layouts": _POSITIVE,
+        "rows_of_a_part": _POSITIVE,
+    },
     **{"sha256": _SUM, "scene_sha256": _SUM, "rows": _POSITIVE, "valid": _COUNT, "first_pass_valid": _COUNT},
 }
 """Patterns of values, and what they should be in words."""

@@ -15,7 +15,7 @@ from sceniris_gym.program.device import allocate
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LEARNABILITY, _GIVEN = (wp.constant(SCORES.index(name)) for name in ("learnability", "given"))
-_MOST_SCORE = wp.constant(float(np.finfo(np.float32).max))
+_MOST_FLOAT = wp.constant(float(np.finfo(np.float32).max))
 BINS = wp.constant(512)
 """Bins of scores."""
 _SHARE = 4  # levels that a world can insert between two refreshes, at most
@@ -247,7 +247,7 @@ def _update(
     if status:
         if status[row] == Status.FALLBACK:
             return
-    if not (outcome[row] >= 0.0 and outcome[row] <= _MOST_SCORE):
+    if not (outcome[row] >= 0.0 and outcome[row] <= _MOST_FLOAT):
         return
     if probe:
         end = probe[row]
@@ -312,10 +312,9 @@ def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
 def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
     """Return the least and the greatest value of each array of a buffer, by name: kernels take some as indices."""
     of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "step", "band")}
-    most = np.finfo(np.float32).max
     return {
         **dict.fromkeys(arrays_of(buffer), (0, np.inf)),
-        **dict.fromkeys(("value", "knob", "base_knob", "next_knob"), (-most, most)),
+        **dict.fromkeys(("value", "knob", "base_knob", "next_knob"), (-_MOST_FLOAT, _MOST_FLOAT)),
         **dict.fromkeys(("vacant", "level", "next_level"), (-1, buffer.age.shape[0] - 1)),
         **dict.fromkeys(("probe", "next_probe"), (-1, buffer.column.shape[0] - 1)),
         **dict.fromkeys(("episode", "next_episode"), (-1, MOST_EPISODES - 1)),

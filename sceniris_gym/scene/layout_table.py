@@ -141,7 +141,7 @@ class LayoutTable:
             ArgumentError: The size is no integer of at least 1.
         """
         if not isinstance(size, Integral) or size < 1:
-            raise ArgumentError(f"LayoutTable.chunks: size should be an integer of at least 1, got {size!r:.80}.")
+            raise ArgumentError(f"LayoutTable.chunks: size should be an integer of at least 1, got {short(size)}.")
         for start in range(0, len(self), size):
             yield start, self[slice(start, start + size)]
 

@@ -82,8 +82,8 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
         try:
             return torch.load(found, map_location=device, weights_only=not trust)
         except pickle.UnpicklingError as error:
-            found_one = "GLOBAL" in str(error)  # a name of a function; other bytes are no pickle of torch's
-            why = f"should be weights alone. All else {PICKLE}" if found_one else "is damaged or no file of weights."
+            names_code = "GLOBAL" in str(error)  # other bytes are no pickle of torch's
+            why = f"should be weights alone. All else {PICKLE}" if names_code else "is damaged or no file of weights."
             raise (error if trust else ArgumentError(f"{file}: {why}")) from None
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -223,11 +222,12 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
     ids = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
     values: dict[str, np.ndarray] = {}
-    for text, one in {one.knobs: one for one in found}.items():
-        try:
-            values[text] = table.rows(knobs_in(text), 1)[0]
-        except ArgumentError as error:
-            raise ArgumentError(f"{where}: layout id '{':'.join(map(str, astuple(one)))}': {error}") from None
+    for text, one in zip(texts, found, strict=True):
+        if one.knobs not in values:
+            try:
+                values[one.knobs] = table.rows(knobs_in(one.knobs), 1)[0]
+            except ArgumentError as error:
+                raise ArgumentError(f"{where}: layout id '{text}': {error}") from None
     seeds = np.array([one.seed for one in found], np.uint64)
     episodes = np.array([one.episode for one in found], np.int32)
     knobs = np.array([values[one.knobs] for one in found])
