@@ -5,7 +5,7 @@ from __future__ import annotations
 import graphlib
 from collections.abc import Container, Iterable
 
-from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.fields import FLOOR, in_memory
 from sceniris_gym.config.heaps import PLACING
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
@@ -79,11 +79,8 @@ def _check_bodies(scene: SceneWords, where: str) -> None:
 
 def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
     """Check an object without an asset of its own."""
-    if part.asset is None and (owner := scene.owners.get(name)) is not None:
-        raise SceneKeyError(
-            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Name one there, or one of "
-            f"all variants in 'objects.{owner}'."
-        )
+    if not in_memory(scene.model):  # mjlab's has a body for each variant
+        check_variant_has_asset(scene, name, where)
     if part.asset is not None or scene.model is not None:
         return
     if part.kind != "marker":
@@ -102,6 +99,19 @@ def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) ->
                 f"{where}: objects.{name}.relations.{i}.width: is missing. A marker without an asset is a point and "
                 "has no width of its own."
             )
+
+
+def check_variant_has_asset(scene: SceneWords, name: str, where: str) -> None:
+    """Check an object that may be a variant of another.
+
+    Raises:
+        SceneKeyError: It is one, and has no asset.
+    """
+    if scene.objects[name].asset is None and (owner := scene.owners.get(name)) is not None:
+        raise SceneKeyError(
+            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Name one there, or one of "
+            f"all variants in 'objects.{owner}'."
+        )
 
 
 def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None:

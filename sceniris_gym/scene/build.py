@@ -12,6 +12,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.messages import reading
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.validation import check_variant_has_asset
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError, check_type
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
@@ -57,6 +58,8 @@ def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> Sc
         CycleError: Joints that equalities tie to each other in a cycle.
     """
     check_type(config, SceneConfig, "build_model: config")
+    for name in config.owners if simulated is None else ():
+        check_variant_has_asset(config, name, config.where)
     if isinstance(config.model, mujoco.MjModel):
         scene = _taken(config, config.model)
         if simulated is None:

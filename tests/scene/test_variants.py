@@ -120,15 +120,32 @@ def test_other_objects_are_where_they_were():
     assert (plain.sim_bodies == np.arange(plain.mjm.nbody)).all()
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_bodies_of_a_model_are_no_variants(compiled: bool):
-    """One body has to be all of them, and a model of the user's own is not changed."""
+def on_a_table(*names: str) -> mujoco.MjSpec:
+    """Return a model with the ground, a table and free spheres."""
     spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1])
-    for name in ("thing/cube", "thing/brick"):
+    for name in names:
         body = spec.worldbody.add_body(name=name)
         body.add_freejoint()
         body.add_geom(size=[0.02, 0, 0])
+    return spec
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_bodies_of_a_model_are_no_variants(compiled: bool):
+    """One body has to be all of them, and a model of the user's own is not changed."""
+    spec = on_a_table("thing/cube", "thing/brick")
     words = {"thing": {"variants": {"cube": {}, "brick": {}}, "on": "table"}}
+    config = SceneConfig.load({"model": spec.compile() if compiled else spec, "objects": words})
     with pytest.raises(SceneKeyError, match=r"objects\.thing\.variants: 'cube' has no asset\. Name one there"):
-        SceneConfig.load({"model": spec.compile() if compiled else spec, "objects": words})
+        build_model(config)
+
+
+def test_bodies_of_a_model_are_variants_where_another_model_is_simulated():
+    """That is what mjlab's environments have: one body there, with the shape of one variant in each world."""
+    words = {"model": on_a_table("thing").compile(), "objects": {"thing": {"on": "table"}}}
+    simulated = SceneConfig.load(words)
+    words = {"model": on_a_table("thing/cube", "thing/brick").compile()}
+    words["objects"] = {"thing": {"variants": {"cube": {}, "brick": {}}, "on": "table"}}
+    assert {"thing/cube", "thing/brick"} <= set(build_model(SceneConfig.load(words), simulated).bodies)
