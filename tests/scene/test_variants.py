@@ -143,7 +143,7 @@ def test_bodies_of_a_model_are_no_variants(compiled: bool):
 
 
 def test_bodies_of_a_model_are_variants_where_another_model_is_simulated():
-    """That is what mjlab's environments have: one body there, with the shape of one variant in each world."""
+    """As in environments of mjlab, whose one body has the shape of one variant in each world."""
     words = {"model": on_a_table("thing").compile(), "objects": {"thing": {"on": "table"}}}
     simulated = SceneConfig.load(words)
     words = {"model": on_a_table("thing/cube", "thing/brick").compile()}
