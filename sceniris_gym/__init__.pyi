@@ -6,7 +6,6 @@ from .dataset.reader import LayoutDataset as LayoutDataset
 from .errors import ScenirisError as ScenirisError
 from .errors import ScenirisWarning as ScenirisWarning
 from .importers.libero.reader import read_bddl as read_bddl
-from .importers.sceniris.reader import read_sceniris as read_sceniris
 from .layout.compile import compile_scene as compile_scene
 from .layout.generate import LayoutGenerator as LayoutGenerator
 from .layout.layouts import Layouts as Layouts

@@ -475,23 +475,3 @@ def import_extra(module: str, extra: str, package: str = "") -> Any:
         return importlib.import_module(module)
     except ImportError:
         raise MissingExtraError(package or module, extra) from None
-
-
-class KeysLeftOutWarning(ScenirisWarning):
-    """Some keys of an original configuration were left out, or have a different meaning here.
-
-    Args:
-        keys: Dotted paths of the keys that are left out.
-        changed: The meaning here of keys that are carried over with a different meaning or value, by dotted path.
-        advice: Sentences on how to carry over more.
-    """
-
-    def __init__(
-        self, keys: Iterable[str], changed: Mapping[str, str] | None = None, advice: Iterable[str] = ()
-    ) -> None:
-        self.keys, self.changed, self.advice = tuple(keys), dict(changed or {}), tuple(advice)
-        texts = [f"not carried over from the original configuration: {', '.join(self.keys)}."] if self.keys else []
-        if self.changed:
-            meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
-            texts.append(f"carried over from the original configuration with a different meaning or value: {meanings}.")
-        super().__init__(" ".join((*texts, *self.advice)))

@@ -18,7 +18,6 @@ from sceniris_gym.errors import (
     FixedError,
     GraspError,
     InfeasibleSceneError,
-    KeysLeftOutWarning,
     MemoryLimitError,
     MissingExtraError,
     OutputError,
@@ -53,7 +52,6 @@ EXAMPLES: dict[type, Exception] = {
             "scene.yaml", 0.45, "can", "blocked", ["'restarts' above 8", "a larger region for 'can'"], (4, 64)
         ),
         AttemptsWarning("scene.yaml", 10_000),
-        KeysLeftOutWarning(["env.num_envs"], {"objects.can.distance": "cut off here"}, ["Give a robot."]),
     )
 }
 
@@ -186,12 +184,3 @@ def test_a_file_that_cannot_be_written_is_told_in_words():
     said = str(OutputError("/out/a.png", "it is a folder"))
     assert said.startswith("/out/a.png cannot be written: it is a folder.")
     assert "--out" in said
-
-
-def test_a_warning_says_only_what_there_is_to_say():
-    """Keys that are left out, keys that have changed, and advice, each with its names."""
-    left_out, changed = str(KeysLeftOutWarning(["a.b", "c"])), str(KeysLeftOutWarning([], {"d": "half of it here"}))
-    assert re.search(r"not carried over .*: a\.b, c\.$", left_out)
-    assert re.search(r"different meaning or value: d \(half of it here\)\.$", changed)
-    assert "not carried over" not in changed
-    assert str(KeysLeftOutWarning(["a"], advice=["Give a robot."])).endswith("a. Give a robot.")

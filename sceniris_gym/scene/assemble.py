@@ -139,27 +139,6 @@ def check_assets(config: SceneConfig) -> None:
             compile_spec(alone, f"{config.where}: objects.{name}.asset")
 
 
-@dataclass(frozen=True)
-class Names:
-    """Names inside an asset: those of its joints except a free one, and of the bodies below its root."""
-
-    joints: tuple[str, ...]
-    bodies: tuple[str, ...]
-
-
-def names_in(asset: str, where: str) -> Names:
-    """Return the names inside an asset, which is either shipped or an MJCF file.
-
-    Raises:
-        UnknownNameError: There is no such shipped asset.
-        SceneFileError: The file is missing, or MuJoCo cannot read it.
-    """
-    spec = _load_asset(asset, where)
-    joints = [joint.name or f"joint{i}" for i, joint in enumerate(spec.joints) if joint.type != FREE]
-    bodies = [body.name for body in spec.bodies if body.name != "world" and body.parent.name != "world"]
-    return Names(tuple(joints), tuple(bodies))
-
-
 def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
     if not SHIPPED_NAME.fullmatch(asset):
         if Path(asset).is_dir():

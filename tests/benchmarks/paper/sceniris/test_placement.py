@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sceniris_gym import compile_scene, read_sceniris
+from benchmarks.paper.sceniris.keys import KeysLeftOutWarning
+from benchmarks.paper.sceniris.reader import read_sceniris
+from sceniris_gym import compile_scene
 from sceniris_gym.config.objects import RegionConfig, SupportConfig
-from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
-from tests.importers.sceniris.configurations import mug, read
+from tests.benchmarks.paper.sceniris.configurations import mug, read
 
 
 @pytest.mark.parametrize(

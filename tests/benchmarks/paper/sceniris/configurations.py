@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sceniris_gym import read_sceniris
+from benchmarks.paper.sceniris.keys import KeysLeftOutWarning
+from benchmarks.paper.sceniris.reader import read_sceniris
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import KeysLeftOutWarning
 
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -10,12 +10,32 @@ from typing import Any
 import numpy as np
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import CycleError, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import CycleError, SceneKeyError, ScenirisError, ScenirisWarning, UnknownNameError
 
 CONFIGURATION = "original configuration"
 """The name of the configuration as a whole in errors."""
 _PLACE = re.compile(r"^scene: (?P<path>[^:\s]+)", re.MULTILINE)
 _SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
+
+
+class KeysLeftOutWarning(ScenirisWarning):
+    """Some keys of an original configuration were left out, or have a different meaning here.
+
+    Args:
+        keys: Dotted paths of the keys that are left out.
+        changed: The meaning here of keys that are carried over with a different meaning or value, by dotted path.
+        advice: Sentences on how to carry over more.
+    """
+
+    def __init__(
+        self, keys: Iterable[str], changed: Mapping[str, str] | None = None, advice: Iterable[str] = ()
+    ) -> None:
+        self.keys, self.changed, self.advice = tuple(keys), dict(changed or {}), tuple(advice)
+        texts = [f"not carried over from the original configuration: {', '.join(self.keys)}."] if self.keys else []
+        if self.changed:
+            meanings = "; ".join(f"{key} ({meaning})" for key, meaning in self.changed.items())
+            texts.append(f"carried over from the original configuration with a different meaning or value: {meanings}.")
+        super().__init__(" ".join((*texts, *self.advice)))
 
 
 @dataclass

@@ -11,15 +11,22 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.paper.sceniris.keys import (
+    CONFIGURATION,
+    KeyReader,
+    KeysLeftOutWarning,
+    Notes,
+    in_its_keys,
+    origin,
+)
+from benchmarks.paper.sceniris.names import names_in
+from benchmarks.paper.sceniris.placement import fixed_place, fixed_points, needed_floor, place
+from benchmarks.paper.sceniris.relations import Views
+from benchmarks.paper.sceniris.robot import robot_words
 from sceniris_gym.config.loader import SHIPPED_NAME
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import TIERS
-from sceniris_gym.errors import KeysLeftOutWarning, ScenirisError, UnknownNameError
-from sceniris_gym.importers.sceniris.keys import CONFIGURATION, KeyReader, Notes, in_its_keys, origin
-from sceniris_gym.importers.sceniris.placement import fixed_place, fixed_points, needed_floor, place
-from sceniris_gym.importers.sceniris.relations import Views
-from sceniris_gym.importers.sceniris.robot import robot_words
-from sceniris_gym.scene.assemble import names_in
+from sceniris_gym.errors import ScenirisError, UnknownNameError
 
 _MODELS = (".xml", ".urdf")
 _ROBOT_VIEWS = ("robot_centric_axis_transforms", "robot_centric_frame_transforms")

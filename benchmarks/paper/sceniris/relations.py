@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.paper.sceniris.keys import KeyReader
 from sceniris_gym.config.relations import HEADINGS
-from sceniris_gym.importers.sceniris.keys import KeyReader
 
 _SIDES = {"x": "right", "-x": "left", "y": "back", "-y": "front"} | {side: side for side in HEADINGS}
 _LIMITS = {"greater": "min", "less": "max", "equal": "equal"}

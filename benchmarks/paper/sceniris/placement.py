@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from benchmarks.paper.sceniris.keys import KeyReader
+from benchmarks.paper.sceniris.relations import Views, note_origins, read_relation
 from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.importers.sceniris.keys import KeyReader
-from sceniris_gym.importers.sceniris.relations import Views, note_origins, read_relation
 
 _PLANE = "_plane"  # the original's name for its ground
 _SUPPORT_WORDS = {"top": "on", "inside": "inside", "in": "inside"}

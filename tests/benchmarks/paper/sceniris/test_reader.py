@@ -10,14 +10,15 @@ from typing import Any
 
 import pytest
 
-from sceniris_gym import read_sceniris
+from benchmarks.paper.sceniris.keys import KeysLeftOutWarning
+from benchmarks.paper.sceniris.reader import read_sceniris
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.scene.build import build_model
-from tests.importers.sceniris.configurations import QUARTER_TURN, UPSIDE_DOWN, mug, read
+from tests.benchmarks.paper.sceniris.configurations import QUARTER_TURN, UPSIDE_DOWN, mug, read
 
 
 def test_a_scene_with_every_kind_of_key_is_carried_over_to_a_model():

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sceniris_gym import read_sceniris
+from benchmarks.paper.sceniris.reader import read_sceniris
 from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
-from tests.importers.sceniris.configurations import ONE, QUARTER_TURN, mug, read, relation
+from tests.benchmarks.paper.sceniris.configurations import ONE, QUARTER_TURN, mug, read, relation
 
 
 def test_the_default_frame_is_the_support_s():

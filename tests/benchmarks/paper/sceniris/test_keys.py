@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
+import re
 import warnings
 from typing import Any
 
 import pytest
 
-from sceniris_gym import read_sceniris
-from sceniris_gym.errors import CycleError, KeysLeftOutWarning, SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.importers.sceniris.keys import KeyReader, Notes, in_its_keys, origin
-from tests.importers.sceniris.configurations import ONE, QUARTER_TURN, mug, read
+from benchmarks.paper.sceniris.keys import KeyReader, KeysLeftOutWarning, Notes, in_its_keys, origin
+from benchmarks.paper.sceniris.reader import read_sceniris
+from sceniris_gym.errors import CycleError, SceneKeyError, ScenirisError, UnknownNameError
+from tests.benchmarks.paper.sceniris.configurations import ONE, QUARTER_TURN, mug, read
 
 
 def test_a_key_that_nothing_reads_is_left_out():
@@ -230,3 +233,20 @@ def test_the_parts_of_an_error_are_carried_over():
     circle = in_its_keys(CycleError("scene", ["a", "b"], "objects are placed relative to each other"), ORIGINS)
     assert isinstance(circle, CycleError)
     assert (circle.where, circle.names) == ("original configuration", ["a", "b"])
+
+
+def test_a_warning_says_only_what_there_is_to_say():
+    """Keys that are left out, keys that have changed, and advice, each with its names."""
+    left_out, changed = str(KeysLeftOutWarning(["a.b", "c"])), str(KeysLeftOutWarning([], {"d": "half of it here"}))
+    assert re.search(r"not carried over .*: a\.b, c\.$", left_out)
+    assert re.search(r"different meaning or value: d \(half of it here\)\.$", changed)
+    assert "not carried over" not in changed
+    assert str(KeysLeftOutWarning(["a"], advice=["Give a robot."])).endswith("a. Give a robot.")
+
+
+def test_a_warning_is_the_same_after_pickling_and_copying():
+    """As between processes: its message, and all that can be asked of it."""
+    warning = KeysLeftOutWarning(["env.num_envs"], {"objects.can.distance": "cut off here"}, ["Give a robot."])
+    for other in (pickle.loads(pickle.dumps(warning)), copy.deepcopy(warning)):
+        assert type(other) is KeysLeftOutWarning
+        assert (str(other), vars(other)) == (str(warning), vars(warning))

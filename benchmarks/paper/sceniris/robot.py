@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.paper.sceniris.keys import KeyReader, numbers
+from benchmarks.paper.sceniris.placement import GROUND
 from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.messages import reading, short
 from sceniris_gym.config.robot import RobotConfig
-from sceniris_gym.importers.sceniris.keys import KeyReader, numbers
-from sceniris_gym.importers.sceniris.placement import GROUND
 
 _KEY = "robot_position"
 _NEAR = 1e-9  # m: equal but for rounding

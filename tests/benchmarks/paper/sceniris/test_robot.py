@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sceniris_gym import compile_scene, read_sceniris
-from sceniris_gym.errors import KeysLeftOutWarning, SceneKeyError
+from benchmarks.paper.sceniris.keys import KeysLeftOutWarning
+from benchmarks.paper.sceniris.reader import read_sceniris
+from sceniris_gym import compile_scene
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.tables import make_table
-from tests.importers.sceniris.configurations import mug, read
+from tests.benchmarks.paper.sceniris.configurations import mug, read
 
 AT = [-0.6, 0.1, 0.0]
 
