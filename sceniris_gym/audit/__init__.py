@@ -1,11 +1,12 @@
 """The audit of layouts. It judges them from the MjModel and the scene file alone, and imports nothing that makes them.
 
-scene.py         the scene that is judged, carriers      geometry.py    geoms as solids, and their poses
-distance.py      exact distances, containment            pairs.py       pairs of solids that must be apart
-collisions.py    missed collisions, false alarms         supports.py    level surfaces, rays
-standing.py      objects on their supports               outlines.py    objects seen from above
+scene.py         the scene that is judged, carriers      geometry.py      geoms as solids, and their poses
+distance.py      exact distances, containment            pairs.py         pairs of solids that must be apart
+collisions.py    missed collisions, false alarms         supports.py      level surfaces, rays
+standing.py      objects on their supports, heaps        outlines.py      objects seen from above
 relations.py     relations between objects               orientations.py  orientations
-presence.py      groups and absent objects               language.py    counts of these last three
-physics.py       settling in MuJoCo C                    contacts.py    penetration in MuJoCo C
-reach.py         claims that an arm reaches an object    auditor.py     all but reach, as one report
+language.py      counts of both, and of groups           starts.py        objects held, objects at markers
+physics.py       rest and equalities in MuJoCo C         contacts.py      penetration in MuJoCo C
+reach.py         claims that an arm reaches an object    chain.py         the arm's kinematics
+auditor.py       all but reach and equalities, as one report, and groups
 """

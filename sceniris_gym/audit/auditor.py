@@ -15,25 +15,23 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit import relations
-from sceniris_gym.audit.balance import BalanceAudit
 from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, takes_part
 from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
-from sceniris_gym.audit.geometry import Poses, poses_of, solids_of
-from sceniris_gym.audit.heaps import HeapAudit
+from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
 from sceniris_gym.audit.language import Excess, Kept, count
 from sceniris_gym.audit.orientations import OrientationAudit
-from sceniris_gym.audit.outlines import Outlines
+from sceniris_gym.audit.outlines import Outlines, Seen
 from sceniris_gym.audit.pairs import judged_pairs
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
-from sceniris_gym.audit.presence import excess_of_groups, presence
 from sceniris_gym.audit.scene import JudgedScene
-from sceniris_gym.audit.standing import Misplaced, StandingAudit
+from sceniris_gym.audit.standing import HeapAudit, Misplaced, StandingAudit
 from sceniris_gym.audit.starts import StartAudit
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
 
 CHUNK = 500  # rows whose poses are held at once
+FAR = 38.0  # m; parked objects are beyond it along both axes, present ones are nearer to the origin
 
 
 @dataclass(frozen=True)
@@ -113,20 +111,20 @@ class Auditor:
         self.outlines = Outlines(scene)
         self.standing = StandingAudit(scene, self.outlines, heaps, pairs)
         self.starts = StartAudit(scene, self.outlines)
-        self.balance = BalanceAudit(scene, self.standing)
         hulls = self.standing.hulls
         if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
             hulls = scene.hulls(solids_of(mjm, "physics"))
         self.orientations = OrientationAudit(scene, hulls)
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
+        self._to_stand = self._have_to_stand()
 
     def judge(self, table: LayoutTable, *, settled: int = 0) -> Report:
         """Check layouts. Of absent objects only the groups, contacts and settling are checked.
 
         Args:
             table: The layouts.
-            settled: Number of layouts, from the first on, that are also stepped for half a second; without those in
-                which a hand holds something in the air, which would open.
+            settled: Number of layouts, from the first on, that are also stepped for half a second, in which objects
+                may be found to fall; without those in which a hand holds something in the air, which would open.
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
@@ -136,7 +134,6 @@ class Auditor:
             poses, there = poses_of(self.scene.mjm, some), presence(self.scene.config, some)
             grasped, moved, sides = self.starts.grasped(some), self.starts.moved(some), {}
             found, supporting = self.standing.check(poses)
-            found += self.balance.check(poses, supporting, there)
             found = [m for m in found if m.name not in moved or not moved[m.name][m.row]]
             nearer = {
                 (c.row, c.geoms): replace(c, row=start + c.row)
@@ -156,12 +153,33 @@ class Auditor:
             excess.append(self.starts.excuse(self.excess(some, poses), moved))
             tell("layouts judged", start + len(some), len(table))
         report = Report(len(table), conflicts, misplaced, tally.deepest, tally.allowed(), count(excess))
-        first = table[slice(0, settled)]
         in_the_air = [i for i, kind in enumerate(self.scene.config.start) if kind.is_held]
-        return self._settle(report, first[~np.isin(first.start, in_the_air)])
+        rows = np.flatnonzero(~np.isin(table.start[:settled], in_the_air))
+        return self._settle(report, table[rows], rows)
 
-    def _settle(self, report: Report, table: LayoutTable) -> Report:
-        """Return the report with the motion of free objects in some layouts."""
+    def _have_to_stand(self) -> list[str]:
+        """Return the objects that have to stand, without those of stacks whose centre of mass is drawn."""
+        objects = self.scene.config.objects
+        stacks: dict[str, list[str]] = {}
+        for name in self.free:
+            stacks.setdefault(self._bottom(name), []).append(name)
+        known = []
+        for stack in stacks.values():
+            words = {word for name in stack for word in objects[name].randomize}
+            is_single = len(stack) == 1 and len(subtree(self.scene.mjm, self.free[stack[0]])) == 1
+            if "ipos" not in words and (is_single or "mass" not in words):
+                known += stack
+        filling = {name for heap in self.scene.config.heaps.values() for name in heap.of}
+        return [name for name in known if objects[name].has_to_stand and name not in filling]
+
+    def _bottom(self, name: str) -> str:
+        """Return the lowest free object of the stack that one is in."""
+        support = self.scene.config.objects[name].support
+        below = self.scene.carrier(support.parent).owner if support is not None else None
+        return self._bottom(below) if below in self.free else name
+
+    def _settle(self, report: Report, table: LayoutTable, rows: np.ndarray) -> Report:
+        """Return the report with the motion of free objects in some layouts; `rows` (nrow,) are their numbers in it."""
         if not len(table) or not self.free:
             return report
         mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
@@ -171,12 +189,20 @@ class Auditor:
         names = {*config.all_robots} | {owner[body] for body in mjm.jnt_bodyid[driven]} - {*config.objects}
         limp = limp_joints(mjm, {body for body, name in enumerate(owner) if name in names})
         motion = settle(mjm, self.free, table, frozen=limp)
+        there = presence(config, table)
+        falls = [
+            Misplaced(int(row), name, "falls")
+            for name, far in motion.moved.items()
+            if name in self._to_stand
+            for row in rows[there[name] & (far > STILL)]
+        ]
         unstable: dict[str, tuple[int, str]] = {}
         for kind, text in motion.warnings.values():
-            rows, first = unstable.get(kind, (0, text))
-            unstable[kind] = (rows + 1, first)
+            number, first = unstable.get(kind, (0, text))
+            unstable[kind] = (number + 1, first)
         return replace(
             report,
+            misplaced=sorted(report.misplaced + falls, key=lambda m: (m.row, m.name)),
             settled=len(table),
             frozen=tuple(mjm.joint(j).name or f"joint {j}" for j in limp),
             moved={name: int((d > STILL).sum()) for name, d in motion.moved.items()},
@@ -229,3 +255,28 @@ class Auditor:
             alarms += [replace(a, row=start + a.row) for a in found]
             tell("candidates judged", start + len(some), len(table))
         return alarms
+
+
+def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
+    """Return name of an object or robot -> rows in which it, or one of its variants, is present, shape (nrow,)."""
+    names = [*config.objects, *config.all_robots]
+    found = {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
+    return found | {name: np.any([found[m] for m in members], axis=0) for name, members in config.variants.items()}
+
+
+def excess_of_groups(config: SceneConfig, seen: Seen) -> Excess:
+    """Count the violations of groups.
+
+    Returns:
+        (group or object, word, "objects") -> in each row the number of members that a group has too many or too few,
+        and for every member 1 if it is parked although present, or not parked although absent. Shape (nrow,).
+    """
+    found = {}
+    for name, group in config.groups.items():
+        count = np.sum([seen.present[member] for member in group.of], axis=0)
+        low, high = group.count
+        found[name, "count", "objects"] = np.maximum(np.maximum(low - count, count - high), 0).astype(float)
+        for member in group.of:
+            away = seen.outlines[member].pivot[:, :2].min(1) > FAR
+            found[member, "present", "objects"] = (away == seen.present[member]).astype(float)
+    return found

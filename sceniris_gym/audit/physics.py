@@ -1,4 +1,4 @@
-"""Test of rest in MuJoCo C: free objects of a layout should stay where they are."""
+"""Tests in MuJoCo C: free objects of a layout should stay where they are, and equalities should be kept."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 SETTLE_SECONDS = 0.5
 STILL = 0.01  # m; greatest motion of a free object at rest
 FAST = 1.0  # m/s
+BROKEN = 2e-4  # m or rad; greatest error of an equality that is kept, as keyframes have few digits
 _IMMOVABLE = 1e8  # kg m^2 or kg; a torque of 1,000 N m turns it by 1e-6 rad in half a second
 _FIRST_MOMENT = 0.005  # s; the contact solver's first push is not a motion
 _THREADS = os.cpu_count() or 1
@@ -176,3 +177,35 @@ def _prepared(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
         size = 3 if int(mjm.jnt_type[joint]) == mujoco.mjtJoint.mjJNT_BALL else 1
         frozen.dof_armature[mjm.jnt_dofadr[joint] : mjm.jnt_dofadr[joint] + size] = _IMMOVABLE
     return frozen
+
+
+@dataclass(frozen=True)
+class Equalities:
+    """Errors of the equalities in layouts.
+
+    Attributes:
+        broken: Number of layouts with an error above `BROKEN`.
+        worst: The largest error [m or rad].
+        name: The equality with the largest error, by its number if it has no name; empty if there is no error.
+    """
+
+    broken: int
+    worst: float
+    name: str
+
+
+def equalities(mjm: mujoco.MjModel, table: LayoutTable) -> Equalities:
+    """Return the errors of the active equalities of a model in layouts."""
+    if not mjm.neq:
+        return Equalities(0, 0.0, "")
+    data = mujoco.MjData(mjm)
+    missed = np.zeros((len(table), mjm.neq))
+    for row in range(len(table)):
+        table.put(data, row)
+        mujoco.mj_fwdPosition(mjm, data)
+        rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        np.maximum.at(missed[row], data.efc_id[rows], np.abs(data.efc_pos[rows]))
+    worst = float(missed.max(initial=0.0))
+    eq = int(missed.max(axis=0, initial=0.0).argmax())
+    name = (mjm.equality(eq).name or str(eq)) if worst > 0.0 else ""
+    return Equalities(int((missed > BROKEN).any(axis=1).sum()), worst, name)

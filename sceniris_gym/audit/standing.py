@@ -1,17 +1,17 @@
-"""Check that every placed object stands where the scene says: on its support, in its region, covered or open."""
+"""Check that every placed object is where the scene says: on its support, in its region, in its heap, under a roof."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import shapely
 
 from sceniris_gym.audit import supports
 from sceniris_gym.audit.distance import Narrow
-from sceniris_gym.audit.geometry import Form, Poses, Solid
-from sceniris_gym.audit.heaps import HeapAudit
+from sceniris_gym.audit.geometry import Form, Poses, Solid, rotation
 from sceniris_gym.audit.outlines import Outlines
 from sceniris_gym.audit.pairs import Judged
 from sceniris_gym.audit.scene import Carrier, JudgedScene
@@ -19,6 +19,8 @@ from sceniris_gym.audit.supports import EDGE_TOLERANCE, HEIGHT_TOLERANCE, LevelS
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 
+DEEPEST = 1e-3  # m; greatest depth of the soft contacts of a heap
+AS_SETTLED = 1e-5  # m, and per entry of a rotation matrix; greatest difference from a settled row
 _HIGH = 10.0  # m; what is higher above a point does not cover it
 _AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
 
@@ -32,13 +34,56 @@ class Misplaced:
         name: The object.
         cause: "support" (its pivot is on no surface of its support, or not in its region), "footprint" (part of it
             overhangs), "overhead" (it is covered but should be open above, or the reverse), "heap" (it matches no
-            settled row), "start" (it is not in the fingers, or not at its marker) or "falls" (it or what is on it has
-            its centre of mass outside of the patch that carries it).
+            settled row), "start" (it is not in the fingers, or not at its marker) or "falls" (it has to stand, and
+            MuJoCo C moves it by more than 1 cm in half a second).
     """
 
     row: int
     name: str
     cause: str
+
+
+class HeapAudit:
+    """Judges heaps by the file of their rows, with a reader of its own.
+
+    Args:
+        scene: The scene.
+    """
+
+    def __init__(self, scene: JudgedScene) -> None:
+        self.mjm, self.bodies = scene.mjm, scene.bodies
+        self._filled = [(heap, scene.carrier(heap.fill).body) for heap in scene.config.heaps.values()]
+
+    def may_touch(self) -> dict[tuple[int, int], float]:
+        """Return pairs of geoms, the lower id first, that were settled together -> greatest depth [m]."""
+        found, of = {}, self.mjm.geom_bodyid
+        root, weld = self.mjm.body_rootid[of], self.mjm.body_weldid[of]
+        for heap, filled in self._filled:
+            things = np.flatnonzero(np.isin(root, [self.bodies[name] for name in heap.of])).tolist()
+            rigid = (root == self.mjm.body_rootid[filled]) & (weld == self.mjm.body_weldid[filled])
+            walls = np.flatnonzero(rigid).tolist()
+            for i, one in enumerate(things):
+                for other in (*things[i + 1 :], *walls):
+                    if of[one] != of[other]:
+                        found[min(one, other), max(one, other)] = DEEPEST
+        return found
+
+    def elsewhere(self, poses: Poses) -> dict[str, np.ndarray]:
+        """Return thing -> rows in which its heap matches none of the settled rows, shape (nrow,)."""
+        found = {}
+        for heap, filled in self._filled:
+            with np.load(Path(str(heap.rows))) as stored:
+                pos, quat = stored["pos"].astype(float), stored["quat"].astype(float)
+            mats = rotation(quat)
+            off = np.zeros((len(poses.xpos), len(pos)))
+            for i, name in enumerate(heap.of):
+                back = poses.xmat[:, filled].transpose(0, 2, 1)
+                at = np.einsum("nij,nj->ni", back, poses.xpos[:, self.bodies[name]] - poses.xpos[:, filled])
+                turn = back @ poses.xmat[:, self.bodies[name]]
+                off = np.maximum(off, np.abs(at[:, None] - pos[:, i]).max(2))
+                off = np.maximum(off, np.abs(turn[:, None] - mats[:, i]).max((2, 3)))
+            found |= dict.fromkeys(heap.of, off.min(1) > AS_SETTLED)
+        return found
 
 
 class StandingAudit:
@@ -152,16 +197,12 @@ class StandingAudit:
         open_above = word == "on" and carrier.owner is not None
         solids = self._triangles(body)
         only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
-        size, planes = self.scene.mjm.geom_size, self._carrying(carrier)
-        rectangles = [supports.plane_surface(size[g], *self.scene.at_home(g, body)) for g in planes]
+        size = self.scene.mjm.geom_size
+        rectangles = [supports.plane_surface(size[g], *self.scene.at_home(g, body)) for g in self.planes(carrier)]
         found = supports.level_surfaces([*solids.values()], open_above=open_above, only=only)
         return found + [surface for surface in rectangles if surface is not None]
 
-    def is_plane(self, carrier: Carrier) -> bool:
-        """Return whether a plane carries, which goes on beyond the area that objects are placed on."""
-        return carrier.is_ground or bool(self._carrying(carrier))
-
-    def _carrying(self, carrier: Carrier) -> list[int]:
+    def planes(self, carrier: Carrier) -> list[int]:
         """Return the planes that a support may be."""
         of = self.scene.mjm.geom_bodyid
         return [g for g in self._planes if of[g] == carrier.body and carrier.geom in (None, g)]

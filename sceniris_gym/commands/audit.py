@@ -11,8 +11,7 @@ import numpy as np
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.chain import Chain
-from sceniris_gym.audit.equalities import equalities
-from sceniris_gym.audit.physics import without_log
+from sceniris_gym.audit.physics import equalities, without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays

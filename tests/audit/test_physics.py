@@ -1,4 +1,4 @@
-"""Verdicts of MuJoCo C on layouts: depths that are known, and falls in closed form."""
+"""Verdicts of MuJoCo C on layouts: falls in closed form, and equalities that are broken by hand."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.audit.physics import Settling, hold, limp_joints, settle, without_log
+from sceniris_gym.audit.physics import Settling, equalities, hold, limp_joints, settle, without_log
 from sceniris_gym.scene.layout_table import LayoutTable
 from tests.audit.judging import MJM, auditor
 from tests.commands.scenes import layout, with_row
@@ -170,3 +170,31 @@ def test_a_report_counts_unstable_layouts_by_kind(monkeypatch: pytest.MonkeyPatc
     report = auditor().judge(layout(MJM, 4), settled=4)
     assert (report.settled, report.moved, report.fast, report.top_speed) == (4, {"gem": 1}, {"gem": 1}, 1.5)
     assert report.unstable == {"BADQACC": (2, "at 3")}
+
+
+PAIR = """<mujoco><worldbody>
+  <body><joint name="a" type="slide"/><geom size=".1"/></body>
+  <body pos="1 0 0"><joint name="b" type="slide"/><geom size=".1"/></body>
+</worldbody><equality><joint name="mirror" joint1="b" joint2="a" polycoef="0 -1"/>{}</equality></mujoco>"""
+
+
+def _table(qpos: list) -> LayoutTable:
+    n = len(qpos)
+    return LayoutTable.from_states(np.array(qpos), np.zeros((n, 0, 3)), np.zeros((n, 0, 4)), np.ones((n, 0), bool))
+
+
+def test_layouts_that_break_an_equality_are_counted_and_the_worst_is_named():
+    """Rounding does not count, and neither does an inactive equality."""
+    mjm = mujoco.MjModel.from_xml_string(PAIR.format('<joint name="off" joint1="a" active="false"/>'))
+    found = equalities(mjm, _table([[0.1, -0.1], [0.1, -0.10001], [0.1, 0.05], [0.2, -0.21]]))
+    assert found.broken == 2
+    assert found.worst == pytest.approx(0.15)
+    assert found.name == "mirror"
+    kept = equalities(mjm, _table([[0.25, -0.25]]))
+    assert (kept.broken, kept.worst, kept.name) == (0, 0.0, "")
+
+
+def test_a_model_without_equalities_has_none_to_break():
+    """Nothing is looked at."""
+    mjm = mujoco.MjModel.from_xml_string(PAIR.format("").split("<equality>")[0] + "</mujoco>")
+    assert equalities(mjm, _table([[0.1, 0.5]])).broken == 0

@@ -1,4 +1,4 @@
-"""Places of objects against the scene's words: off the edge, above and below it, under a roof, in a region."""
+"""Places of objects against the scene's words: off the edge, above and below it, under a roof, in a region or heap."""
 
 from dataclasses import replace
 
@@ -8,8 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import read_table
 from tests.audit.judging import MJM, auditor, causes
 from tests.commands.scenes import GAP, MODEL, bodies, layout, small_config, with_row
+from tests.layout.scenes import compile_on_cpu
+from tests.scene.heaping import THINGS, folder, words
 
 
 def test_objects_off_their_support_are_misplaced():
@@ -105,3 +109,25 @@ def test_what_touches_from_afar_is_put_down_as_high():
     rows = with_row(layout(mjm, 2), 1, layout(mjm, gem=(0, -0.04, GAP + 0.02 + 0.00202, 0.3)))
     report = Auditor(mjm, small_config(), bodies(mjm)).judge(rows)
     assert [(m.row, m.name, m.cause) for m in report.misplaced] == [(0, "gem", "support")]
+
+
+@pytest.mark.parametrize("kind", ["fixture", "free"])
+def test_heaps_are_sound_and_a_moved_thing_is_found(kind: str):
+    """They touch each other and the bin as they may; 0.1 mm aside is no row, and 5 mm down is too deep."""
+    compiled = compile_on_cpu(words(folder(), kind=kind), bank=2)
+    generator = LayoutGenerator(compiled, 20)
+    generator.generate()
+    table = read_table(generator)
+    judge = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
+    report = judge.judge(table, settled=20)
+    assert (report.conflicts, report.misplaced) == ([], [])
+    assert report.allowed
+    assert {allowed.why for allowed in report.allowed} == {"they lie in a heap"}
+    assert {name: report.moved[name] for name in THINGS} == dict.fromkeys(THINGS, 0)
+    qpos = np.array(table.qpos)
+    adr = compiled.mjm.joint("a/free").qposadr[0]
+    qpos[3, adr] += 1e-4
+    qpos[5, adr + 2] -= 0.005
+    moved = judge.judge(type(table).from_states(qpos, table.mocap_pos, table.mocap_quat, table.present))
+    assert {(m.row, m.cause) for m in moved.misplaced} == {(3, "heap"), (5, "heap")}
+    assert 5 in {conflict.row for conflict in moved.conflicts}

@@ -43,6 +43,17 @@ def test_what_is_not_where_its_start_says_is_found(auditor: Auditor, kind: int, 
     assert {(m.row, m.name) for m in found if m.cause == "start"} == {(row, name) for row in range(len(rows))}
 
 
+def test_what_falls_has_the_number_of_its_layout(auditor: Auditor):
+    """Behind layouts with something in the air, which are not stepped."""
+    table = make_table(starting(), 60, 100)
+    held = np.isin(table.start, (LIFTED, HELD))
+    row = int(np.flatnonzero(~held[held.argmax() :])[0] + held.argmax())
+    qpos = table.qpos.copy()
+    qpos[row, starting().mjm.joint("apple/free").qposadr[0] + 2] += 0.05
+    found = auditor.judge(replace(table, qpos=qpos), settled=row + 1).misplaced
+    assert [(m.row, m.name) for m in found if m.cause == "falls"] == [(row, "apple")]
+
+
 def test_an_empty_hand_is_no_excuse(auditor: Auditor):
     """In the state of a grasp that is called another kind, the fingers are in the thing."""
     table = make_table(starting(), 60, 100)

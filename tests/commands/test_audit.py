@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.commands.audit import judge, judge_rows, load_rows, make_rows, rejected_candidates, save_rows
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, ScenirisError
@@ -13,6 +14,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import compile_on_cpu, write_mjcf
+from tests.oracle.balance import Balance
 
 BUSY = {
     "floor": {"size": [2.0, 2.0]},
@@ -40,13 +42,15 @@ BUSY = {
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
 def test_no_fault_is_found_in_a_scene_of_every_word(geometry: str):
-    """Robot, table, shelf, drawers, regions and roofs: nothing collides, is misplaced, or rejected for nothing."""
+    """Robot, table, shelf, drawers, regions and roofs: nothing collides, is misplaced, falls or is rejected wrongly."""
     compiled = compile_scene(SceneConfig.load(BUSY, {"geometry": geometry}), "cpu")
-    found = judge(compiled, layouts=120, rejected=120, settled=0, seed=3)
+    rows = make_rows(compiled, layouts=120, rejected=120, seed=3)
+    found = judge_rows(compiled, rows, settled=0)
     assert found["valid"] > 100
     assert found["rejected"] == 120
     for fault in ("missed_collisions", "false_alarms", "misplaced"):
         assert found[fault] == 0, found
+    assert Balance(Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)).falling(rows.table) == []
 
 
 PRONGS = """

@@ -9,12 +9,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, read
 from tests.layout.sizes import sizes
+from tests.oracle.balance import Balance
 from tests.oracle.stack_judge import STILL, StackJudge
 
 _LAYOUTS = 64
@@ -39,12 +42,13 @@ def moving(compiled: CompiledScene, generator: LayoutGenerator) -> np.ndarray:
 
 
 def test_a_tower_stands(tmp_path: Path):
-    """In no layout a cube moves by 1 cm, and many candidates are rejected for each that is not."""
+    """In no layout a cube moves by 1 cm, or falls by statics, and many candidates are rejected for each that is not."""
     compiled = tower(tmp_path)
     generator = LayoutGenerator(compiled, _LAYOUTS)
     generator.generate()
     assert (generator.layouts.status.numpy() == Status.VALID).all()
     assert not moving(compiled, generator).any()
+    assert Balance(Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)).falling(read_table(generator)) == []
     counts = generator.rejection_counts()
     assert counts["a"]["falls"] == 0
     assert min(counts[name]["falls"] for name in "bcd") > 0

@@ -1,15 +1,19 @@
-"""Check of balance: every object has the centre of mass of all that it carries over the patch that it stands on."""
+"""Statics of layouts: every object has the centre of mass of all that it carries over the patch that it stands on.
+
+An oracle of the kernel that judges standing, in double precision and by shapely, without MuJoCo's contacts.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.geometry import Form, Poses, Rows, solids_of, subtree
-from sceniris_gym.audit.scene import Carrier, JudgedScene
-from sceniris_gym.audit.standing import Misplaced, StandingAudit
+from sceniris_gym.audit.auditor import Auditor, presence
+from sceniris_gym.audit.geometry import Form, Poses, poses_of, solids_of, subtree
+from sceniris_gym.audit.scene import Carrier
 from sceniris_gym.audit.supports import HEIGHT_TOLERANCE, surface_of
 from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.scene.layout_table import LayoutTable
 
 LOW = 5e-4  # m; what is this near to the lowest point touches the support, also as a curved foot rocks by 2.5 degrees
 EDGE = 1e-4  # m; a centre of mass this far outside of a patch is still over it
@@ -17,19 +21,19 @@ _APART = 5e-3  # m; what carries a thing ends this far above what is seen of it,
 _ENDLESS = shapely.box(-1e4, -1e4, 1e4, 1e4)
 
 
-class BalanceAudit:
+class Balance:
     """Judges the statics of layouts, level by level: a support carries the weight of everything above it.
 
-    Contacts are rigid here. Whether soft ones hold is for MuJoCo C to say; see `physics`. Layouts do not tell the
-    masses of their episodes, so objects are left out where `randomize` moves the centre of what they carry.
+    Contacts are rigid here. Layouts do not tell the masses of their episodes, so objects are left out where `randomize`
+    moves the centre of what they carry.
 
     Args:
-        scene: The scene.
-        standing: The judge of supports.
+        auditor: The audit of the scene, which says where supports are.
     """
 
-    def __init__(self, scene: JudgedScene, standing: StandingAudit) -> None:
-        self._scene, self._standing = scene, standing
+    def __init__(self, auditor: Auditor) -> None:
+        self._standing, self._starts = auditor.standing, auditor.starts
+        self._scene = scene = auditor.scene
         self._solids = [s for s in solids_of(scene.mjm, "physics") if s.form is not Form.HALFSPACE]
         filling = {name for heap in scene.config.heaps.values() for name in heap.of}
         objects = {n: p for n, p in scene.placed.items() if p.support is not None and n in scene.config.objects}
@@ -42,26 +46,23 @@ class BalanceAudit:
                 below = self._owner[below]
         self._judged = [name for name in self._owner if name not in filling and not self._is_drawn(name)]
 
-    def check(self, poses: Poses, supporting: Rows, there: Rows) -> list[Misplaced]:
-        """Return the objects that fall over, or make what is below them fall; the cause is "falls".
-
-        Args:
-            poses: Poses in some layouts.
-            supporting: Object name -> id of its supporting body in each row, -1 for none, shape (nrow,).
-            there: Object name -> rows in which it is present, shape (nrow,).
-        """
+    def falling(self, table: LayoutTable) -> list[tuple[int, str]]:
+        """Return the objects that fall over, or make what is below them fall, with their rows."""
+        poses, there = poses_of(self._scene.mjm, table), presence(self._scene.config, table)
+        _, supporting = self._standing.check(poses)
+        moved = self._starts.moved(table)
         weight = {name: self._weight(name, poses) * there[name][:, None] for name in self._owner}
         load = {name: np.sum([weight[other] for other in others], axis=0) for name, others in self._loads.items()}
         found = []
         for name in self._judged:
-            rows = np.flatnonzero((supporting[name] >= 0) & there[name])
-            rows = rows[load[name][rows, 0] > 0.0]
+            elsewhere = moved.get(name, np.zeros(len(table), bool))
+            rows = np.flatnonzero((supporting[name] >= 0) & there[name] & (load[name][:, 0] > 0.0) & ~elsewhere)
             if not len(rows):
                 continue
             center = load[name][rows, 1:] / load[name][rows, :1]
-            falls = rows[~self._carried(name, Poses(*(array[rows] for array in vars(poses).values())), center)]
-            found += [Misplaced(int(row), name, "falls") for row in falls]
-        return found
+            carried = self._carried(name, Poses(*(array[rows] for array in vars(poses).values())), center)
+            found += [(int(row), name) for row in rows[~carried]]
+        return sorted(found)
 
     def _carrier(self, part: ObjectConfig) -> Carrier:
         assert part.support is not None
@@ -101,7 +102,7 @@ class BalanceAudit:
         for surface in standing.surfaces("in", carrier):
             off = np.abs(lowest - surface.height - standing.gap(name, carrier))
             level = np.flatnonzero(off <= height)
-            area = _ENDLESS if standing.is_plane(carrier) else surface.area
+            area = _ENDLESS if carrier.is_ground or standing.planes(carrier) else surface.area
             touching = [shapely.intersection(_feet(points[level], lowest[level]), area) for points in ground]
             pieces = [shapely.geometrycollections(list(piece)) for piece in zip(*touching, strict=True)]
             patch = shapely.convex_hull(np.array(pieces, object))
