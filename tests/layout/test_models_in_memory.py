@@ -68,7 +68,7 @@ def test_a_static_geom_carries(support: str, height: float, low: tuple, high: tu
     assert np.all((at[:, :2] >= low) & (at[:, :2] <= high))
     assert np.all(np.ptp(at[:, :2], axis=0) > 0.8 * np.subtract(high, low)) or support == "cab/cabinet"
     assert deepest(compiled.mjm, table.qpos) == 0.0
-    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table)
+    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table, settled=60)
     assert (report.conflicts, report.misplaced) == ([], [])
 
 

@@ -59,7 +59,7 @@ def missed(robot: str, poses: np.ndarray) -> int:
 
 def penetrating(scene: CompiledScene, table: LayoutTable) -> int:
     """Return in how many layouts the audit finds what collides, or stands where it should not."""
-    report = Auditor(scene.mjm, scene.config, scene.scene.bodies).judge(table)
+    report = Auditor(scene.mjm, scene.config, scene.scene.bodies).judge(table, settled=20)
     return report.colliding + len(report.misplaced) + report.relation_violations
 
 

@@ -193,7 +193,7 @@ def test_relations_and_supports_hold_at_the_corner_of_the_largest_floor(name: st
         "cube": {"asset": shapes.cube, "in": "case/drawer"},
     }
     compiled = scene(objects, floor={"size": [200.0, 200.0]})
-    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table_of(compiled, 500))
+    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table_of(compiled, 500), settled=60)
     assert not report.relation_violations
     assert not report.conflicts
     assert not report.misplaced

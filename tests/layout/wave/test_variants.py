@@ -86,7 +86,7 @@ def test_what_refers_to_an_object_means_its_present_variant(name: str, shapes: S
     kept = judged(compiled, table)
     assert not [k for k in kept if k.broken]
     assert all(k.checked == 300 for k in kept if k.name == "q")
-    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table)
+    report = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies).judge(table, settled=60)
     assert not report.conflicts
     assert not report.misplaced
 
