@@ -163,7 +163,7 @@ class LevelSampler(LayoutSource):
             )
         types = wp.uint64, wp.int32, wp.float32, wp.int32
         seeds, episodes, scores, places = map(self._column, given, types)
-        rows = self.layouts.knobs.rows(knobs or {}, shapes[0][0])
+        rows = self.layouts.knobs.rows({} if knobs is None else knobs, shapes[0][0])
         most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # so each row of a launch has places of its own
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))

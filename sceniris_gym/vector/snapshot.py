@@ -80,8 +80,8 @@ def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) 
     return {name: tensor for name, tensor in live.items() if name not in kept}
 
 
-def _form(tensor: Tensor) -> tuple[Any, ...]:
-    return tensor.dtype, tensor.layout, tensor.is_meta
+def _is_plain(tensor: Tensor) -> bool:
+    return tensor.layout is torch.strided and not tensor.is_meta
 
 
 def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], layouts: Layouts) -> None:
@@ -97,11 +97,11 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
     check_type(snapshot.rows, Mapping, "options['state'].rows")
     rows: dict[str, Any] = {**snapshot.rows, "worlds": snapshot.worlds}
     given = {name: values for name, values in rows.items() if isinstance(values, Tensor)}
-    found = {name: (*_form(values), tuple(values.shape)) for name, values in given.items()}
+    found = {name: (values.dtype, tuple(values.shape)) for name, values in given.items()}
     tensors = {"worlds": torch.zeros(1, dtype=torch.int64), **live}
-    wanted = {name: (*_form(tensor), (len(snapshot), *tensor.shape[1:])) for name, tensor in tensors.items()}
-    is_whole = wanted.items() <= found.items() and all(form[-1][:1] == (len(snapshot),) for form in found.values())
-    if snapshot.source != source or not is_whole or _WERE_FINITE not in found:
+    wanted = {name: (tensor.dtype, (len(snapshot), *tensor.shape[1:])) for name, tensor in tensors.items()}
+    has_rows = all(_is_plain(values) and values.shape[:1] == (len(snapshot),) for values in given.values())
+    if snapshot.source != source or not (has_rows and wanted.items() <= found.items() and _WERE_FINITE in found):
         raise SceneMismatchError(
             "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."
         )

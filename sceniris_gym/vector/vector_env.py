@@ -267,7 +267,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         launches = self._launching()
         mask, given = arguments.as_reset_mask(options, self.num_envs), options or {}
-        kept = given.get(STATE)
+        kept, knobs = given.get(STATE), given.get(KNOBS)
         if not self._ready and (mask is not None or kept is not None):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
@@ -280,11 +280,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         self.batch.fields.check()
         with launches:
-            if given.get(KNOBS):
-                source.set_knobs(given[KNOBS], mask)
+            if knobs is not None:
+                source.set_knobs(knobs, mask)
             if kept is not None:
                 due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
-                source.set_knobs(given.get(KNOBS) or {}, mask)  # a snapshot has knobs, too
+                source.set_knobs({} if knobs is None else knobs, mask)  # a snapshot has knobs, too
             else:
                 self._reseed(seed, chosen, mask)
                 self._worlds.reset(due.clone())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, ScenirisError
 from sceniris_gym.levels import Levels, Ranges
 from tests.vector.conftest import Reach, make_env, reach_scene  # noqa: F401, fixtures
 from tests.vector.stepping import actions, assert_equal
@@ -95,6 +95,11 @@ def test_scores_can_be_given(make_env):  # noqa: F811
         envs.randomizer.levels.update(np.array([-1]), np.array([1]), np.array([0]), np.array([0.5, 0.5]))
     with pytest.raises(ArgumentError, match=r"shape \(n,\)"):
         envs.randomizer.levels.update(np.int32(-1), 1, 0, 0.5)
+    for knobs in (np.ones(2), [1], 3):
+        with pytest.raises(ScenirisError, match="knobs"):
+            envs.randomizer.levels.update(*(np.array([number]) for number in (-1, 1, 0, 0.5)), knobs=knobs)
+        with pytest.raises(ScenirisError, match="knobs"):
+            envs.reset(options={"knobs": knobs})
     with pytest.raises(ArgumentTypeError, match="should be a Levels"):
         make_env(2, levels="learnability")
 

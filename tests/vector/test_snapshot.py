@@ -179,6 +179,8 @@ def test_wrong_snapshots_are_refused(make_env):
     with pytest.raises(ArgumentError, match="different worlds"):
         envs.reset(options={"state": kept[[0, 0]]})
     others = [replace(kept, source=("0123456789abcdef", *kept.source[1:]))]
+    finite = kept.rows["finite"]
+    others += [replace(kept, rows={**kept.rows, "finite": form}) for form in (finite.to("meta"), finite.to_sparse())]
     for words in ({"split": "eval"}, {"knobs": SLIDE}):
         foreign = make_env(2, **words)
         foreign.reset(seed=0)
