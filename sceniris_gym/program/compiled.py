@@ -18,30 +18,28 @@ from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
-from sceniris_gym.program.checks.constraints import check_constraints
-from sceniris_gym.program.checks.distance import check_distances
-from sceniris_gym.program.checks.followers import check_followers
-from sceniris_gym.program.checks.heaps import check_heaps
-from sceniris_gym.program.checks.memory import check_pairs_fit
+from sceniris_gym.program.checks.constraints import check_constraints, check_tendon_limits
+from sceniris_gym.program.checks.objects import (
+    check_followers,
+    check_heaps,
+    check_reach,
+    check_relations,
+    check_supports,
+)
 from sceniris_gym.program.checks.oddities import warn_of_oddities
-from sceniris_gym.program.checks.parking import check_parking
-from sceniris_gym.program.checks.reach import check_reach
-from sceniris_gym.program.checks.relations import check_relations
-from sceniris_gym.program.checks.simulation import check_solver
+from sceniris_gym.program.checks.places import check_distances, check_parking
+from sceniris_gym.program.checks.simulation import check_pairs_fit, check_solver
 from sceniris_gym.program.checks.standing import check_standing
-from sceniris_gym.program.checks.supports import check_supports
-from sceniris_gym.program.checks.tendon_limits import check_tendon_limits
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_bank import Bank, empty_bank
 from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS
-from sceniris_gym.program.pack.program import pack_program
+from sceniris_gym.program.pack.program import pack_program, pack_starts
 from sceniris_gym.program.pack.reach import fill_views
 from sceniris_gym.program.pack.regions import cut_pieces
 from sceniris_gym.program.pack.relations import most_sides
 from sceniris_gym.program.pack.standing import pack_statics
-from sceniris_gym.program.pack.starts import pack_starts
 from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.scene.model import SceneModel

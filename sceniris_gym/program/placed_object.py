@@ -11,8 +11,8 @@ from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.resting_poses import Variant
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.device import Cover, ObjectKind
-from sceniris_gym.program.heap_poses import HeapPoses
 from sceniris_gym.scene.couplings import Coupling
+from sceniris_gym.scene.heaps import HeapPoses
 from sceniris_gym.scene.support import Support
 
 _COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}

@@ -8,7 +8,7 @@ import numpy as np
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.errors import NoSupportError
 from sceniris_gym.geometry import supports
-from sceniris_gym.geometry.pieces import Piece
+from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.scene.model import SceneModel
@@ -18,6 +18,22 @@ UPRIGHT = float(np.cos(np.radians(0.1)))
 """Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
 LEVEL = 0.9999985
 """The same in single precision, for supports as they are in a world."""
+
+
+def obstacles(scene: SceneModel) -> list[Piece]:
+    """Return all pieces of a scene, sorted by body, planes before solid pieces.
+
+    Raises:
+        MeshError, NotSupportedError: A geom that cannot be an obstacle; the error names the key of its asset.
+    """
+    config = scene.config
+    where = dict.fromkeys(range(scene.mjm.nbody), config.where)
+    for body, name in scene.owners.items():
+        robot = config.all_robots.get(name)
+        asset = ".asset" if robot is None and config.objects[name].asset is not None else ""
+        where[body] = f"{config.where}: {config.key(name) if robot is None else robot.key}{asset}"
+    pieces = extract_pieces(scene.mjm, config.geometry, where=where)
+    return sorted(pieces, key=lambda p: (p.body, p.type != PieceType.PLANE, p.contact_class, p.geom))
 
 
 def surfaces_of(

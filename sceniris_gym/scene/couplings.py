@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import graphlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -247,3 +247,21 @@ def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> li
     except graphlib.CycleError as error:
         names = [mjm.joint(joint).name for joint in error.args[1][:0:-1]]
         raise CycleError(where, names, "joints follow each other by equalities") from None
+
+
+def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
+    """Return the two bodies that a weld or a connect joins; none for other equalities."""
+    if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+        return ()
+    ends = [int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])]
+    is_site = mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE
+    return tuple(mjm.site_bodyid[ends].tolist() if is_site else ends)
+
+
+def coupling_arrays(couplings: Sequence[Coupling]) -> dict[str, np.ndarray]:
+    """Return the fields `follow_*` of a device struct."""
+    return {
+        "follow_driveradr": np.array([c.driver_adr for c in couplings], int),
+        "follow_qposadr": np.array([c.adr for c in couplings], int),
+        "follow_coef": np.reshape([(c.origin, c.offset, *c.coef) for c in couplings], (-1, 6)).astype(float),
+    }

@@ -2,7 +2,7 @@
 
 Absent objects are parked without any collision test, and objects placed before them are not tested against them. That
 is correct as long as nothing else gets there and each of them has a place of its own, which
-`program/checks/parking.py` ensures.
+`program/checks/places.py` ensures.
 """
 
 from __future__ import annotations

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import CycleError, SceneKeyError
+from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.couplings import driven_by, follow, free_range, joint_couplings, turned_round
+from sceniris_gym.scene.couplings import coupling_arrays, driven_by, follow, free_range, joint_couplings, turned_round
 from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import write_mjcf
-from tests.program.scenes import scene_of
+from tests.program.scenes import pack, scene_of
 
 JOINTS = {
     "a": 'type="hinge" axis="0 0 1" ref=".3" range="-2 2"',
@@ -21,6 +22,7 @@ JOINTS = {
     "c": 'type="hinge" axis="0 1 0"',
     "d": 'type="slide" axis="1 0 0"',
 }
+TIE = '<joint name="gear" joint1="right" joint2="left" polycoef="0 .5"/>'
 
 
 def chain(ties: str, flags: str = "", key: str = "") -> str:
@@ -165,3 +167,28 @@ def test_the_start_pose_keeps_equalities_that_its_keyframe_breaks(tmp_path: Path
     np.testing.assert_allclose(own.home_qpos, [0.4, 0.5, 0.6, 0.6])
     np.testing.assert_allclose(own.mjm.key("home").qpos, own.home_qpos)
     assert build_model(own.config).hash == own.hash
+
+
+def test_a_follower_passes_through_what_its_driver_is_drawn_from(tmp_path: Path):
+    """Intervals and choices; noise ends where the follower meets its limit."""
+    for words, low, high in (
+        ({"range": [-0.1, 0.3]}, -0.05, 0.15),
+        ({"choice": [0.0, 0.2]}, 0.0, 0.1),
+        ({"value": 0.2}, 0.1, 0.1),
+    ):
+        (o,) = build_plan(placed(tmp_path, TIE, {"left": words})).objects
+        (follower,) = o.followers
+        np.testing.assert_allclose(o.spans[follower.adr], (low, high), atol=1e-12)
+    steep = TIE.replace(".5", "4")
+    (o,) = build_plan(placed(tmp_path, steep, {"*": {"noise": 0.2}})).objects
+    np.testing.assert_allclose(o.joint_ranges[0].intervals, [(-0.025, 0.05)], atol=1e-8)
+    assert build_plan(placed(tmp_path, steep, {})).objects[0].followers == ()
+
+
+def test_the_device_gets_addresses_and_numbers_of_each_object_s_followers(tmp_path: Path):
+    """Lists of length 0 for what has none."""
+    packed = pack(placed(tmp_path, TIE, {"left": {"noise": 0.1}}))
+    assert packed.listed("pair", "follow", "follow_qposadr") == [1]
+    assert packed.listed("pair", "follow", "follow_driveradr") == [0]
+    np.testing.assert_allclose(packed["follow_coef"], [[0, 0, 0.5, 0, 0, 0]])
+    assert coupling_arrays(())["follow_coef"].shape == (0, 6)

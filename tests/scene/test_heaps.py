@@ -10,9 +10,11 @@ import pytest
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import HeapError, NotSupportedError
+from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.heaps import HeapRows, read_rows, rigid_part, settled_with
-from tests.scene.heaping import BIN, folder, model, words
+from tests.program.scenes import Packed, pack
+from tests.scene.heaping import BIN, THINGS, folder, model, words
 
 HEAP = HeapConfig.model_validate({"fill": "bin", "of": ["a", "b"]})
 ROWS = HeapRows(("a", "b"), np.full((3, 2, 3), 0.25), np.tile([1.0, 0.0, 0.0, 0.0], (3, 2, 1)), "0123456789abcdef")
@@ -77,3 +79,35 @@ def test_a_drawer_is_no_rigid_part_of_its_cabinet():
     drawer = scene.parts("cabinet")["upper_drawer"]
     assert scene.bodies["cabinet"] not in rigid_part(scene.mjm, drawer)
     assert drawer not in rigid_part(scene.mjm, scene.bodies["cabinet"])
+
+
+def packed() -> Packed:
+    """The scene with a bin of blocks."""
+    return pack(build_model(SceneConfig.load(words(folder()))))
+
+
+def test_each_thing_has_its_column_of_the_rows():
+    """One after the other, drawn from the stream of the first of them."""
+    found = packed()
+    with np.load(folder() / "pile.npz") as rows:
+        for i, name in enumerate(THINGS):
+            adr, num, _ = found["obj_heap"][found.number(name)]
+            assert found["heap_pose"][adr : adr + num, :3] == pytest.approx(rows["pos"][:, i])
+            assert found["heap_pose"][adr : adr + num, 3:] == pytest.approx(rows["quat"][:, i])
+    assert found["obj_heap"][found.number("bin"), 0] == -1
+    streams = found["obj_heap"][[found.number(name) for name in THINGS], 2]
+    assert set(streams.tolist()) == {found["obj_stream"][found.number("a")]}
+
+
+def test_things_of_a_heap_are_not_kept_apart_from_each_other_or_from_the_bin():
+    """But from the floor, which is not fixed to the bin."""
+    found = packed()
+    for name in THINGS:
+        others = {body for pair in found.listed(name, "pair", "pair_bodies") for body in pair[:2]}
+        assert others == {0, found.scene.bodies[name]}
+
+
+def test_a_heap_without_rows_is_told_how_to_make_them():
+    """By the key that is missing."""
+    with pytest.raises(HeapError, match=r"heaps\.pile\.rows: is missing. Make them with `sceniris-gym settle"):
+        build_plan(build_model(SceneConfig.load(words(folder(), rows=None))))

@@ -12,13 +12,13 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
-from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
-from sceniris_gym.program.pack.joining import JoinedSites
 from sceniris_gym.program.pack.pairs import PairRules
+from sceniris_gym.program.pack.relations import JoinedSites
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.surfaces import LEVEL
+from sceniris_gym.scene.couplings import coupling_arrays
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
 # A piece that rises above a surface by less than this [m] does not cover it: half of where rays upwards begin.

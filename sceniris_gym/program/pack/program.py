@@ -7,18 +7,25 @@ from collections.abc import Collection, Sequence
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.bounds import MOST_WIDE
 from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.inner_boxes import NO_INNER_BOX, inner_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import addressed, columns
-from sceniris_gym.program.pack.layout_bounds import layout_bounds
+from sceniris_gym.program.device import fill_struct
+from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.pack.objects import footprint_hulls, pack_objects
 from sceniris_gym.program.pack.pair_lists import pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.regions import pack_regions
 from sceniris_gym.program.pack.relations import joints_of, pack_relations
 from sceniris_gym.program.plan import Plan
+from sceniris_gym.program.starts import plan_grips, plan_starts
+from sceniris_gym.scene.parking import PARKING_SPACING
+
+# Shares and absolute numbers by which rounding may exceed a bound.
+_ROUNDING = 1.0e-3
 
 
 def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str, np.ndarray]:
@@ -41,6 +48,34 @@ def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str,
         | layout_bounds(plan)
         | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
     )
+
+
+def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
+    """Return the kinds of starts of a scene on a device; None if it has none.
+
+    Args:
+        plan: The plan.
+        bounds: Greatest absolute values of qpos, shape (nq,), which are raised to those of all starts.
+        device: Warp's name of the device.
+
+    Raises:
+        ScenirisError: A kind does not fit the scene; see `plan_grips` and `plan_starts`.
+    """
+    if not plan.scene.config.start:
+        return None
+    starts, fields = Starts(), plan_starts(plan, plan_grips(plan))
+    draws = fields["draw_range"]
+    adr = [r.qposadr for o in plan.objects for r in o.joint_ranges]
+    is_drawn = draws[..., :1] <= draws[..., 1:]
+    bounds[adr] = np.maximum(bounds[adr], np.where(is_drawn, np.abs(draws), 0.0).max(axis=(0, 2), initial=0.0))
+    for one in plan.reaching.arms:
+        limits = np.abs([one.arm.lower, one.arm.upper])
+        most = np.where(np.isfinite(limits), limits, np.pi).max(axis=0)
+        bounds[one.arm.qposadr] = np.maximum(bounds[one.arm.qposadr], most)
+        adr, qpos = one.gripper.poses(np.linspace(0.0, 1.0, 17))
+        bounds[adr] = np.maximum(bounds[adr], np.abs(qpos).max(axis=0, initial=0.0))
+    fill_struct(Starts, starts, fields, device)
+    return starts
 
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
@@ -96,4 +131,31 @@ def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndar
         "jnt_axis": axis,
         **{name: getattr(mjm, name) for name in ("body_jntadr", "jnt_pos", "jnt_qposadr")},
         "jnt_qpos0": qpos0,
+    }
+
+
+def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
+    """Return the fields `bound_*`, greatest absolute values, and `quat_qposadr`, addresses of quaternions in qpos.
+
+    Drawn joints and their followers stay within what is drawn, and all others at home. Placed objects stay within what
+    the scene may reach; absent ones are parked the further out the more there are.
+    """
+    mjm = plan.scene.mjm
+    far = MOST_WIDE + PARKING_SPACING * len(plan.slots)
+    bound = np.abs(plan.scene.home_qpos)
+    is_free, is_ball = (mjm.jnt_type == kind for kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL))
+    places = mjm.jnt_qposadr[is_free][:, None] + np.arange(3)
+    bound[places] = np.maximum(bound[places], far)
+    quats = (mjm.jnt_qposadr + 3 * is_free)[is_free | is_ball]
+    bound[quats[:, None] + np.arange(4)] = 1.0
+    for o in plan.objects:
+        for adr, ends in o.spans.items():
+            bound[adr] = max(map(abs, ends))
+    mocap = np.full(mjm.nmocap, 3.0 * far)
+    bodies = np.flatnonzero(mjm.body_mocapid >= 0)
+    mocap[mjm.body_mocapid[bodies]] += np.abs(mjm.body_pos[bodies]).sum(axis=1)
+    return {
+        "bound_qpos": (1.0 + _ROUNDING) * bound + _ROUNDING,
+        "bound_mocap": mocap,
+        "quat_qposadr": quats,
     }

@@ -11,13 +11,13 @@ import warp as wp
 from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.geometry.rotations import product, quaternion
 from sceniris_gym.grasping.gripper import carried
-from sceniris_gym.program.couplings import coupling_arrays
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import ReachingArm
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
+from sceniris_gym.scene.couplings import coupling_arrays
 from sceniris_gym.scene.model import SceneModel
 
 

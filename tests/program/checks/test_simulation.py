@@ -1,16 +1,27 @@
-"""Refusal of solvers that MuJoCo-Warp lacks, with the scene's name."""
+"""Solvers that MuJoCo-Warp lacks, and scenes that do not fit into memory, are refused before anything is allocated."""
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import pytest
+import warp as wp
 
-from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import MemoryLimitError, NotSupportedError, ScenirisError
+from sceniris_gym.layout import generate
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.program.checks import simulation
+from sceniris_gym.program.compiled import upload_scene
+from sceniris_gym.scene.build import build_model
+from tests.layout.scenes import compile_on_cpu
 
 MODEL = """<mujoco><option solver="{}"/><worldbody><body name="floor"><geom type="box" size="1 1 .1"/></body>
   <body name="a" pos="0 0 .5"><freejoint/><geom type="box" size=".02 .02 .02"/></body></worldbody></mujoco>"""
+GIB = 1 << 30
 
 
 def test_a_solver_that_mujoco_warp_lacks_is_refused_as_a_scene(tmp_path: Path):
@@ -21,3 +32,66 @@ def test_a_solver_that_mujoco_warp_lacks_is_refused_as_a_scene(tmp_path: Path):
         compile_scene(tmp_path / "mine.yaml", "cpu", cache=False)
     (tmp_path / "model.xml").write_text(MODEL.format("CG"))
     compile_scene(tmp_path / "mine.yaml", "cpu", cache=False)
+
+
+def system(monkeypatch: pytest.MonkeyPatch, folder: Path, available: int, limit: str, used: int = 0) -> None:
+    """Let the system say these bytes."""
+    files = {"_MEMINFO": f"MemTotal: 1 kB\nMemAvailable: {available // 1024} kB\n", "_LIMIT": limit, "_USED": str(used)}
+    for name, text in files.items():
+        (folder / name).write_text(text)
+        monkeypatch.setattr(simulation, name, folder / name)
+
+
+def test_memory_is_what_the_system_and_the_container_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The lesser of both; a container without a limit says `max`; where nobody says anything, nothing is refused."""
+    system(monkeypatch, tmp_path, 8 * GIB, "max")
+    assert simulation.free_memory("cpu") == 8 * GIB
+    system(monkeypatch, tmp_path, 8 * GIB, str(5 * GIB), 2 * GIB)
+    assert simulation.free_memory("cpu") == 3 * GIB
+    system(monkeypatch, tmp_path, GIB, str(5 * GIB), 2 * GIB)
+    assert simulation.free_memory("cpu") == GIB
+    monkeypatch.setattr(simulation, "_MEMINFO", tmp_path / "nowhere")
+    assert simulation.free_memory("cpu") is None
+    simulation.check_memory("anything", 1 << 60, "cpu", "")
+
+
+def test_what_does_not_fit_is_told_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As a MemoryError too, for those who wait for one; it survives pickling."""
+    system(monkeypatch, tmp_path, GIB, "max")
+    simulation.check_memory("this", GIB, "cpu", "Use less.")
+    with pytest.raises(
+        MemoryLimitError, match=r"^this: takes 2\.0 GiB or more, and 1\.0 GiB are free on cpu. Use less.$"
+    ):
+        simulation.check_memory("this", 2 * GIB, "cpu", "Use less.")
+    error = MemoryLimitError("this", 2 * GIB, GIB, "cpu", "Use less.")
+    assert isinstance(error, ScenirisError)
+    assert isinstance(error, MemoryError)
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+def test_more_worlds_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """By their number and scene, before their arrays are made."""
+    system(monkeypatch, tmp_path, GIB, "max")
+    with pytest.raises(MemoryLimitError, match=r"16777216 worlds of 'mid'.*Use fewer worlds"):
+        LayoutGenerator(compile_on_cpu("mid"), 1 << 24)
+
+
+def test_what_worlds_take_is_nearly_all_counted(monkeypatch: pytest.MonkeyPatch):
+    """By the arrays that there are; numbers of a world each may be left out."""
+    counted: list[int] = []
+    monkeypatch.setattr(generate, "check_memory", lambda what, needed, *_: counted.append(needed))
+    compiled, taken = compile_on_cpu("mid"), []
+    counted.clear()
+    for nworld in (1000, 2000):
+        view = LayoutGenerator(compiled, nworld).layouts.view
+        arrays = [a for a in (getattr(view, name) for name in LayoutsView.__annotations__) if isinstance(a, wp.array)]
+        taken.append(sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in arrays))
+    assert 0.9 < (counted[1] - counted[0]) / (taken[1] - taken[0]) <= 1.0
+
+
+def test_more_pairs_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """By the scene; here pairs are made large instead of many."""
+    system(monkeypatch, tmp_path, GIB, "max")
+    monkeypatch.setattr(simulation, "_PAIR_BYTES", 2 * GIB)
+    with pytest.raises(MemoryLimitError, match=r"the pairs of .* colliders.*Use fewer objects"):
+        upload_scene(build_model(SceneConfig.load("mid")), "cpu")

@@ -11,6 +11,7 @@ import warp as wp
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.colliders import collider_arrays
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
@@ -18,10 +19,14 @@ from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.pack.objects import pack_objects
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS, pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
+from sceniris_gym.program.pack.program import layout_bounds, pack_starts
 from sceniris_gym.program.pack.regions import pack_regions
 from sceniris_gym.program.pack.relations import joints_of, pack_relations
+from sceniris_gym.program.plan import build_plan
+from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import write_mjcf
-from tests.program.scenes import Packed, pack, scene_of
+from tests.layout.starting import HANDLE, HELD, HOME, LIFT, LIFTED, SCENE
+from tests.program.scenes import BOX, GADGET, Packed, pack, scene_of
 
 # What turns, slides, hangs on a ball joint and stands beside it all, in frames that are turned and moved.
 MOBILE = """
@@ -165,3 +170,56 @@ def test_groups_are_their_members_slots_and_counts(folder: Path):
     ]
     assert members == [["c", "a"], ["b"]]
     assert packed["group"][:, 2:].tolist() == [[0, 2], [1, 1]]
+
+
+def test_drawn_joints_keep_to_what_is_drawn_and_others_to_their_home(tmp_path: Path):
+    """A slide is drawn, a hinge stays, a free box may be anywhere within reach and has a unit quaternion."""
+    gadget, box = tmp_path / "gadget.xml", tmp_path / "box.xml"
+    gadget.write_text(GADGET)
+    box.write_text(BOX)
+    scene = scene_of(
+        {
+            "gadget": {
+                "asset": str(gadget),
+                "kind": "fixture",
+                "on": "floor",
+                "joints": {"slide": {"range": [-0.1, 0.2]}},
+            },
+            "box": {"asset": str(box), "on": "floor"},
+        }
+    )
+    bounds = layout_bounds(build_plan(scene))
+    joints = scene.joints("gadget")
+    slide, hinge = (int(scene.mjm.jnt_qposadr[joints[name]]) for name in ("slide", "hinge"))
+    free = int(scene.mjm.jnt_qposadr[scene.mjm.joint("box/free").id])
+    np.testing.assert_allclose(bounds["bound_qpos"][[slide, hinge]], [0.2, 0.5], atol=3e-3)
+    assert (bounds["bound_qpos"][free : free + 3] > 1000).all()
+    np.testing.assert_allclose(bounds["bound_qpos"][free + 3 : free + 7], 1.0, atol=3e-3)
+    assert bounds["quat_qposadr"].tolist() == [free + 3]
+    assert bounds["bound_mocap"].shape == (1,)
+
+
+def test_kinds_are_packed_one_a_row():
+    """Weights add up to 1, and bounds hold all joints of all starts."""
+    plan = build_plan(build_model(SceneConfig.load(SCENE)))
+    bounds = np.zeros(plan.scene.mjm.nq)
+    starts = pack_starts(plan, bounds, "cpu")
+    assert starts is not None
+    assert starts.weight.numpy().tolist() == [3, 1, 1, 1, 2, 1, 1]
+    np.testing.assert_allclose(starts.lift.numpy()[LIFTED], LIFT)
+    low, high = np.moveaxis(starts.arm_range.numpy(), 2, 0)
+    assert (low[HOME] > high[HOME]).all()
+    assert (low[HELD, :7] < high[HELD, :7]).all()
+    drawn = starts.draw_range.numpy()
+    assert (drawn[:, :, 0] <= drawn[:, :, 1]).sum(axis=1).tolist() == [int(i == HANDLE) for i in range(7)]
+    mjm = plan.scene.mjm
+    for name in [*(f"panda/joint{i}" for i in range(1, 8)), "panda/finger_joint1", "cabinet/upper"]:
+        joint = mjm.joint(name)
+        assert bounds[joint.qposadr[0]] >= np.abs(joint.range).max() - 1e-9
+
+
+def test_a_scene_without_the_word_has_none():
+    """Its layouts begin in the start pose."""
+    config = SceneConfig.load({key: value for key, value in SCENE.items() if key != "start"})
+    plan = build_plan(build_model(config))
+    assert pack_starts(plan, np.zeros(plan.scene.mjm.nq), "cpu") is None

@@ -1,0 +1,165 @@
+"""Checks of the words of each object: supports, relations and regions, drawn joints, heaps and `reachable`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sceniris_gym.config.limits import MAX_CORNERS, MAX_PIECES
+from sceniris_gym.config.relations import Beside
+from sceniris_gym.config.tier import Tier
+from sceniris_gym.errors import HeapError, MapError, NotSupportedError, ReachWarning, SceneKeyError
+from sceniris_gym.program.notices import warn
+from sceniris_gym.program.pack.regions import cut_pieces
+from sceniris_gym.program.pack.relations import MOST_SLICES
+from sceniris_gym.program.plan import Plan
+from sceniris_gym.program.reach import asset_and_words
+from sceniris_gym.program.surfaces import UPRIGHT
+from sceniris_gym.reach.map import build_command, why_not_map
+from sceniris_gym.scene.heaps import settled_with
+
+# Rounding [m or rad] by which a joint may leave its limits.
+_ROUNDING = 1e-6
+
+
+def check_supports(plan: Plan) -> None:
+    """Check that objects can stand on what the scene file names as their support.
+
+    Raises:
+        NotSupportedError: A support that leans at home: surfaces are level in the frame of their body.
+        SceneKeyError: An object inside the floor, or on an endless plane without a region.
+    """
+    config = plan.scene.config
+    for o in plan.objects:
+        if o.config.support is None or o.support is None:
+            continue
+        word, parent, region = o.config.support.word, o.config.support.parent, o.config.region
+        where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.scene.home.xmat[o.support.body][8]
+        if o.support.is_floor and word == "inside":
+            raise SceneKeyError(f"{where}: nothing covers the floor. Write 'on: floor'.")
+        if up < UPRIGHT:
+            lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+            raise NotSupportedError(
+                f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and things are placed on "
+                "level surfaces only. Give the support a body whose z axis points up."
+            )
+        is_endless = any(s.is_endless for surfaces in o.surfaces for s in surfaces)
+        if is_endless and (region is None or region.fraction is not None):
+            raise SceneKeyError(
+                f"{where}: the plane '{parent}' is endless. Say where on it objects are placed, as in "
+                f"{config.key(o.name)}.region: {{box: [[-0.3, -0.3], [0.3, 0.3]]}}."
+            )
+
+
+def check_relations(plan: Plan) -> None:
+    """Check that the relations of each object fit together and onto the device, and that `between` has a width.
+
+    Raises:
+        SceneKeyError: Relations with too many corners or pieces, `beside` with `face_to`, a width that is missing, or
+            too many points on several surfaces.
+    """
+    for o in plan.objects:
+        relations, where = o.config.relations, f"{plan.scene.config.where}: objects.{o.name}.relations"
+        corners = 3 + sum(max(4, len(r.anchors)) for r in relations)
+        if corners > MAX_CORNERS:
+            raise SceneKeyError(
+                f"{where}: together may cut a support into pieces of {corners} corners, and there is room for "
+                f"{MAX_CORNERS}. Use fewer relations, or fewer anchors of 'between'."
+            )
+        if o.orientation == "face_to" and any(isinstance(r, Beside) for r in relations):
+            raise SceneKeyError(
+                f"{where}: 'beside' depends on how the object is turned, and 'face_to' on where it is. Use one of them."
+            )
+        for i, relation in enumerate(relations):
+            if relation.has_own_width and max(v.short_edge for v in o.variants) == 0.0:
+                raise SceneKeyError(
+                    f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width "
+                    "of its own."
+                )
+        pieces, points = cut_pieces(o), None if o.config.region is None else o.config.region.points
+        if pieces > MAX_PIECES and points is not None:
+            raise SceneKeyError(
+                f"{plan.scene.config.where}: objects.{o.name}.region: has {len(points):,} points on several surfaces, "
+                f"{pieces:,} together, and there is room for {MAX_PIECES:,}. Use fewer points, or a part of the "
+                "support with fewer surfaces."
+            )
+        if pieces > MAX_PIECES:
+            raise SceneKeyError(
+                f"{where}: together cut the region into {pieces} pieces, and there is room for {MAX_PIECES}. Use fewer "
+                f"rings, or wider ones: a thin one makes up to {MOST_SLICES} slices."
+            )
+
+
+def check_followers(plan: Plan) -> None:
+    """Check that drawn joints move joints of their own object only, and none of these beyond its limits.
+
+    Raises:
+        NotSupportedError: A joint of another object would follow.
+        SceneKeyError: A joint would leave its limits.
+    """
+    config, mjm = plan.scene.config, plan.scene.mjm
+    for o in plan.objects:
+        where, own = f"{config.where}: {config.key(o.name)}.joints", plan.scene.joints(o.name).values()
+        spans = o.spans
+        for c in o.followers:
+            (low, high), (least, most) = spans[c.adr], c.limits
+            follower, driver = (mjm.joint(j).name for j in (c.follower, c.driver))
+            if c.follower not in own:
+                raise NotSupportedError(
+                    f"{where}: joint '{driver}' is drawn, and {c.label} makes joint '{follower}' follow it, which is "
+                    f"not part of '{o.name}'. Make both part of one asset, leave '{driver}' out, or take the equality "
+                    "out."
+                )
+            if low < least - _ROUNDING or high > most + _ROUNDING:
+                raise SceneKeyError(
+                    f"{where}: {c.label} makes joint '{follower}' follow '{driver}' to positions from {low:.4g} to "
+                    f"{high:.4g}, which should be inside its limits [{least:g}, {most:g}]. Draw '{driver}' from a "
+                    "smaller range."
+                )
+
+
+def check_heaps(plan: Plan) -> None:
+    """Check that the rows of each heap were settled with its things and its container as they are.
+
+    Raises:
+        HeapError: They were settled with other shapes or masses.
+    """
+    config = plan.scene.config
+    made_with = {o.name: o.heap.settled_with for o in plan.objects if o.heap is not None}
+    for key, heap in config.heaps.items():
+        where = f"{config.where}: heaps.{key}"
+        if made_with[heap.of[0]] != settled_with(plan.scene, heap, where):
+            raise HeapError(
+                f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Make it anew with "
+                "`sceniris-gym settle SCENE`."
+            )
+
+
+def check_reach(plan: Plan) -> None:
+    """Check that each reach target is decided as the scene file asks; warn where `ik` decides instead of a map.
+
+    Raises:
+        MapError: A tier asks for the map of an arm that has none.
+        SceneKeyError: An arm that is not in the scene would have to be posed.
+    """
+    config, where = plan.scene.config, plan.scene.config.where
+    for i, one in enumerate(plan.reaching.arms):
+        targets = [target for target in plan.reaching.targets if target.arm == i]
+        robot = config.all_robots[one.robot]
+        words = {t.name: word for t in targets if (word := config.objects[t.name].reachable) is not True}
+        asked = [f"objects.{name}.reachable" for name, word in words.items() if Tier.of(str(word)).needs_map]
+        asset, tcp = asset_and_words(robot)
+        why_not = why_not_map(one.arm, one.map, asset, tcp)
+        if asked and one.map is None and one.arm.no_map is None:
+            raise MapError(
+                f"{where}: {asked[0]}: there is no map of the arm '{asset}'. Build it with "
+                f"'{build_command(asset, tcp)}' and name it as the robot's 'map', or ask for 'ik', which needs none."
+            )
+        if asked and why_not is not None:
+            warn(ReachWarning(f"{where}: {', '.join(asked)}: {why_not}, so 'ik' decides."))
+        solved = [target.name for target in targets if not target.tier.needs_map]
+        if solved and not robot.in_scene:
+            instead = "Build that" if one.map is not None and one.map.coarse else "Ask for 'map'"
+            raise SceneKeyError(
+                f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
+                f"{'' if why_not is None else f', and {why_not}'}. {instead}, or put the robot into the scene."
+            )
