@@ -8,10 +8,9 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
-from sceniris_gym.vector.bounds import Bounds
+from sceniris_gym.vector.bodies import Bounds, Touch
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import SLEEPING, Observation, Task
-from sceniris_gym.vector.touch import Touch
 
 KINDS = {
     "can": (0.033, 0.033, 0.033),

@@ -7,10 +7,9 @@ from torch import Tensor
 
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
-from sceniris_gym.vector.bounds import Bounds
+from sceniris_gym.vector.bodies import Bounds, Touch
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
-from sceniris_gym.vector.touch import Touch
 
 CLEAR_HEIGHT = 0.55
 """Height over the floor at which the banana is out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""

@@ -7,10 +7,9 @@ from torch import Tensor
 
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
-from sceniris_gym.vector.bounds import Bounds
+from sceniris_gym.vector.bodies import Bounds, Touch
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
-from sceniris_gym.vector.touch import Touch
 
 GRASP_HEIGHTS = {"block": 0.0225, "can": 0.095, "lemon": 0.025}
 """Objects that can be chosen, and the heights over their undersides at which they are grasped [m].

@@ -19,13 +19,13 @@ from .scene.model import SceneModel as SceneModel
 from .sim.model_fields import put_model as put_model
 from .sim.randomizer import ResetRandomizer as ResetRandomizer
 from .vector.arm_controller import ArmController as ArmController
-from .vector.bounds import Bounds as Bounds
+from .vector.bodies import Bounds as Bounds
+from .vector.bodies import Touch as Touch
 from .vector.evaluation import EpisodeResult as EpisodeResult
 from .vector.evaluation import evaluate as evaluate
 from .vector.libero_goal import LiberoGoal as LiberoGoal
 from .vector.state import State as State
 from .vector.task import Task as Task
-from .vector.touch import Touch as Touch
 from .vector.vector_env import SceneVectorEnv as SceneVectorEnv
 
 __all__: list[str]

@@ -41,7 +41,7 @@ from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
-from sceniris_gym.program.checks.memory import check_memory
+from sceniris_gym.program.checks.simulation import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach

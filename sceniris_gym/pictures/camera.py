@@ -13,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.pictures.context import BACKGROUND, CHANNELS, Looks, Shot, in_model_order, picture_context, tile_rays
-from sceniris_gym.program.checks.memory import check_memory
+from sceniris_gym.program.checks.simulation import check_memory
 from sceniris_gym.scene.model import SceneModel
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

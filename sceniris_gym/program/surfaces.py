@@ -1,4 +1,4 @@
-"""The surfaces that an object may stand on: the level faces of its support, cropped to its region."""
+"""The obstacles of a scene, and the surfaces that an object may stand on: level faces, cropped to its region."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settled heaps: the rows of a file, and the hash of the shapes that they were settled with."""
+"""Settled heaps: the rows of a file, the hash of the shapes that they were settled with, and the poses in them."""
 
 from __future__ import annotations
 

@@ -16,8 +16,7 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
 from sceniris_gym.layout.counts import as_count
-from sceniris_gym.program.checks.memory import check_memory
-from sceniris_gym.program.checks.simulation import put_simulated
+from sceniris_gym.program.checks.simulation import check_memory, put_simulated
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields, widen
 from sceniris_gym.sim.variants import fields_of_variants

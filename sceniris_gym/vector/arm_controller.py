@@ -10,9 +10,8 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector import rotations
-from sceniris_gym.vector.fingers import Fingers
+from sceniris_gym.vector.actuators import Fingers, PositionActuators
 from sceniris_gym.vector.names import FREE, SCALAR, SLIDE
-from sceniris_gym.vector.position_actuators import PositionActuators
 from sceniris_gym.vector.readings import as_columns
 from sceniris_gym.vector.state import State
 

@@ -12,9 +12,9 @@ from sceniris_gym.importers.libero.kinds import moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.importers.libero.things import INNER
 from sceniris_gym.scene.support import subtree
+from sceniris_gym.vector.bodies import Touch
 from sceniris_gym.vector.names import SCALAR, find_body, find_element
 from sceniris_gym.vector.state import State
-from sceniris_gym.vector.touch import Touch
 
 _WHERE = "LiberoGoal"
 _BESIDE = 0.03  # greatest distance of the origins of two things, one on the other [m]

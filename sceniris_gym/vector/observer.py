@@ -1,21 +1,68 @@
-"""`Observer`: the observations of a task as flat groups, with noise of sensors and pictures."""
+"""`Observer`: the observations of a task as flat groups, their spaces, noise of sensors, and pictures."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
+from gymnasium import spaces
 from torch import Tensor
 
-from sceniris_gym.vector import spaces
+from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.vector.images import GROUP, Images
 from sceniris_gym.vector.sensing import Sensing, Sensors
 from sceniris_gym.vector.state import State
-from sceniris_gym.vector.task import Observation, Task
-from sceniris_gym.vector.task_checks import check_observation
+from sceniris_gym.vector.task import Observation, Task, check_observation
 
 PARAMETERS = "parameters"
 """The name of drawn physics and looks in the group `critic`."""
+Names = dict[str, list[tuple[str, tuple[int, ...]]]]
+"""Group -> (name, shape in one world) of its tensors, in the order in which they are concatenated."""
+
+
+def chosen(observation: Observation, groups: tuple[str, ...] | None) -> Observation:
+    """Return the named groups of an observation, in that order; None is all.
+
+    Raises:
+        UnknownNameError: There is no such group.
+    """
+    if groups is None:
+        return observation
+    for group in groups:
+        if group not in observation:
+            raise UnknownNameError("observation group", str(group), "observation_groups", observation)
+    return {group: observation[group] for group in groups}
+
+
+def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> dict[str, Tensor]:
+    """Concatenate the tensors of each group: shape (num_envs, size), float32.
+
+    Args:
+        observation: An observation of a task.
+        out: Tensors to write to; None makes new ones.
+    """
+    return {
+        group: torch.cat(
+            [t.reshape(len(t), -1).float() for t in tensors.values()], dim=1, out=None if out is None else out[group]
+        )
+        for group, tensors in observation.items()
+    }
+
+
+def names_of(observation: Observation) -> Names:
+    """Return the names and shapes of the parts of each flat group, in order."""
+    return {group: [(name, tuple(t.shape[1:])) for name, t in named.items()] for group, named in observation.items()}
+
+
+def observation_space(observation: dict[str, Tensor]) -> spaces.Dict:
+    """Return the space of one world for flat groups of shape (num_envs, size)."""
+    return spaces.Dict({g: spaces.Box(-np.inf, np.inf, t.shape[1:], np.float32) for g, t in observation.items()})
+
+
+def action_space(size: int) -> spaces.Box:
+    """Return the space of one world's actions: `size` numbers in [-1, 1]."""
+    return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
 
 class Observer:
@@ -55,9 +102,9 @@ class Observer:
         observation = self._of_task()
         check_observation(task, observation, state.num_envs)
         self.sensors = None if sensing is None else Sensors(state, sensing, observation, action_size)
-        observation = spaces.chosen(observation, groups)
-        flat = spaces.flatten(observation)
-        self.names, self.space = spaces.names_of(observation), spaces.observation_space(flat)
+        observation = chosen(observation, groups)
+        flat = flatten(observation)
+        self.names, self.space = names_of(observation), observation_space(flat)
         if images is not None:
             self.space[GROUP] = images.space
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
@@ -67,8 +114,8 @@ class Observer:
         observation = self._of_task()
         if self.sensors is not None:
             observation = self.sensors(self._state, observation)
-        observation = spaces.chosen(observation, self._groups)
-        return spaces.flatten(observation, None if self._kept is None else self._kept[buffer])
+        observation = chosen(observation, self._groups)
+        return flatten(observation, None if self._kept is None else self._kept[buffer])
 
     def pictures(self, mask: Tensor | None = None, *, copy: bool = False) -> dict[str, Any]:
         """Return the group `images` after pictures of the masked worlds, by default of those that are due."""

@@ -17,10 +17,9 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.versions import actuator_controls
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import base_frame
-from sceniris_gym.vector.grasps import TargetGrasps
 from sceniris_gym.vector.names import SLIDE, Joints, find_body, find_element, find_free_dof, find_joints, unknown
-from sceniris_gym.vector.outcome import finite_rows
-from sceniris_gym.vector.variants import Boxes, VariantView
+from sceniris_gym.vector.statistics import finite_rows
+from sceniris_gym.vector.variants import Boxes, TargetGrasps, VariantView
 
 
 class Readings:

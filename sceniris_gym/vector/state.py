@@ -13,10 +13,9 @@ from torch import Tensor
 from sceniris_gym.layout.counts import as_count, as_shape
 from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import sleeps
-from sceniris_gym.vector.joint_writer import JointWriter
 from sceniris_gym.vector.names import Joints, find_body, find_free_dof, find_joints
-from sceniris_gym.vector.pose_writer import PoseWriter
 from sceniris_gym.vector.readings import Readings
+from sceniris_gym.vector.writers import JointWriter, PoseWriter
 
 
 class State(Readings):

@@ -15,12 +15,10 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.vector.outcome import Outcome, finite_rows
 from sceniris_gym.vector.snapshot import check_snapshot, live_tensors, put
 from sceniris_gym.vector.state import State
-from sceniris_gym.vector.statistics import EpisodeStatistics
-from sceniris_gym.vector.task import Task
-from sceniris_gym.vector.task_checks import check_outcome
+from sceniris_gym.vector.statistics import EpisodeStatistics, Outcome, finite_rows
+from sceniris_gym.vector.task import Task, check_outcome
 
 
 class TaskWorlds:

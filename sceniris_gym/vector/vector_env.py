@@ -26,15 +26,15 @@ from sceniris_gym.layout.masks import as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector import arguments, spaces
+from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import KNOBS, LAYOUTS, STATE, ChosenLayouts
 from sceniris_gym.vector.images import Images, as_shots
-from sceniris_gym.vector.observer import Observer
-from sceniris_gym.vector.outcome import finite_rows
+from sceniris_gym.vector.observer import Observer, action_space
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing, as_sensing
 from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
+from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.task_worlds import TaskWorlds
 from sceniris_gym.vector.torch_stream import on_torch_stream
@@ -219,7 +219,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             seen: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": copy}
             self._observer = Observer(self.task, self.state, self.images, size, **seen)
         self.observation_names, self.single_observation_space = self._observer.names, self._observer.space
-        self.single_action_space = spaces.action_space(size)
+        self.single_action_space = action_space(size)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._autoreset, self._ready = torch.zeros(num_envs, dtype=torch.bool, device=self.device), False

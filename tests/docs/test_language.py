@@ -176,7 +176,7 @@ def test_what_is_not_supported_is_listed_in_the_words_of_its_error() -> None:
     quotes = [re.findall(r'"([^"]+)"', row) for row in rows]
     assert len(rows) > 15
     assert all(quotes)
-    raised = [words for _, _, words in _raised()]
+    raised = [words for *_, words in _raised()]
     for quote in (q for row in quotes for q in row):
         assert any(quote in words for words in raised), quote
     missing = [w for w in _about_models() if not any(quote in w for row in quotes for quote in row)]

@@ -1,4 +1,4 @@
-"""Supports: which of them may lean, and those that are named where another one has no level surface."""
+"""Obstacles in their order, and supports: which of them may lean, and those that are named in place of another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint equalities as they are read: MuJoCo's own residual vanishes, and what cannot be followed is refused by name."""
+"""Joint equalities: MuJoCo's own residual vanishes, positions are followed, and others are refused by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of settled heaps: what is written is read, and what does not fit is refused."""
+"""Files of settled heaps: rows that are written are read, as poses in the plan too, and others are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plan of a scene as the flat arrays of `device.Program`, concern by concern."""
+"""The plan of a scene as the flat arrays of `device.Program` and `device_starts.Starts`, concern by concern."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The relations of a plan as fields of `device.Program`."""
+"""The relations of a plan as fields of `device.Program`, those of objects that are joined at sites too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relations as flat arrays: what each means in numbers, and into how many slices a ring is cut."""
+"""Relations as flat arrays: each in numbers, joined sites as worked out by hand, and the slices of rings."""
 
 from __future__ import annotations
 
