@@ -18,8 +18,8 @@ from sceniris_gym.files import write_text
 from sceniris_gym.importers.libero.reader import LiberoTask
 from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow, reach_note
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.scene.archive import write_zip
 from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model_files import write_zip
 
 _BANK = 8  # layouts: a scene is tried with a small bank, as all that counts is that there are some
 _OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")

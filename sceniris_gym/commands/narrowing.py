@@ -25,8 +25,8 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.render import save
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.body_poses import body_poses
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.poses import body_poses
 
 _REASONS = ("unreachable", "no_ik", "blocked")
 _SCALE = 320  # pixels a metre, as far as a panel is no larger than _PANEL

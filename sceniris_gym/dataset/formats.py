@@ -15,7 +15,7 @@ import numpy as np
 from sceniris_gym.errors import UnknownNameError, import_extra
 from sceniris_gym.files import as_json as strict_json
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.body_poses import body_poses
+from sceniris_gym.scene.poses import body_poses
 
 Encoder = Callable[[CompiledScene, np.ndarray], bytes]
 """Takes a compiled scene and the rows of a part, and returns the bytes of a file."""

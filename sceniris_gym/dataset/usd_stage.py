@@ -17,7 +17,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom
 
 from sceniris_gym.dataset.manifest import SCENE_USD
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.body_poses import body_poses, product, rotated
+from sceniris_gym.scene.poses import body_poses, product, rotated
 
 WORLD = "/World"
 _SEEN_GROUPS = 3  # MuJoCo shows the groups below; the others are colliders, which USD calls guides

@@ -38,7 +38,7 @@ from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import make_tables
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.archive import write_zip
+from sceniris_gym.scene.model_files import write_zip
 
 PROGRESS = ".progress"
 

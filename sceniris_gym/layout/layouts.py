@@ -16,7 +16,7 @@ from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
 from sceniris_gym.program.device import Cause, allocate, repeat
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
-from sceniris_gym.scene.addresses import joint_address, pose_address
+from sceniris_gym.scene.poses import joint_address, pose_address
 
 LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Seeds and episodes of layouts, shape (n,), and the numbers of their knobs, shape (n, nvalue)."""

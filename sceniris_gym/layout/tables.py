@@ -15,8 +15,8 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.body_poses import body_poses, product, rotated
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.poses import body_poses, product, rotated
 
 CHUNK = 4096  # layouts that are made at once
 

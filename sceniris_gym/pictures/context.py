@@ -13,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.pictures.thin_meshes import thin
-from sceniris_gym.scene.visible import VISIBLE_GROUPS, picture_groups
+from sceniris_gym.scene.overview import VISIBLE_GROUPS, picture_groups
 from sceniris_gym.sim.versions import render_context
 
 CHANNELS: dict[str, tuple[int, type]] = {"rgb": (3, wp.uint8), "depth": (1, wp.float32), "segmentation": (1, wp.int32)}

@@ -15,7 +15,7 @@ from sceniris_gym.device.transforms import quat_mat, quat_z
 from sceniris_gym.placement.placed import turned
 from sceniris_gym.program.device import OrientationType, Program
 
-# An x axis points straight up or down if its shadow is shorter than this, as in `scene/body_poses.py`.
+# An x axis points straight up or down if its shadow is shorter than this, as in `scene/poses.py`.
 _UPRIGHT = wp.constant(1.0e-3)
 _TWO_PI = wp.constant(2.0 * math.pi)
 

@@ -14,21 +14,21 @@ from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.validation import check_variant_has_asset
 from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError, check_type
+from sceniris_gym.geometry.framing import camera_axes
+from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
-from sceniris_gym.scene.cameras import add_cameras
 from sceniris_gym.scene.couplings import follow, joint_couplings, turned_round
 from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
-from sceniris_gym.scene.loadable import without_broken
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.number_check import check_numbers
 from sceniris_gym.scene.overview import FOVY, Overview
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.tcp import tcp_site
-from sceniris_gym.scene.variants import SharedBodies, check_variants
+from sceniris_gym.scene.variants import SharedBodies, check_variants, without_broken
 
 _Home = tuple[np.ndarray, np.ndarray]
 """The start pose, shape (nq,), and its controls, shape (nu,)."""
@@ -247,3 +247,33 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) 
     exact = qpos.copy()
     mujoco.mj_normalizeQuat(mjm, exact)
     return qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact, ctrl
+
+
+def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
+    """Add the cameras of a scene to a specification that has all its bodies.
+
+    Raises:
+        SceneKeyError: The model has a camera of that name already.
+        UnknownNameError: There is no such body.
+    """
+    for name, camera in config.cameras.items():
+        where = f"{config.where}: cameras.{name}"
+        if spec.camera(name) is not None:
+            raise SceneKeyError(f"{where}: the model has a camera of this name already. Give this one another name.")
+        carrier = spec.worldbody if camera.body is None else spec.body(_name_in_model(config, camera.body))
+        if carrier is None and camera.body in config.variants:  # the body that they share comes later
+            carrier = spec.body(config.variants[camera.body][0])
+        if carrier is None:
+            bodies = [body.name for body in spec.bodies if body.name != "world"]
+            raise UnknownNameError("body", str(camera.body), f"{where}.body", filter(None, bodies))
+        turned = quaternion(camera_axes(camera.backward, camera.upward))
+        carrier.add_camera(name=name, pos=camera.pos, quat=turned, fovy=camera.fovy)
+
+
+def _name_in_model(config: SceneConfig, name: str) -> str:
+    """Return the model's name of an object, a robot, or a body inside one."""
+    owner, _, part = name.partition("/")
+    if owner in config.all_robots:
+        robot = config.all_robots[owner]
+        return f"{robot.prefix}{part}" if part else robot.name
+    return config.objects[name].body or name if name in config.objects else name

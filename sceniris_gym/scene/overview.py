@@ -1,4 +1,4 @@
-"""The camera of a scene: it sees the places where objects are put, and not the back of a robot."""
+"""The camera of a scene, which sees where objects are put and no robot's back; and the geoms that pictures show."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.framing import box_corners, frame
+from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.support import subtree
 
 FOVY = 40.0
@@ -25,10 +26,14 @@ _NEARLY = 0.05
 # Slopes of the view: into a drawer over its face, and where there is none.
 _INTO_DRAWERS, _ELSEWHERE = np.tan(np.radians(62.0)), np.tan(np.radians(42.0))
 _SHOWN = (0, 1, 2)
-_HIDDEN_GROUP = 5
 _GRID = np.linspace(0.1, 0.9, 4)
 
 _Box = tuple[np.ndarray, np.ndarray]
+
+VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
+"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
+
+HIDDEN_GROUP = 5
 
 
 class Overview:
@@ -80,7 +85,7 @@ class Overview:
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
         """Return the share of the places that is seen from each point, past everything that stays in place."""
         mjm = copy.copy(self.mjm)
-        mjm.geom_group[self.of_placed] = _HIDDEN_GROUP
+        mjm.geom_group[self.of_placed] = HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
         shares = np.array([[x, y, 0.9] for x in _GRID for y in _GRID])
         points = [low + (high - low) * share for low, high in self._places() for share in shares]
@@ -146,3 +151,21 @@ class Overview:
 
     def _body(self, name: str) -> int:
         return mujoco.mj_name2id(self.mjm, mujoco.mjtObj.mjOBJ_BODY, name)
+
+
+def picture_groups(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return the group of each geom, shape (ngeom,), with shapes for collisions in HIDDEN_GROUP.
+
+    A geom that collides is hidden if its body also has geoms for looks alone, in another group that is visible. Geoms
+    of the world are all drawn, as a floor is none of the things on it.
+    """
+    groups = mjm.geom_group.copy()
+    visible = np.isin(groups, VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0.0)
+    collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
+    looks = set(zip(mjm.geom_bodyid[visible & ~collides], groups[visible & ~collides], strict=True))
+    bodies = {body for body, _ in looks} - {0}
+    for geom in np.flatnonzero(visible & collides):
+        body = int(mjm.geom_bodyid[geom])
+        if body in bodies and (body, groups[geom]) not in looks:
+            groups[geom] = HIDDEN_GROUP
+    return groups

@@ -1,9 +1,11 @@
-"""Models from files: what they refer to is found, also in models that are attached and in URDF packages."""
+"""Models from files: what they refer to is found, in attached models and packages too, and they fit in a zip file."""
 
 from __future__ import annotations
 
 import importlib.util
+import io
 import os
+import zipfile
 from pathlib import Path
 
 import mujoco
@@ -13,7 +15,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import CycleError, MissingExtraError, SceneFileError
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.model_files import file_of, load_model
+from sceniris_gym.scene.model_files import file_of, load_model, write_zip
 from tests.scene.assets import TETRAHEDRON
 
 LARGE = TETRAHEDRON.replace(".1", ".2")
@@ -35,6 +37,7 @@ JOINT = (
     '<joint name="j{0}" type="{1}"><parent link="l{0}"/><child link="l{2}"/><axis xyz="0 0 1"/>'
     '<origin xyz="0 0 .3"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
 )
+MESH = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
 def write(path: Path, text: str) -> Path:
@@ -288,3 +291,27 @@ def test_a_file_that_is_included_twice_is_refused(tmp_path: Path):
         model = write(tmp_path / "model.xml", f"<mujoco>{inside}</mujoco>")
         with pytest.raises(SceneFileError, match="is included twice"):
             load_model(model, "scene: model")
+
+
+@pytest.mark.parametrize("form", ["part.obj", "../part.obj", "{folder}/part.obj", "../other/part.obj"])
+def test_members_have_names_of_their_own(tmp_path: Path, form: str):
+    """Whatever the user's MJCF calls its meshes, and they stay what they are."""
+    home = tmp_path / "home"
+    file = form.format(folder=tmp_path)
+    for folder in (home, tmp_path / "other"):
+        folder.mkdir()
+    (home / file).resolve().write_text(MESH)
+    (home / "thing.xml").write_text(
+        f'<mujoco><asset><mesh name="part" file="{file}"/></asset><worldbody><body name="thing">'
+        '<geom type="mesh" mesh="part"/></body></worldbody></mujoco>'
+    )
+    objects = {"thing": {"asset": str(home / "thing.xml"), "on": "floor"}}
+    scene = build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects}))
+    written = io.BytesIO()
+    write_zip(scene.spec, written)
+    for name in zipfile.ZipFile(written).namelist():
+        assert ".." not in name.split("/")
+        assert not name.startswith("/")
+    written.seek(0)
+    again = mujoco.MjSpec.from_zip(written).compile()
+    np.testing.assert_allclose(again.mesh_vert, scene.mjm.mesh_vert, atol=1e-7)

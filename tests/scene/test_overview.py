@@ -1,4 +1,4 @@
-"""From where a scene's camera looks: whatever the layout, what is placed is in the picture and not behind the robot."""
+"""A scene's camera sees what is placed, and not behind the robot; and pictures show each body once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.overview import Overview
+from sceniris_gym.scene.overview import Overview, picture_groups
 
 WITH_ROBOT = ["tabletop_lift", "tabletop_reach", "clutter_push", "drawer_pick"]
 GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
@@ -90,3 +90,19 @@ def test_a_marker_in_space_is_seen(region: dict):
     goal = {"goal": {"kind": "marker", "region": region}}
     _, high = boxes(build_model(SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": goal})))
     assert high[2] == pytest.approx(0.9)
+
+
+def test_nothing_is_drawn_twice():
+    """Shapes for collisions are hidden where a body has looks in another group, but not otherwise, nor in the world."""
+    looks = 'contype="0" conaffinity="0" size=".1"'
+    mjm = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody>
+        <geom name="ground" type="plane" size="1 1 1"/><geom name="rug" {looks} group="1"/>
+        <body><geom name="hull" size=".1"/><geom name="skin" {looks} group="1"/></body>
+        <body><geom name="ball" size=".1"/><geom name="dot" {looks}/><geom name="core" size=".1" group="3"/></body>
+        <body><geom name="bare" size=".1"/><geom name="glass" {looks} group="1" rgba="1 1 1 0"/></body>
+        </worldbody></mujoco>"""
+    )
+    groups = picture_groups(mjm)
+    shown = {mjm.geom(i).name for i in range(mjm.ngeom) if groups[i] in (0, 1, 2)}
+    assert shown == {"ground", "rug", "skin", "ball", "dot", "bare", "glass"}
