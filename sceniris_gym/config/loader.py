@@ -1,4 +1,4 @@
-"""Search, reading and merging of scene files, before validation."""
+"""Search, reading and merging of scene files, before validation; and paths as users write them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
-from sceniris_gym.config.expansion import MOST_VALUES, expanded_size
 from sceniris_gym.config.messages import short
-from sceniris_gym.config.paths import user_path
 from sceniris_gym.errors import (
     ArgumentTypeError,
     CycleError,
@@ -42,6 +41,8 @@ DRAW_FORMS = ("scale", "add", "abs", "choice")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
 ROBOT_FORMS = ("asset", "model", "in_model")
 ROBOT_FILES = ("asset", "model", "map")
+MOST_VALUES = 1_000_000
+"""Greatest number of values in a scene file: a scene of 10,000 objects has a tenth of it."""
 
 
 @dataclass(frozen=True)
@@ -241,3 +242,44 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
         if isinstance(data.get(section), Mapping):
             data[section] = {name: resolved(part, *keys) for name, part in data[section].items()}
     return data
+
+
+def expanded_size(text: str) -> int:
+    """Return the number of values in a YAML text, `MOST_VALUES` + 1 for more, or for a value that contains itself.
+
+    Raises:
+        YAMLError: The text is not YAML.
+    """
+    if "&" not in text:
+        return 0
+    root = YAML(typ="safe", pure=True).compose(text)
+    return 0 if root is None else _size(root, {})
+
+
+def _size(node: Node, known: dict[int, int]) -> int:
+    if id(node) in known:
+        return known[id(node)]
+    known[id(node)] = MOST_VALUES + 1  # until it is known, since an alias inside of itself never ends
+    if isinstance(node, MappingNode):
+        parts = [part for pair in node.value for part in pair]
+    else:
+        parts = node.value if isinstance(node, SequenceNode) else []
+    known[id(node)] = min(1 + sum(_size(part, known) for part in parts), MOST_VALUES + 1)
+    return known[id(node)]
+
+
+def user_path(text: str | Path, folder: Path, where: str) -> Path:
+    """Return a path, relative ones below `folder`, with `~` as the home folder.
+
+    Raises:
+        SceneFileError: It is not a path, there is no such user, or no file system accepts such a path.
+    """
+    try:
+        path = folder / Path(text).expanduser()
+        path.is_file()
+    except (RuntimeError, ValueError, OSError, TypeError) as error:
+        why = "there is no such user" if isinstance(error, RuntimeError) else getattr(error, "strerror", None) or error
+        raise SceneFileError(
+            f"{where}: {short(str(text))} is not a path: {str(why).lower()}. Give the path of a file."
+        ) from None
+    return path

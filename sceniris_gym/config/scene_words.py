@@ -1,22 +1,21 @@
-"""The words of a whole scene, and the names in it: `SceneWords`."""
+"""The words of a whole scene, and the names in it: `SceneWords`; `CameraConfig`, a camera that it adds."""
 
 from __future__ import annotations
 
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, Strict, field_validator
+import numpy as np
+from pydantic import BeforeValidator, Field, Strict, field_validator, model_validator
 
-from sceniris_gym.config.cameras import CameraConfig
-from sceniris_gym.config.fields import ROBOT, Extents2, Model, ObjectName, PartName, wrong
+from sceniris_gym.config.fields import ROBOT, Extents2, Model, Number, ObjectName, PartName, Point3, within, wrong
 from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.heaps import HeapConfig, StackConfig
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.section import Section
-from sceniris_gym.config.stacks import StackConfig
 from sceniris_gym.config.start import StartConfig
 from sceniris_gym.config.variants import owners_of, variants_of
 
@@ -41,6 +40,41 @@ class Floor(Section):
     """The ground workspace: a rectangle around the world's origin with the full extents `size` = (x, y) [m]."""
 
     size: Extents2
+
+
+class CameraConfig(Section):
+    """A camera at `pos` that looks at the point `look_at` [m]; the direction `up` points up in its pictures.
+
+    All three are in the frame of `body`, which carries the camera: an object, a robot, or a body inside one as
+    `robot/hand`. Without a body they are in the world frame. `up` is by default the z axis, or the x axis for a camera
+    that looks along z. `fovy` is the vertical field of view [degrees].
+    """
+
+    body: str | None = None
+    pos: Point3
+    look_at: Point3
+    up: Point3 | None = None
+    fovy: Annotated[Number, within("field of view")] = 45.0
+
+    @property
+    def backward(self) -> np.ndarray:
+        """The vector from the point that is looked at to the camera [m], shape (3,)."""
+        return np.subtract(self.pos, self.look_at)
+
+    @property
+    def upward(self) -> np.ndarray:
+        """The direction that points up in pictures, shape (3,)."""
+        if self.up is not None:
+            return np.array(self.up)
+        return np.array([0.0, 0.0, 1.0] if np.abs(self.backward[:2]).max() > 1e-6 else [1.0, 0.0, 0.0])
+
+    @model_validator(mode="after")
+    def _looks_somewhere(self) -> CameraConfig:
+        if np.linalg.norm(self.backward) < 1e-6:
+            raise wrong("should have a 'look_at' that is elsewhere than its 'pos'")
+        if np.linalg.norm(np.cross(self.upward, self.backward)) < 1e-6 * np.linalg.norm(self.backward):
+            raise wrong("should have an 'up' that is no multiple of the direction in which it looks")
+        return self
 
 
 class SceneWords(Section):

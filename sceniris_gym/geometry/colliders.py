@@ -1,22 +1,39 @@
-"""Colliders: the pieces of each body under one tree of boxes, as numpy arrays and (for meshes) on the device."""
+"""Colliders: the pieces of each body under one tree of boxes, as arrays and (for meshes) on the device; inner boxes."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import warp as wp
 
-from sceniris_gym.geometry.box_tree import build_tree
-from sceniris_gym.geometry.depth import most_depth
 from sceniris_gym.geometry.pieces import ROUND, Piece, PieceType, flat_faces
 from sceniris_gym.geometry.ragged import addressed, columns
+from sceniris_gym.geometry.rotations import matrix
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Boxes are grown by this much [m] so that rounding to float32 cannot lose a leaf.
 _GROW = 1.0e-6
 _NO_POINTS, _NO_FACES = np.zeros((0, 3)), np.zeros((0, 3, 3))
 PIECE_LEAF = 1 << 30
 """Added to the number of a piece that is a leaf where other leaves are faces."""
+
+# Cells along the longest edge of a mesh's bounds: the bound is too large by half a cell's diagonal.
+_CELLS = 24
+# An inner box is smaller than its piece by this much [m] on every side, so that rounding cannot push it out.
+_INSIDE = 2.0e-5
+# Thinner boxes [m] prove little.
+_LEAST_HALF = 3.0e-4
+# Each side of a box moves out once for each share, by that share of the room that it has.
+_SHARES = (0.3, 0.3, 0.5, 0.5, 1.0)
+
+Box = tuple[np.ndarray, np.ndarray]
+"""Centre and half extents [m], shape (3,) each; half extents of 0 mean that there is no inner box."""
+
+NO_INNER_BOX = np.zeros(3), np.zeros(3)
+"""The box of a piece that has no room for one."""
 
 
 @dataclass(frozen=True)
@@ -133,3 +150,129 @@ def collider_arrays(colliders: list[Collider]) -> dict[str, np.ndarray]:
         "face_c": faces[:, 2],
         "point": np.reshape(points, (-1, 3)),
     }
+
+
+def build_tree(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Build the tree over leaf boxes [m], shape (n, 3) each, split at the median along the longest axis.
+
+    Returns:
+        Its nodes, the root first, a right child directly after its left sibling: centres and halves of their boxes [m],
+        shape (m, 3) each, and the number of the left child of each, or ~leaf, shape (m,).
+    """
+    middle = 0.5 * (lower + upper)
+    order = np.arange(len(lower))
+    start, stop = np.array([0]), np.array([len(lower)])
+    lows, highs, children = [], [], []
+    nodes = 1  # ids given out so far
+    while len(start):
+        gather = np.concatenate([order[a:b] for a, b in zip(start, stop, strict=True)])
+        size = stop - start
+        first = np.concatenate([[0], np.cumsum(size)[:-1]])
+        lows.append(np.minimum.reduceat(lower[gather], first))
+        highs.append(np.maximum.reduceat(upper[gather], first))
+        leaf = size == 1
+        inner = np.flatnonzero(~leaf)
+        child = np.where(leaf, ~order[start], 0)
+        child[inner] = nodes + 2 * np.arange(len(inner))
+        children.append(child)
+        nodes += 2 * len(inner)
+
+        spread = np.maximum.reduceat(middle[gather], first) - np.minimum.reduceat(middle[gather], first)
+        owner = np.repeat(np.arange(len(size)), size)
+        along = middle[gather, spread.argmax(axis=1)[owner]]
+        gather = gather[np.lexsort((gather, along, owner))]
+        for i in inner:
+            order[start[i] : stop[i]] = gather[first[i] : first[i] + size[i]]
+        half = start[inner] + size[inner] // 2
+        start, stop = np.stack([start[inner], half], axis=1).ravel(), np.stack([half, stop[inner]], axis=1).ravel()
+    low, high = np.concatenate(lows), np.concatenate(highs)
+    return 0.5 * (low + high), 0.5 * (high - low), np.concatenate(children)
+
+
+@wp.kernel
+def _measure_depth(
+    mesh: wp.uint64,
+    lower: wp.vec3,
+    cell: float,
+    most: float,
+    # Out:
+    depth: wp.array[float],
+):
+    i, j, k = wp.tid()
+    at = lower + cell * wp.vec3(float(i) + 0.5, float(j) + 0.5, float(k) + 0.5)
+    query = wp.mesh_query_point_sign_winding_number(mesh, at, most)
+    if query.result:
+        if query.sign < 0.0:
+            nearest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+            wp.atomic_max(depth, 0, wp.length(nearest - at))
+
+
+def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str) -> float:
+    """Return a distance [m] from the surface that no point inside a closed mesh exceeds.
+
+    Args:
+        mesh: The mesh, with winding numbers.
+        lower: Lower corner of its bounds [m], shape (3,).
+        upper: Upper corner, likewise.
+        device: Where it is.
+    """
+    cell = max(float((upper - lower).max()) / _CELLS, 1e-6)
+    dim = np.maximum(np.ceil((upper - lower) / cell), 1).astype(int)
+    depth = wp.zeros(1, dtype=float, device=device)
+    most = float(np.linalg.norm(upper - lower))
+    wp.launch(
+        _measure_depth, dim=dim.tolist(), inputs=[mesh.id, wp.vec3(*lower), cell, most], outputs=[depth], device=device
+    )
+    # a point inside is within half a diagonal of its cell's centre, and of the surface if that centre lies outside
+    return float(depth.numpy()[0]) + 0.5 * np.sqrt(3.0) * cell
+
+
+def inner_box(piece: Piece) -> Box:
+    """Return a large box inside of a piece's convex form, in the piece's frame."""
+    sx, sy, _ = piece.size
+    corner = 1.0 / math.sqrt(3.0)
+    if piece.type == PieceType.HULL:
+        return _hull_inner_box(piece)
+    half = {
+        PieceType.BOX: piece.size,
+        PieceType.SPHERE: np.full(3, corner * sx),
+        PieceType.ELLIPSOID: corner * piece.size,
+        PieceType.CYLINDER: np.array([math.sqrt(0.5) * sx, math.sqrt(0.5) * sx, sy]),
+        PieceType.CAPSULE: np.array([corner * sx, corner * sx, sy + corner * sx]),
+    }.get(piece.type)
+    return NO_INNER_BOX if half is None else _box(-half, half)
+
+
+def _hull_inner_box(piece: Piece) -> Box:
+    """Return the box of a hull: it begins in the middle with the bounds' proportions; its sides move out in turn."""
+    if piece.mesh is None:
+        return NO_INNER_BOX
+    triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    solid = lengths > 0.0
+    normals = normals[solid] / lengths[solid, None]
+    limits = np.einsum("nij,nj->ni", triangles[solid], normals).max(axis=1)
+    lower, upper = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
+    # the bounds too: faces with almost no area may be missing from the surface
+    normals, limits = np.vstack([normals, np.eye(3), -np.eye(3)]), np.concatenate([limits, upper, -lower])
+    middles = [0.5 * (lower + upper), np.zeros(3)]
+    sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]
+    best = int(np.argmax(sizes))
+    if sizes[best] <= 0.0:
+        return NO_INNER_BOX
+    room = sizes[best] * (upper - lower)
+    low, high = middles[best] - room, middles[best] + room
+    for share in _SHARES:
+        for axis in range(3):
+            for side, sign in ((low, -1.0), (high, 1.0)):
+                along = sign * normals[:, axis]
+                facing = along > 1e-9
+                reach = np.maximum(normals[facing] * low, normals[facing] * high).sum(axis=1)
+                side[axis] += sign * share * max(((limits[facing] - reach) / along[facing]).min(), 0.0)
+    return _box(low, high)
+
+
+def _box(low: np.ndarray, high: np.ndarray) -> Box:
+    half = 0.5 * (high - low) - _INSIDE
+    return (0.5 * (low + high), half) if half.min() >= _LEAST_HALF else NO_INNER_BOX

@@ -1,7 +1,8 @@
-"""Placement of a camera that just sees some points."""
+"""Placement of a camera that just sees some points, and upright boxes around them."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 _MARGIN = 1.04
@@ -50,3 +51,17 @@ def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return the eight corners [m] of an upright box, shape (8, 3)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return center + signs * half
+
+
+def upright_box(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and the upper corner [m] of a box along the world's axes that holds the boxes of geoms.
+
+    Args:
+        mjm: The model.
+        data: Its state, with the poses of geoms up to date.
+        geoms: Numbers of geoms, at least one; no planes.
+    """
+    mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    middle = data.geom_xpos[geoms] + np.einsum("gij,gj->gi", mats, mjm.geom_aabb[geoms, :3])
+    half = np.einsum("gij,gj->gi", np.abs(mats), mjm.geom_aabb[geoms, 3:])
+    return (middle - half).min(axis=0), (middle + half).max(axis=0)

@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 
 import mujoco
 
-from sceniris_gym.config.paths import user_path
+from sceniris_gym.config.loader import user_path
 from sceniris_gym.errors import CycleError, SceneFileError, import_extra
 from sceniris_gym.files import no_file, opened, read_bytes
 

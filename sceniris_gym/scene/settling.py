@@ -10,8 +10,8 @@ import numpy as np
 
 from sceniris_gym.config.heaps import HeapConfig
 from sceniris_gym.errors import HeapError
+from sceniris_gym.geometry.framing import upright_box
 from sceniris_gym.geometry.rotations import product
-from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigid_part, rigid_thing, settled_with
 from sceniris_gym.scene.model import SceneModel

@@ -8,8 +8,8 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from sceniris_gym.geometry.framing import upright_box
 from sceniris_gym.geometry.rotations import matrix
-from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.scene.layout_table import LayoutTable

@@ -1,4 +1,4 @@
-"""Scene files: how they are found, read, merged into their bases, and changed by overrides."""
+"""Scene files: how they are found, read, merged and changed, how much they may mean, and what is no path."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sceniris_gym.config.loader import merge, override, read_scene, shipped
+from sceniris_gym.config.loader import MOST_VALUES, expanded_size, merge, override, read_scene, shipped, user_path
 from sceniris_gym.config.objects import JointConfig, SupportConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.scene import SceneConfig
@@ -266,3 +266,55 @@ def test_a_number_of_many_digits_is_not_written_out():
 def test_a_dotted_key_has_an_end():
     """Merging goes as deep as the key."""
     assert "16 keys at most, has 3000" in refusal(SMALL, {".".join("a" * 3000): 1}, SceneKeyError)
+
+
+def test_a_file_without_anchors_is_not_expanded():
+    """Each value is there once."""
+    assert expanded_size("a: [1, 2]\nb: 3\n") == 0
+
+
+def test_aliases_count_as_often_as_they_stand():
+    """A mapping of one key with a list of two numbers, and the list once more."""
+    assert expanded_size("a: &x [1, 2]\nb: *x\n") == 1 + 2 + 2 * 3
+
+
+@pytest.mark.parametrize("form", ["<<: [{}]", "k: [{}]"], ids=["merges", "lists"])
+def test_a_bomb_is_refused_before_it_is_built(tmp_path: Path, form: str):
+    """Nine to the power of twelve values in twelve lines, as merges and as plain lists."""
+    lines = ["a0: &a0 {x: 1, y: 2}"]
+    lines += [f"a{i}: &a{i} {{{form.format(', '.join([f'*a{i - 1}'] * 9))}}}" for i in range(1, 13)]
+    assert expanded_size("\n".join(lines)) == MOST_VALUES + 1
+    with pytest.raises(
+        SceneFileError, match=r"bomb\.yaml: with its aliases and merges written out .* more than 1000000"
+    ):
+        SceneConfig.load(write(tmp_path, "bomb.yaml", "\n".join(lines)))
+
+
+def test_a_value_that_holds_itself_is_refused(tmp_path: Path):
+    """Written out it has no end."""
+    with pytest.raises(SceneFileError, match="more than 1000000 values"):
+        SceneConfig.load(write(tmp_path, "loop.yaml", "objects: &x {a: *x}"))
+
+
+def test_a_path_is_below_its_folder_unless_it_is_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """And `~` is the home folder."""
+    monkeypatch.setenv("HOME", "/home/somebody")
+    assert user_path("a/b.xml", tmp_path, "scene") == tmp_path / "a/b.xml"
+    assert user_path("/a/b.xml", tmp_path, "scene") == Path("/a/b.xml")
+    assert user_path("~/b.xml", tmp_path, "scene") == Path("/home/somebody/b.xml")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"), [("~nosuchuser/a.xml", "there is no such user"), ("a/" * 3000 + "a.xml", "name too long")]
+)
+def test_what_is_no_path_is_refused_by_its_key(text: str, says: str):
+    """As the scene itself, as a model, and as an asset; a long one is not shown whole."""
+    apple = {"asset": text, "on": "floor"}
+    for scene, key in (
+        (text, "scene"),
+        ({**SMALL, "model": text}, "scene: model"),
+        ({**SMALL, "objects": {"apple": apple}}, "scene: asset"),
+    ):
+        with pytest.raises(SceneFileError, match=f"{key}: .*{says}") as found:
+            SceneConfig.load(scene)
+        assert len(str(found.value)) < 300

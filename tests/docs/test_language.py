@@ -15,15 +15,14 @@ from PIL import Image
 from docs.examples import FOLDER, PAGES, TEXT_KEY, Example, read_examples
 from docs.seen import View
 from sceniris_gym import errors
-from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
+from sceniris_gym.config.heaps import StackConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import KINDS, Connection, Distance
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.config.scene_words import Floor
-from sceniris_gym.config.stacks import StackConfig
+from sceniris_gym.config.scene_words import CameraConfig, Floor
 from sceniris_gym.program.checks import oddities
 from sceniris_gym.program.device import Cause
 from tests.oracle.hostile_judge import KICK

@@ -11,14 +11,12 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from sceniris_gym.config import loader, objects, orientation, relations, robot, variants
-from sceniris_gym.config.cameras import CameraConfig
 from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.heaps import HeapConfig, StackConfig
 from sceniris_gym.config.randomize import DrawConfig, SceneDraws
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.config.scene_words import Floor, SceneWords
+from sceniris_gym.config.scene_words import CameraConfig, Floor, SceneWords
 from sceniris_gym.config.section import Section
-from sceniris_gym.config.stacks import StackConfig
 from sceniris_gym.config.start import StartConfig
 
 PAGE = Path(__file__).parents[2] / "docs" / "language" / "words.md"

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.config.paths import user_path
+from sceniris_gym.config.loader import user_path
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ModelWarning, SceneFileError, SceneKeyError
 from sceniris_gym.importers.libero.kinds import OBJECTS, WORKSPACES, Workspace

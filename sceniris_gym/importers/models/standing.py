@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import shapely
 
+from sceniris_gym.geometry.framing import upright_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface, level_surfaces
-from sceniris_gym.geometry.upright_box import upright_box
 from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
 
 _GEOM = mujoco.mjtObj.mjOBJ_GEOM

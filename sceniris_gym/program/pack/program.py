@@ -9,8 +9,7 @@ import numpy as np
 
 from sceniris_gym.config.bounds import MOST_WIDE
 from sceniris_gym.config.groups import SPLITS, GroupConfig
-from sceniris_gym.geometry.colliders import Collider
-from sceniris_gym.geometry.inner_boxes import NO_INNER_BOX, inner_box
+from sceniris_gym.geometry.colliders import NO_INNER_BOX, Collider, inner_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.program.device import fill_struct

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sceniris_gym.geometry.box_tree import build_tree
-from sceniris_gym.geometry.colliders import Collider
+from sceniris_gym.geometry.colliders import Collider, build_tree
 from sceniris_gym.program.pack.descent import Trees
 
 
