@@ -15,7 +15,7 @@ import numpy as np
 
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.build import reach_ball
-from sceniris_gym.reach.forward import tcp_axes
+from sceniris_gym.reach.measures import tcp_axes
 from sceniris_gym.reach.solve import random_joints
 
 _CHUNK = 1 << 20

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.collide.axes import absolute, gap_across_edges, gap_at_faces
+from sceniris_gym.collide.box_pairs import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.collide.leaves import PairPoses, inner_boxes_touch, leaves_touch, margin_of, over_plane, pair_poses
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply

@@ -6,9 +6,8 @@ leaves that are too near rejects a candidate, so the order of the pairs does not
 
 import warp as wp
 
+from sceniris_gym.collide.box_pairs import inner_boxes_within, near_parts_separated
 from sceniris_gym.collide.convex import Shape, least_extent, piece_shape
-from sceniris_gym.collide.inner_boxes import inner_boxes_within
-from sceniris_gym.collide.near_part import near_parts_separated
 from sceniris_gym.collide.triangles import triangles_separated
 from sceniris_gym.device.quaternions import rot_vec_quat
 from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative

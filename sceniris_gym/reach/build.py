@@ -16,14 +16,12 @@ import numpy as np
 
 from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.progress import tell
-from sceniris_gym.reach.acceptance import measure_false_accepts
 from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.checkpoint import Checkpoint
-from sceniris_gym.reach.forward import tcp_axes
 from sceniris_gym.reach.labels import ALL_TURNS, Labeller
 from sceniris_gym.reach.map import ReachMap, pack
+from sceniris_gym.reach.measures import gather_witnesses, measure_false_accepts, tcp_axes
 from sceniris_gym.reach.solve import random_joints
-from sceniris_gym.reach.witnesses import gather_witnesses
 
 STEP = 0.025
 """Least default step of the grid [m]. A large arm gets its reach divided by 44, which keeps the map below 16 MB."""

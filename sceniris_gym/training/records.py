@@ -1,7 +1,8 @@
-"""The files that a run leaves in its folder; read without torch."""
+"""The files that a run leaves in its folder, read without torch; and the hash of the sources that made them."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import pickle
@@ -17,6 +18,8 @@ from sceniris_gym.training.settings import Settings, as_settings
 CONFIG, LOG, MODEL, JUDGED, TEACHER = "config.json", "log.jsonl", "model.pt", "judged.json", "teacher.pt"
 PICKLE = "is a pickle, and reading one executes what is in it. Give --trust if you trust whoever made it."
 """The end of errors about files that are not read unless they are trusted."""
+PACKAGE = Path(__file__).parents[1]
+ENDINGS = {"sceniris_gym": (".py",), "envs": (".py", ".yaml"), "assets": (".xml", ".obj", ".reach")}
 
 
 @contextmanager
@@ -121,3 +124,28 @@ def success_interval(successes: int, number: int) -> tuple[float, float]:
         return 0.0, 1.0
     interval = binomtest(successes, number).proportion_ci(math.erf(1.96 / math.sqrt(2.0)), "wilson")
     return float(interval.low), float(interval.high)
+
+
+def source_hash(*more: Path, package: Path = PACKAGE) -> str:
+    """Return the hash of package, tasks and assets, the same in a repository and where its wheel is installed.
+
+    Args:
+        more: Other files that results depend on.
+        package: The folder of the package. Tasks and assets lie in it or, in a repository, beside it.
+    """
+    digest = hashlib.sha256()
+    for name, endings in ENDINGS.items():
+        inside = package / name
+        folder = package if name == "sceniris_gym" else inside if inside.exists() else package.parent / name
+        for path in sorted(folder.rglob("*")):
+            parts = path.relative_to(folder).parts
+            if path.suffix in endings and not (folder == package and parts[0] in ENDINGS):
+                digest.update("/".join((name, *parts)).encode())
+                digest.update(path.read_bytes())
+    for path in more:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+if __name__ == "__main__":
+    print(source_hash())

@@ -33,10 +33,9 @@ from sceniris_gym.levels.choice import Levels
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training import layout_sources, records
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, TEACHER, evaluations, without_layouts
+from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, TEACHER, evaluations, source_hash, without_layouts
 from sceniris_gym.training.runner import load_checkpoint, runner_of
 from sceniris_gym.training.settings import Options, settings_of
-from sceniris_gym.training.sources import source_hash
 from sceniris_gym.training.task_scenes import NAMESPACE, SEED_SPACING, make_env, scene_of, spec_of
 from sceniris_gym.vector.arguments import as_task
 

@@ -18,7 +18,8 @@ pytest.importorskip("rsl_rl")
 from benchmarks import curves
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json
-from sceniris_gym.training import sources, task_scenes, train
+from sceniris_gym.training import task_scenes, train
+from sceniris_gym.training.records import source_hash
 from sceniris_gym.training.settings import SETTINGS, Options
 from tests.training.scenes import reach_scene
 
@@ -167,7 +168,7 @@ def test_a_run_does_not_go_on_from_progress_that_no_run_has(
 def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):
     """The first option that differs is named; how long it runs may be another."""
     options = Options("TabletopReach-v0", out=tmp_path, bank=16)
-    settings, known = asdict(SETTINGS["TabletopReach-v0"]), {"hash": sources.source_hash()}
+    settings, known = asdict(SETTINGS["TabletopReach-v0"]), {"hash": source_hash()}
     told = {"options": asdict(options), "settings": settings, "sources": known}
     (tmp_path / "config.json").write_text(as_json(told))
     (tmp_path / "model.pt").touch()

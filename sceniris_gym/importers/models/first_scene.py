@@ -17,8 +17,15 @@ from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.errors import ArmError, NotSupportedError
 from sceniris_gym.geometry.pieces import Piece, extract_pieces
 from sceniris_gym.geometry.rotations import matrix
-from sceniris_gym.importers.models.arms import FoundArm, find_arms
-from sceniris_gym.importers.models.standing import FoundSupport, geom_beneath, named_support, support_of, supports_of
+from sceniris_gym.importers.models.found import (
+    FoundArm,
+    FoundSupport,
+    find_arms,
+    geom_beneath,
+    named_support,
+    support_of,
+    supports_of,
+)
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.adopt import HOME
 from sceniris_gym.scene.assemble import compile_spec

@@ -1,0 +1,165 @@
+"""Pairs of boxes: their separating axes, near parts of large ones, and boxes inside of pieces.
+
+The axes are the face normals of both boxes, and the cross products of their edges: S. Gottschalk, M. Lin, D. Manocha,
+"OBBTree", SIGGRAPH 1996. The boxes have half extents ha and hb [m]; b is centred at t and its axes are the columns of
+r, both in the frame of a.
+
+A gap of 10 um beside a wall of ten metres is lost in rounding. Rounding can also stop the general test before it finds
+a gap: it reports contact for some boxes of decimetres that are 10 to 100 um apart. So large boxes are cut to their near
+parts. Two pieces overlap wherever the boxes inside of them do, which is quick to prove.
+"""
+
+import warp as wp
+
+from sceniris_gym.collide.convex import Shape, separated
+from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
+from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.program.device import Program
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
+# Everything that is cut off is at least this much [m] further away than the margin.
+_BEYOND = wp.constant(1.0e-3)
+# Rounding of a sum of six products in single precision, relative to the sum of lengths.
+_ROUNDING = wp.constant(4.0e-7)
+
+# Edges count as parallel up to an angle of 1.4e-3 rad, whose cosine this is; three pairs of edges may be so at once.
+_PARALLEL = wp.constant(1.0 - 1.0e-6)
+# The overlap required along face normals, as a share of the sum of the half diagonals: twice the displacement from
+# turning the boxes until such edges are exactly parallel.
+_OVERLAP = wp.constant(5.0e-3)
+_EDGE_ROUNDING = wp.constant(1.0e-7)
+
+
+@wp.func
+def absolute(r: wp.mat33) -> wp.mat33:
+    """Return the absolute values of the entries of a rotation matrix."""
+    return wp.matrix_from_rows(wp.abs(r[0]), wp.abs(r[1]), wp.abs(r[2]))
+
+
+@wp.func
+def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
+    """Return the widest gap [m] along the face normals of a, negative for an overlap; `f` is `absolute(r)`.
+
+    For the face normals of b, pass (hb, ha), t in the frame of b, and the transpose of f.
+    """
+    return wp.max(wp.abs(t) - ha - f * hb)
+
+
+@wp.func
+def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, i: int, j: int) -> float:
+    """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1)."""
+    i1 = (i + 1) % 3
+    i2 = (i + 2) % 3
+    j1 = (j + 1) % 3
+    j2 = (j + 2) % 3
+    reach = ha[i1] * f[i2, j] + ha[i2] * f[i1, j] + hb[j1] * f[i, j2] + hb[j2] * f[i, j1]
+    return wp.abs(t[i2] * r[i1, j] - t[i1] * r[i2, j]) - reach
+
+
+@wp.func
+def _near_part(shape: Shape, at: wp.vec3, reach: float):
+    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and False if there is none.
+
+    Point and centre are in the box's frame. Shapes of any other kind are returned whole.
+    """
+    part = shape
+    middle = wp.vec3(0.0)
+    some = bool(True)
+    if shape.kind == PieceType.BOX:
+        low = wp.max(-shape.size, at - wp.vec3(reach))
+        high = wp.min(shape.size, at + wp.vec3(reach))
+        part.size = 0.5 * (high - low)
+        middle = 0.5 * (high + low)
+        some = wp.min(part.size) >= 0.0
+    return part, middle, some
+
+
+@wp.func
+def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
+    """Test whether two boxes, each centred in its frame, have a separating axis with a gap above `margin` [m].
+
+    The cross product of two edges is the shorter, and rounding weighs the more, the more parallel they are.
+    """
+    t = rel.pos
+    r = rel.rot
+    f = absolute(r)
+    if gap_at_faces(ha, hb, t, f) > margin:
+        return True
+    tb = wp.transpose(r) * t
+    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > margin:
+        return True
+    rounding = _ROUNDING * (wp.length(ha) + wp.length(hb) + wp.length(t))
+    for i in range(3):
+        for j in range(3):
+            length = wp.sqrt(wp.max(1.0 - r[i, j] * r[i, j], 0.0))
+            if gap_across_edges(ha, hb, t, r, f, i, j) > margin * length + rounding:
+                return True
+    return False
+
+
+@wp.func
+def near_parts_separated(
+    vert: wp.array[wp.vec3],
+    a: Shape,
+    b: Shape,
+    radius_a: float,
+    radius_b: float,
+    rel: Pose,
+    margin: float,
+) -> bool:
+    """Test whether the distance between two shapes is above `margin` [m], 0 or more.
+
+    `rel` is the pose of `b` in the frame of `a`. Each shape lies within its radius [m] of the origin of its frame.
+    """
+    reach = margin + _BEYOND
+    part_a, middle_a, some_a = _near_part(a, rel.pos, radius_b + reach)
+    part_b, middle_b, some_b = _near_part(b, -(wp.transpose(rel.rot) * rel.pos), radius_a + reach)
+    if not some_a or not some_b:
+        return True
+    near = Pose(rel.pos + rel.rot * middle_b - middle_a, rel.rot)
+    if a.kind == PieceType.BOX and b.kind == PieceType.BOX:
+        if _boxes_apart(part_a.size, part_b.size, near, margin):
+            return True
+    return separated(vert, part_a, part_b, near, _SPACE, margin)
+
+
+@wp.func
+def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
+    """Test whether two boxes (centre, half extents [m]) are certainly within `margin` [m], 0 or more, of each other.
+
+    Box b is given in a frame whose pose in a's frame is `rel`. It is moved towards a by the margin: boxes that overlap
+    then are no further apart than that. May return False for boxes that are just within the margin, never the reverse.
+
+    S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. Parallel edges have no cross product, and that of
+    nearly parallel ones is mostly rounding. Such axes are skipped; instead the boxes have to overlap along their face
+    normals by so much that no skipped axis could separate them.
+    """
+    t = apply(rel, cb) - ca
+    t = t * wp.max(1.0 - margin / wp.max(wp.length(t), 1.0e-9), 0.0)
+    r = rel.rot
+    f = absolute(r)
+    deep = _OVERLAP * (wp.length(ha) + wp.length(hb))
+    if gap_at_faces(ha, hb, t, f) > -deep:
+        return False
+    tb = wp.transpose(r) * t
+    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > -deep:
+        return False
+    for i in range(3):
+        for j in range(3):
+            if f[i, j] < _PARALLEL and gap_across_edges(ha, hb, t, r, f, i, j) > -_EDGE_ROUNDING:
+                return False
+    return True
+
+
+@wp.func
+def inner_boxes_within(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
+    """Test whether inner boxes prove that two pieces are within `margin` [m]; `rel` poses b's body in a's frame."""
+    ha = program.inner_half[a]
+    hb = program.inner_half[b]
+    if ha[0] == 0.0 or hb[0] == 0.0:
+        return False
+    frame = compose(rel, pose_of(program.piece_pos[b], program.piece_quat[b]))
+    frame = relative(pose_of(program.piece_pos[a], program.piece_quat[a]), frame)
+    return boxes_within(program.inner_center[a], ha, program.inner_center[b], hb, frame, margin)

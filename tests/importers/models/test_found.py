@@ -1,0 +1,101 @@
+"""Arms in models: their chains, fingers and tool centre points; geoms beneath bodies, and the supports of a model."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from sceniris_gym.geometry.pieces import extract_pieces
+from sceniris_gym.importers.models.found import find_arms, geom_beneath, named_support, support_of, supports_of
+from tests.importers.models.models import FINGERS, HEAD, TABLE, arm, posed
+
+
+def test_an_arm_ends_where_its_fingers_begin_and_a_head_is_no_arm():
+    """Its chain has six joints, the fingers are the two bodies on slides, and the tip is a centimetre below theirs."""
+    mjm = mujoco.MjModel.from_xml_string(arm(FINGERS, HEAD))
+    (found,) = find_arms(mjm)
+    assert (mjm.body(found.base).name, mjm.body(found.hand).name, len(found.joints)) == ("base", "hand", 6)
+    assert {mjm.body(b).name for b in found.fingers} == {"left", "right"}
+    tcp = found.tcp(posed(mjm))
+    assert tcp.body == "hand"
+    assert tcp.turns == (0.0, 0.0, 0.0)
+    assert tcp.offset == pytest.approx((0.0, 0.0, 0.07), abs=1e-4)
+
+
+def test_a_site_that_is_named_for_it_is_the_tool_centre_point():
+    """It is turned where the fingers point elsewhere than its z axis."""
+    site = '<site name="grip_site" pos="0 0 0.06" euler="0 -90 0"/><site name="mark"/>'
+    mjm = mujoco.MjModel.from_xml_string(arm(site + FINGERS))
+    tcp = find_arms(mjm)[0].tcp(posed(mjm))
+    assert (tcp.site, tcp.pitch) == ("grip_site", 90.0)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_without_fingers_the_last_body_points_along_the_last_joint(axis: str):
+    """Whichever way its frame is turned; the arm is upright, so that the tool points up."""
+    euler = {"x": "90 0 0", "y": "0 -90 0", "z": "180 0 0"}[axis]
+    tool = f'<body name="tool" euler="{euler}"><geom size="0.01"/></body>'
+    mjm = mujoco.MjModel.from_xml_string(arm(tool))
+    data = posed(mjm)
+    (found,) = find_arms(mjm)
+    tcp = found.tcp(data)
+    assert tcp.body == "tool"
+    roll, pitch, _ = np.radians(tcp.turns)
+    x = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
+    y = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
+    assert data.body("tool").xmat.reshape(3, 3) @ y @ x @ [0, 0, 1] == pytest.approx([0, 0, 1], abs=1e-6)
+
+
+def test_things_and_hands_without_an_arm_are_no_arms():
+    """Neither are free bodies, nor a chain of three joints."""
+    assert find_arms(mujoco.MjModel.from_xml_string(TABLE)) == []
+    assert find_arms(mujoco.MjModel.from_xml_string(arm("", depth=3))) == []
+
+
+@pytest.fixture(scope="module")
+def mjm() -> mujoco.MjModel:
+    """The table with things."""
+    return mujoco.MjModel.from_xml_string(TABLE)
+
+
+@pytest.mark.parametrize(("body", "carrier"), [("can", "table"), ("a/main", "table"), ("top", "a"), ("ball", "ground")])
+def test_what_is_straight_below_counts(mjm: mujoco.MjModel, body: str, carrier: str):
+    """Also what is transparent; the names are those that a scene uses."""
+    geom = geom_beneath(mjm, posed(mjm), mjm.body(body).id)
+    assert geom is not None
+    named = named_support(mjm, geom, {"a": mjm.body("a/main").id})
+    assert named is not None
+    assert named[0] == carrier
+
+
+def test_nothing_is_below_what_is_under_the_ground():
+    """A body over nothing has nothing beneath it, and what does not collide is nothing."""
+    mjm = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom type="box" size="1 1 0.1" pos="0 0 -1" contype="0" conaffinity="0"/>'
+        '<body name="a"><freejoint/><geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    assert geom_beneath(mjm, posed(mjm), 1) is None
+
+
+def test_supports_are_listed_with_their_areas(mjm: mujoco.MjModel):
+    """The largest first; robots are none."""
+    pieces = extract_pieces(mjm, "physics")
+    ground, table = supports_of(mjm, {"can": mjm.body("can").id}, [], pieces)
+    assert (ground.name, ground.is_endless) == ("ground", True)
+    assert (table.name, table.is_endless) == ("table", False)
+    assert table.area == pytest.approx(0.48)
+    assert table.extent == pytest.approx((0.6, 0.8))
+    assert [s.name for s in supports_of(mjm, {}, [mjm.body("table").id], pieces)] == ["ground"]
+
+
+def test_a_covered_surface_is_no_open_one():
+    """A shelf's board below another carries things that are `in` it."""
+    mjm = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body name="shelf"><geom name="low" type="box" size="0.2 0.2 0.01"/>'
+        '<geom type="box" size="0.2 0.2 0.01" pos="0 0 0.4"/></body></worldbody></mujoco>'
+    )
+    named = named_support(mjm, 0, {})
+    assert named is not None
+    low = support_of(*named, extract_pieces(mjm, "physics"))
+    assert (low.name, low.open_above, low.area) == ("low", False, pytest.approx(0.16))
