@@ -16,7 +16,7 @@ PLACING = ("on", "inside", "region", "relations", "joints", "ratio_on_support", 
 _THINNEST = 2.0e-4
 """Least width of an offset [m], as of any distance."""
 
-_ADVICE = f"should be [low, high] with 0 <= low and high at least {_THINNEST} m above it"
+_OFFSET_ADVICE = f"should be [low, high] with 0 <= low and high at least {_THINNEST} m above it"
 
 
 class HeapConfig(Section):
@@ -80,7 +80,7 @@ class StackConfig(Section):
 
     of: Annotated[Names, Field(min_length=2)]
     on: str
-    offset: Annotated[tuple[Length, Length], BeforeValidator(listed), must(_is_offset, _ADVICE)] | None = None
+    offset: Annotated[tuple[Length, Length], BeforeValidator(listed), must(_is_offset, _OFFSET_ADVICE)] | None = None
 
 
 def with_chains(scene: Any) -> Any:

@@ -14,6 +14,9 @@ from sceniris_gym.geometry.framing import box_corners, frame
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.support import subtree
 
+VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
+"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
+HIDDEN_GROUP = 5
 FOVY = 40.0
 """Vertical field of view [degrees]."""
 _ASPECT = 4.0 / 3.0
@@ -29,11 +32,6 @@ _SHOWN = (0, 1, 2)
 _GRID = np.linspace(0.1, 0.9, 4)
 
 _Box = tuple[np.ndarray, np.ndarray]
-
-VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
-"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
-
-HIDDEN_GROUP = 5
 
 
 class Overview:
