@@ -66,7 +66,7 @@ class ReachMap:
         turn_error: Share of verdicts on reachable poses that are wrong because the limits of base and wrist matter in
             some turns only: the largest among the grid and both poles.
         seed: Seed of the starts from which the map was solved.
-        false_accepts: Share of the accepted poses that are out of reach, as acceptance.py measures it; None if it was
+        false_accepts: Share of the accepted poses that are out of reach, as measures.py finds it; None if it was
             not measured, as in files of earlier versions.
     """
 
