@@ -11,7 +11,7 @@ from pydantic import ModelWrapValidatorHandler, PrivateAttr, TypeAdapter, Valida
 
 from sceniris_gym.config.fields import in_memory, wrong
 from sceniris_gym.config.folders import is_pattern
-from sceniris_gym.config.heaps import with_chains, with_places
+from sceniris_gym.config.groups import with_chains, with_places
 from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.scene_words import SceneWords

@@ -6,7 +6,7 @@ import graphlib
 from collections.abc import Container, Iterable
 
 from sceniris_gym.config.fields import FLOOR, in_memory
-from sceniris_gym.config.heaps import PLACING
+from sceniris_gym.config.groups import PLACING
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.config.scene_words import SceneWords

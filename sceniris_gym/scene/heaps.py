@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.groups import HeapConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import HeapError, NotSupportedError
 from sceniris_gym.files import no_file

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.groups import HeapConfig
 from sceniris_gym.errors import HeapError
 from sceniris_gym.geometry.framing import upright_box
 from sceniris_gym.geometry.rotations import product

@@ -15,8 +15,7 @@ from PIL import Image
 from docs.examples import FOLDER, PAGES, TEXT_KEY, Example, read_examples
 from docs.seen import View
 from sceniris_gym import errors
-from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import StackConfig
+from sceniris_gym.config.groups import GroupConfig, StackConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
 from sceniris_gym.config.relations import KINDS, Connection, Distance

@@ -11,8 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from sceniris_gym.config import loader, objects, orientation, relations, robot, variants
-from sceniris_gym.config.groups import GroupConfig
-from sceniris_gym.config.heaps import HeapConfig, StackConfig
+from sceniris_gym.config.groups import GroupConfig, HeapConfig, StackConfig
 from sceniris_gym.config.randomize import DrawConfig, SceneDraws
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import CameraConfig, Floor, SceneWords

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.groups import HeapConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import HeapError, NotSupportedError
 from sceniris_gym.program.plan import build_plan

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.config.heaps import HeapConfig
+from sceniris_gym.config.groups import HeapConfig
 from sceniris_gym.errors import HeapError, NotSupportedError
 from sceniris_gym.scene.heaps import read_rows
 from sceniris_gym.scene.settling import settle

@@ -9,8 +9,7 @@ from sceniris_gym.config.relations import Beside
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import HeapError, MapError, NotSupportedError, ReachWarning, SceneKeyError
 from sceniris_gym.program.notices import warn
-from sceniris_gym.program.pack.regions import cut_pieces
-from sceniris_gym.program.pack.relations import MOST_SLICES
+from sceniris_gym.program.pack.relations import MOST_SLICES, cut_pieces
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import asset_and_words
 from sceniris_gym.program.surfaces import UPRIGHT

@@ -17,8 +17,7 @@ from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.pack.objects import footprint_hulls, pack_objects
 from sceniris_gym.program.pack.pair_lists import pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
-from sceniris_gym.program.pack.regions import pack_regions
-from sceniris_gym.program.pack.relations import joints_of, pack_relations
+from sceniris_gym.program.pack.relations import joints_of, pack_regions, pack_relations
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.starts import plan_grips, plan_starts
 from sceniris_gym.scene.parking import PARKING_SPACING

@@ -13,7 +13,7 @@ from sceniris_gym.geometry.resting_poses import weights
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
-from sceniris_gym.program.pack.regions import surfaces_of_regions
+from sceniris_gym.program.pack.relations import surfaces_of_regions
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.standing import CURVED, Foot, Roll, carriers_of
 

@@ -20,8 +20,7 @@ from sceniris_gym.program.pack.objects import pack_objects
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS, pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.program import layout_bounds, pack_starts
-from sceniris_gym.program.pack.regions import pack_regions
-from sceniris_gym.program.pack.relations import joints_of, pack_relations
+from sceniris_gym.program.pack.relations import joints_of, pack_regions, pack_relations
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import write_mjcf

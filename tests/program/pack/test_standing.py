@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from sceniris_gym.program.device_statics import Statics
-from sceniris_gym.program.pack.regions import surfaces_of_regions
+from sceniris_gym.program.pack.relations import surfaces_of_regions
 from sceniris_gym.program.pack.standing import pack_statics
 from sceniris_gym.program.plan import Plan, build_plan
 from tests.layout.scenes import box_mjcf
