@@ -13,6 +13,7 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, UnknownNameError
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
 from sceniris_gym.vector.images import GROUP, picture_names
@@ -53,7 +54,7 @@ class SB3VecEnv(VecEnv):
 
     def __init__(self, env: VectorEnv, group: str | Sequence[str] = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
-            raise ArgumentTypeError(f"SB3VecEnv: env should be a SceneVectorEnv, as make_vec makes it, got {env!r}.")
+            raise ArgumentTypeError(f"SB3VecEnv: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
             raise ArgumentError("SB3VecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         assert isinstance(env.single_observation_space, gymnasium.spaces.Dict)

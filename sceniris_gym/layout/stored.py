@@ -153,7 +153,8 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         )
     arrays = {name: array for name, array in vars(table).items() if isinstance(array, np.ndarray)}
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _KINDS.get(name, "biuf")}
-    mjm, nrow, nreach = compiled.mjm, len(table), (*shapes.get("grasp", ()), 0, 0)[1]
+    mjm, nreach = compiled.mjm, (*shapes.get("grasp", ()), 0, 0)[1]
+    nrow = (*shapes.get("qpos", ()), 0)[0]
     known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
     joints = (*shapes.get("grasp_qpos", ()), -1, -1, -1)[2]
     wanted = {

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.counts import as_count
 
@@ -94,7 +95,7 @@ class Levels:
             raise UnknownNameError("priority", str(self.priority), "Levels", PRIORITIES)
         _check_shares(self, "replay", "staleness", "rate")
         if not isinstance(self.temperature, int | float) or not self.temperature > 0.0:
-            raise ArgumentError(f"Levels: temperature should be above 0, got {self.temperature!r}.")
+            raise ArgumentError(f"Levels: temperature should be above 0, got {short(self.temperature)}.")
         as_count(self.capacity, "Levels: capacity", most=_MOST)
         as_count(self.every, "Levels: every", most=_MOST)
         if self.ranges is not None:
@@ -106,4 +107,4 @@ def _check_shares(choice: Ranges | Levels, *names: str) -> None:
     for name in names:
         value = getattr(choice, name)
         if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
-            raise ArgumentError(f"{type(choice).__name__}: {name} should be from 0 to 1, got {value!r}.")
+            raise ArgumentError(f"{type(choice).__name__}: {name} should be from 0 to 1, got {short(value)}.")

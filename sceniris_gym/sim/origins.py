@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import MaskError, MaskTypeError, ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.model import SceneModel
@@ -34,7 +35,7 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
         try:
             found = wp.array(np.asarray(origins, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
         except (TypeError, ValueError):
-            raise MaskTypeError(f"origins should be floats, shape ({nworld}, 3), got {origins!r}.") from None
+            raise MaskTypeError(f"origins should be floats, shape ({nworld}, 3), got {short(origins)}.") from None
     if found.dtype is wp.float32 and found.ndim == 2 and found.shape[1] == 3:
         found = found.view(wp.vec3)
     if found.dtype is not wp.vec3 or found.shape != (nworld,):

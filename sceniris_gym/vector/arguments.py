@@ -70,7 +70,7 @@ def as_task(task: Task | type[Task] | str) -> Task:
             raise ArgumentError(f"task {task!r} should be 'module:Class', as Python can import it: {error}.") from None
     made = task() if isinstance(task, type) else task
     if not isinstance(made, Task):
-        raise ArgumentTypeError(f"task should be a Task, its class, or 'module:Class', got {made!r}.")
+        raise ArgumentTypeError(f"task should be a Task, its class, or 'module:Class', got {short(made)}.")
     return made
 
 

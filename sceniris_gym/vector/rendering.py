@@ -8,6 +8,7 @@ from typing import Any
 import mujoco_warp as mjw
 import numpy as np
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
@@ -38,7 +39,7 @@ class Rendering:
 
     def __init__(self, mode: str | None, num_envs: int, worlds: Any, size: Any, camera: str) -> None:
         if mode not in (None, *RENDER_MODES):
-            raise ArgumentError(f"render_mode should be {', '.join(map(repr, RENDER_MODES))} or None, got {mode!r}.")
+            raise ArgumentError(f"render_mode should be one of {short(RENDER_MODES)} or None, got {short(mode)}.")
         self.mode, self.camera = mode, camera
         self.worlds = num_envs if worlds is None else min(as_count(worlds, "render_envs"), num_envs)
         self.size = as_size(size, "render_size")

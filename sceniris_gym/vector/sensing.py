@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
 from sceniris_gym.vector.state import State
@@ -53,22 +54,22 @@ class Sensing:
     def __post_init__(self) -> None:
         for word, sizes in (("noise", self.noise), ("encoder_bias", self.encoder_bias)):
             if not (isinstance(sizes, Mapping) and all(map(_is_number, sizes.values()))):
-                raise ArgumentTypeError(f"sensing: {word} should map names to numbers, got {sizes!r}.")
+                raise ArgumentTypeError(f"sensing: {word} should map names to numbers, got {short(sizes)}.")
             for name, size in sizes.items():
                 if not size >= 0.0:
-                    raise ArgumentError(f"sensing: the {word} of '{name}' should be 0 or more, got {size!r}.")
+                    raise ArgumentError(f"sensing: the {word} of '{name}' should be 0 or more, got {short(size)}.")
         if not _is_number(self.dropout):
-            raise ArgumentTypeError(f"sensing: dropout should be a number, got {self.dropout!r}.")
+            raise ArgumentTypeError(f"sensing: dropout should be a number, got {short(self.dropout)}.")
         if not (self.late is None or (isinstance(self.late, tuple) and all(isinstance(n, str) for n in self.late))):
-            raise ArgumentTypeError(f"sensing: late should be a list of names or None, got {self.late!r}.")
+            raise ArgumentTypeError(f"sensing: late should be a list of names or None, got {short(self.late)}.")
         for word, delay in (("delay", self.delay), ("action_delay", self.action_delay)):
             if not (isinstance(delay, tuple) and len(delay) == 2):
-                raise ArgumentTypeError(f"sensing: {word} should be a pair (low, high), got {delay!r}.")
+                raise ArgumentTypeError(f"sensing: {word} should be a pair (low, high), got {short(delay)}.")
             low, high = delay
             if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high):
-                raise ArgumentError(f"sensing: {word} should be (low, high) with 0 <= low <= high, got {delay!r}.")
+                raise ArgumentError(f"sensing: {word} should be (low, high) with 0 <= low <= high, got {short(delay)}.")
         if not 0.0 <= self.dropout < 1.0:
-            raise ArgumentError(f"sensing: dropout should be in [0, 1), got {self.dropout!r}.")
+            raise ArgumentError(f"sensing: dropout should be in [0, 1), got {short(self.dropout)}.")
 
 
 def as_sensing(value: Any) -> Sensing | None:
@@ -82,7 +83,7 @@ def as_sensing(value: Any) -> Sensing | None:
     if value is None or isinstance(value, Sensing):
         return value
     if not isinstance(value, Mapping):
-        raise ArgumentTypeError(f"sensing should be a Sensing, a mapping of its attributes, or None, got {value!r}.")
+        raise ArgumentTypeError(f"sensing should be a Sensing, a mapping of its words, or None, got {short(value)}.")
     for key in value:
         if key not in Sensing.__dataclass_fields__:
             raise UnknownNameError("attribute", str(key), "sensing", Sensing.__dataclass_fields__)

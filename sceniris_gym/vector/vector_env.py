@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
@@ -183,7 +184,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         graph: bool = True,
     ) -> None:
         if output not in OUTPUTS:
-            raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {output!r}.")
+            raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {short(output)}.")
         num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
         every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
         groups, self.max_episode_steps = arguments.as_groups(observation_groups), max_episode_steps
@@ -194,7 +195,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.render_mode, self.final_images = render_mode, final_images
 
         if layout_source is not None and not callable(layout_source):
-            raise ArgumentTypeError(f"layout_source should be a function (compiled, num_envs), got {layout_source!r}.")
+            given = short(layout_source)
+            raise ArgumentTypeError(f"layout_source should be a function (compiled, num_envs), got {given}.")
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)

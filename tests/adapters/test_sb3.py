@@ -250,7 +250,7 @@ def test_wrong_environments_are_refused(make_env, reach_scene: CompiledScene):
             SB3VecEnv(make_env(1, **wrong))
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
         SB3VecEnv(make_env(1), group="actor")
-    with pytest.raises(TypeError, match="as make_vec makes it"):
+    with pytest.raises(TypeError, match="of make_vec"):
         SB3VecEnv(SceneEnv(Reach, scene=reach_scene))  # pyright: ignore[reportArgumentType]
 
 
