@@ -3,26 +3,42 @@
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
+from tests.sources import PACKAGE, ROOT, SOURCES, tree_of
 
-ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "sceniris_gym"
-SOURCES = [path.relative_to(PACKAGE) for path in sorted(PACKAGE.rglob("*.py"))]
 MODULES = [path for path in SOURCES if path.name != "__init__.py"]
 LONGEST_FUNCTION = 80
 DEEPEST_LOOPS = 3
 DOCUMENTED = ("sceniris_gym", "envs", "examples", "assets", "benchmarks", "docs", "tests")
-SUBORDINATE = re.compile(r"(What|Where|Whether|How|Who|That)\b")
+CLAUSES = {"What", "Where", "Whether", "How", "Who", "That", "Which"}
 
 
 def functions(path: Path) -> Iterator[ast.FunctionDef]:
     """Yield the functions and methods of a module, those inside of others too."""
-    tree = ast.parse((PACKAGE / path).read_text())
-    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+    return (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef))
+
+
+def is_kernel(node: ast.AST) -> bool:
+    """Return whether a node is a function that Warp compiles as a kernel."""
+    return isinstance(node, ast.FunctionDef) and any("kernel" in ast.unparse(d) for d in node.decorator_list)
+
+
+def left_alone(path: Path) -> Iterator[str]:
+    """Yield kernels that are public, and definitions that stand between kernels and their launchers."""
+    kernels: list[str] = []
+    for node in tree_of(path).body:
+        if isinstance(node, ast.FunctionDef) and is_kernel(node):
+            kernels.append(node.name)
+            if not node.name.startswith("_"):
+                yield f"{node.name} is public"
+        elif kernels and isinstance(node, ast.FunctionDef | ast.ClassDef):
+            launched = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} & set(kernels)
+            if not launched:
+                yield f"'{node.name}' stands between {kernels} and their launchers"
+            kernels = [name for name in kernels if name not in launched]
+    yield from (f"{name} is never launched" for name in kernels)
 
 
 def loops(node: ast.AST) -> int:
@@ -31,34 +47,23 @@ def loops(node: ast.AST) -> int:
     return max(inside, default=0) + isinstance(node, ast.For | ast.While)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_tests_mirror_the_source(path: Path):
+def test_tests_mirror_the_source():
     """A module has tests in a file of its name, in the same folder of tests/."""
-    assert (ROOT / "tests" / path.with_name(f"test_{path.name}")).is_file()
+    mirrors = [ROOT / "tests" / path.relative_to(PACKAGE).with_name(f"test_{path.name}") for path in MODULES]
+    assert [str(path) for path in mirrors if not path.is_file()] == []
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_functions_are_short_and_flat(path: Path):
+def test_functions_are_short_and_flat():
     """At most 80 lines and three levels of loops."""
-    long = [f.name for f in functions(path) if (f.end_lineno or 0) - f.lineno + 1 > LONGEST_FUNCTION]
-    deep = [f.name for f in functions(path) if loops(f) > DEEPEST_LOOPS]
+    found = [(path, function) for path in MODULES for function in functions(path)]
+    long = [f"{path}: {f.name}" for path, f in found if (f.end_lineno or 0) - f.lineno + 1 > LONGEST_FUNCTION]
+    deep = [f"{path}: {f.name}" for path, f in found if loops(f) > DEEPEST_LOOPS]
     assert (long, deep) == ([], [])
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_kernels_are_private_and_their_launcher_follows(path: Path):
+def test_kernels_are_private_and_their_launcher_follows():
     """The function or class after a kernel, or after several, launches it, or them one by one."""
-    tree = ast.parse((PACKAGE / path).read_text())
-    kernels: list[str] = []
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and any("kernel" in ast.unparse(d) for d in node.decorator_list):
-            assert node.name.startswith("_")
-            kernels.append(node.name)
-        elif kernels and isinstance(node, ast.FunctionDef | ast.ClassDef):
-            launched = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} & set(kernels)
-            assert launched, f"'{node.name}' stands between {kernels} and their launchers"
-            kernels = [name for name in kernels if name not in launched]
-    assert kernels == []
+    assert [f"{path}: {wrong}" for path in MODULES for wrong in left_alone(path)] == []
 
 
 def test_contributing_names_every_room():
@@ -70,15 +75,13 @@ def test_contributing_names_every_room():
     assert len(page.encode()) <= 15_000
 
 
-@pytest.mark.parametrize("folder", ["sceniris_gym", "envs", "examples", "assets", "benchmarks", "docs", "tests"])
-def test_first_lines_are_sentences_about_the_thing(folder: str):
+def test_first_lines_are_sentences_about_the_thing():
     """No docstring opens with a relative clause, or asks a question."""
-    clauses = {"What", "Where", "Whether", "How", "Who", "That", "Which"}
     offenders = []
-    for path in sorted((ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
+    for path in (path for folder in DOCUMENTED for path in sorted((ROOT / folder).rglob("*.py"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (doc := ast.get_docstring(node)):
                 first = doc.splitlines()[0]
-                if first.split()[0].strip(",") in clauses or first.endswith("?"):
+                if first.split()[0].strip(",") in CLAUSES or first.endswith("?"):
                     offenders.append(f"{path.relative_to(ROOT)}: {first}")
     assert offenders == []

@@ -193,7 +193,6 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.output, self.copy = output, copy
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
         self.render_mode, self.final_images = render_mode, final_images
-
         if layout_source is not None and not callable(layout_source):
             given = short(layout_source)
             raise ArgumentTypeError(f"layout_source should be a function (compiled, num_envs), got {given}.")
