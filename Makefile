@@ -13,7 +13,7 @@ NEWTON := .venv-newton
 # What the first import compiles is kept for all others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup test test-marked-oldest test-oldest lint types docs test-recipes test-mjlab test-jax test-newton demo bench clean
+.PHONY: setup test check test-changed test-marked-oldest test-oldest lint types docs test-recipes test-mjlab test-jax test-newton demo bench clean
 
 setup: $(STAMP)
 
@@ -38,6 +38,13 @@ $(OLDEST_STAMP): constraints-oldest.txt $(STAMP)
 test: $(STAMP)
 	+$(MAKE) --no-print-directory -j 2 --output-sync=target lint types test-marked-oldest
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --durations=15
+
+# Lint, types and the tests that import what changed since origin/main, side by side.
+check: $(STAMP)
+	+$(MAKE) --no-print-directory -j 3 --output-sync=target lint types test-changed
+
+test-changed: $(STAMP)
+	$(BIN)/python -m pytest -q -m "not slow" $$($(BIN)/python -m tests.changed)
 
 test-marked-oldest: $(OLDEST_STAMP)
 	$(OLDEST)/bin/python -m pytest -q -m oldest $$(grep -rl 'mark\.oldest' tests)

@@ -10,7 +10,9 @@ import os
 import shutil
 import signal
 import tempfile
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,6 +45,20 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(5_000)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Tell the seconds that each folder of tests took, where durations are asked for: a folder that grows is seen."""
+    if terminalreporter.config.option.durations is None:
+        return
+    seconds: Counter[str] = Counter()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if hasattr(report, "duration"):
+                seconds[report.nodeid.split("::")[0].rpartition("/")[0]] += report.duration
+    terminalreporter.write_sep("=", "seconds by folder")
+    for folder, duration in seconds.most_common():
+        terminalreporter.write_line(f"{duration:7.1f} {folder}")
 
 
 @pytest.hookimpl(tryfirst=True)
