@@ -19,7 +19,7 @@ from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer.plots import Plots
 from sceniris_gym.viewer.policies import GROUP, Policy
-from sceniris_gym.viewer.requests import Requests
+from sceniris_gym.viewer.server import Requests
 from sceniris_gym.viewer.window import Window
 
 _IDLE = 0.25  # s

@@ -1,15 +1,168 @@
-"""The layers that can be laid over the first world, by name."""
+"""The layers that can be laid over the first world, by name: names, regions, relations, clearances, grasps, pieces."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from sceniris_gym.viewer.clearances import sketch_clearances
+import mujoco
+import numpy as np
+import shapely
+import trimesh
+from shapely.geometry import MultiPolygon, Point, Polygon
+
+from sceniris_gym.config.relations import Sector
+from sceniris_gym.geometry.pieces import PieceType, extract_pieces
+from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.viewer.grasps import sketch_grasps
-from sceniris_gym.viewer.regions import sketch_regions
-from sceniris_gym.viewer.relations import sketch_relations
+from sceniris_gym.viewer.regions import relation_area, sketch_regions
 from sceniris_gym.viewer.shown import ShownWorld
-from sceniris_gym.viewer.sketch import Sketch
+from sceniris_gym.viewer.sketch import GREEN, GREY, PALETTE, RED, Sketch
+
+_MOST = 2.0  # m; half the edge of a drawn plane that has no size
+
+
+def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
+    """Draw the pieces of all bodies as physics collides them, meshes as convex hulls, and planes in grey."""
+    sketch, data = Sketch(), world.data
+    hidden = set(world.hidden_bodies())
+    pieces = [p for p in extract_pieces(world.compiled.mjm, "physics") if p.body not in hidden]
+    for piece in pieces:
+        if piece.type == PieceType.PLANE:
+            x, y = np.where(piece.size[:2] > 0.0, piece.size[:2], _MOST)
+            corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]])
+            turn, at = data.geom_xmat[piece.geom].reshape(3, 3), data.geom_xpos[piece.geom]
+            sketch.surfaces.append((corners @ turn.T + at, np.array([[0, 1, 2], [0, 2, 3]]), GREY, 0.4 * opacity))
+    for number, body in enumerate(sorted({p.body for p in pieces})):
+        if meshes := [p.mesh for p in pieces if p.body == body and p.mesh is not None and p.type != PieceType.PLANE]:
+            vertices, faces = trimesh.util.append_faces([m.vertices for m in meshes], [m.faces for m in meshes])
+            turn, at = data.xmat[body].reshape(3, 3), data.xpos[body]
+            sketch.surfaces.append((vertices @ turn.T + at, faces, PALETTE[number % len(PALETTE)], opacity))
+    return sketch
+
+
+_LIFT = 0.004  # m above the height of the object's pivot
+_OVER = 0.02  # m; height of the ends of arrows above an object
+_LINE = 0.06  # m; distance between the labels of an object's relations
+_BEYOND = 0.15  # m; margin beyond the object of an endless area
+
+
+def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
+    """Draw the relations of all objects, or of one."""
+    sketch = Sketch()
+    number = 0
+    for name in [only] if only is not None else world.placed_names:
+        for i, relation in enumerate(world.compiled.config.parts[name].relations):
+            area = relation_area(world, name, relation)
+            if area is None:
+                continue
+            colour = PALETTE[number % len(PALETTE)]
+            number += 1
+            at = world.standing(name)[0][:3]
+            anchors = [anchor for anchor in relation.anchors if world.is_shown(anchor)]
+            height = float(at[2]) + number * _LIFT
+            if isinstance(relation, Sector) and relation.high == math.inf:
+                apex = Point(*world.standing(anchors[0])[0][:2])
+                area = area.intersection(apex.buffer(apex.distance(Point(*at[:2])) + _BEYOND))
+            triangles = triangulate(MultiPolygon([p for p in shapely.get_parts(area) if isinstance(p, Polygon)]))
+            points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height)]
+            sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), colour, 0.3))
+            tip = _above(world, name)
+            sketch.arrows += [(np.stack([_tail(world, anchor, tip), tip]), colour) for anchor in anchors]
+            sketch.words.append((f"{name}: {relation.summary}", tip + [0.0, 0.0, _LINE * (i + 1)]))
+    return sketch
+
+
+def _above(world: ShownWorld, name: str) -> np.ndarray:
+    """Return a point (3,) [m] above an object's pivot and the whole object, which hides no arrow there."""
+    at = world.standing(name)[0]
+    return np.array([at[0], at[1], max(at[2], world.box(name)[1][2]) + _OVER])
+
+
+def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
+    """Return the start of an arrow from an anchor to `tip`: above it, or at its side if it is higher than the tip."""
+    low, high = world.box(anchor, root_alone=True)
+    tail = _above(world, anchor)
+    if tip[2] >= high[2] or np.all((low[:2] <= tip[:2]) & (tip[:2] <= high[:2])):
+        return tail
+    tail[2] = max(tip[2], low[2])
+    far = (tip - tail)[:2]
+    ends = np.where(far > 0.0, high[:2], low[:2]) - tail[:2]
+    share = np.divide(ends, far, out=np.ones(2), where=far != 0.0).min()
+    return tail + np.clip(share, 0.0, 1.0) * (tip - tail)
+
+
+_LOOKED = 0.3  # m; greatest distance of a neighbour that is drawn
+_ROUNDING = 1.0e-6  # m
+_ABOVE = 0.06  # m; height of a label above its line
+
+
+def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
+    """Draw a line from each placed object to its nearest neighbour except its support, red if it is too near."""
+    sketch, drawn, config = Sketch(), set(), world.compiled.config
+    clearances = {name: part.clearance for name, part in {**config.objects, **config.all_robots}.items()}
+    for name in [only] if only is not None else world.placed_names:
+        nearest = nearest_to(world, name)
+        if nearest is None or (nearest.other, name) in drawn:
+            continue
+        drawn.add((name, nearest.other))
+        asked = max(clearances.get(part, 0.0) for part in (name, nearest.other))
+        sketch.lines.append((nearest.ends, GREEN if nearest.distance >= asked - _ROUNDING else RED))
+        words = f"{name} to {nearest.other}: {1e3 * nearest.distance:.0f} mm, at least {1e3 * asked:g}"
+        sketch.words.append((words, nearest.ends.mean(axis=0) + [0.0, 0.0, _ABOVE]))
+    return sketch
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest neighbour of an object.
+
+    Attributes:
+        other: The name of the neighbour, an object or a body.
+        ends: The shortest line from the object to it, (2, 3) [m].
+        distance: The length of that line [m]; negative if they overlap.
+    """
+
+    other: str
+    ends: np.ndarray
+    distance: float
+
+
+def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
+    """Return the nearest colliding neighbour of an object; None if nothing is near.
+
+    Its support, the objects on it, and the things of its heap do not count, because `clearance` does not apply to them.
+    """
+    mjm, data, scene = world.compiled.mjm, world.data, world.compiled.scene
+    own = set(scene.subtree(name))
+    ground = world.placed(name).ground
+    heaps = world.compiled.config.heaps.values()
+    heaped = [body for heap in heaps if name in heap.of for other in heap.of for body in scene.subtree(other)]
+    aside = {*own, *([] if ground is None else [ground]), *heaped, *world.hidden_bodies()}
+    collides = np.flatnonzero((mjm.geom_contype | mjm.geom_conaffinity) != 0).tolist()
+    body_of, grounds = mjm.geom_bodyid.tolist(), {other: world.placed(other).ground for other in world.placed_names}
+    carriers = {body: g for other, g in grounds.items() if g is not None for body in scene.subtree(other)}
+    best, found = _LOOKED, None
+    for a in (g for g in collides if body_of[g] in own):
+        for b in (g for g in collides if body_of[g] not in aside):
+            apart = np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) - mjm.geom_rbound[a] - mjm.geom_rbound[b]
+            if carriers.get(body_of[b]) == body_of[a] or (mjm.geom_rbound[b] > 0.0 and apart > best):
+                continue
+            ends = np.zeros(6)
+            distance = mujoco.mj_geomDistance(mjm, data, a, b, best, ends)
+            if distance < best:
+                best, found = distance, Nearest(_owner(world, b), ends.reshape(2, 3), distance)
+    return found
+
+
+def _owner(world: ShownWorld, geom: int) -> str:
+    """Return the owner of a geom in the words of a scene file: an object, or a geom or body that never moves."""
+    scene = world.compiled.scene
+    body = int(scene.mjm.geom_bodyid[geom])
+    objects = (name for name in scene.bodies if body in scene.subtree(name))
+    own = scene.mjm.geom(geom).name if scene.mjm.body_weldid[body] == 0 else ""
+    return next(objects, "") or own or (scene.mjm.body(body).name if body else "what never moves")
 
 
 def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:

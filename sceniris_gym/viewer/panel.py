@@ -14,7 +14,7 @@ from sceniris_gym.program.compiled import USER_SPLITS
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.grasps import START
 from sceniris_gym.viewer.layers import BOTH, COLLIDED, HINTS, PARKED, REACH, SEEN, SKETCHES
-from sceniris_gym.viewer.requests import Requests
+from sceniris_gym.viewer.server import Requests
 
 ALL = "all objects"
 NUMBERS = ("1", "4", "16", "64")

@@ -9,7 +9,7 @@ import pytest
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.layers import REACH
 from sceniris_gym.viewer.panel import Panel
-from sceniris_gym.viewer.requests import Requests
+from sceniris_gym.viewer.server import Requests
 from tests.viewer.pages import page, press
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")

@@ -6,13 +6,15 @@ import importlib.util
 import socket
 import subprocess
 import sys
+import threading
+import time
 import urllib.request
 
 import pytest
 
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.viewer import server as module
-from sceniris_gym.viewer.server import address, close_server, import_ahead, open_server, refusal
+from sceniris_gym.viewer.server import Requests, address, close_server, import_ahead, open_server, refusal
 from tests.viewer.pages import free_port
 
 VISER = pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
@@ -134,3 +136,25 @@ def test_what_draws_is_imported_beside():
     """In a thread of its own."""
     import_ahead().join()
     assert "mjviser" in sys.modules
+
+
+def test_of_one_thing_the_latest_is_done_and_clicks_are_all_done():
+    """A slider that is dragged leaves one request; what is about nothing is kept as often as it was asked for."""
+    done: list[str] = []
+    requests = Requests()
+    for i in range(3):
+        requests.put("slider", lambda i=i: done.append(f"slider {i}"))
+        requests.put(None, lambda i=i: done.append(f"click {i}"))
+    for action in requests.take(0.0):
+        action()
+    assert done == ["click 0", "click 1", "slider 2", "click 2"]
+    assert requests.take(0.0) == []
+
+
+def test_waiting_ends_with_the_first_request():
+    """Long before the time that one is willing to wait."""
+    requests = Requests()
+    threading.Timer(0.05, lambda: requests.put("a", lambda: None)).start()
+    began = time.monotonic()
+    assert len(requests.take(30.0)) == 1
+    assert time.monotonic() - began < 20.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sceniris_gym.viewer.relations import sketch_relations
+from sceniris_gym.viewer.layers import sketch_relations
 from sceniris_gym.viewer.shown import ShownWorld
 from tests.viewer.worlds_on_show import world_of
 
