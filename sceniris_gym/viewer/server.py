@@ -20,37 +20,6 @@ if TYPE_CHECKING:
     import viser
 
 
-class Requests:
-    """Keeps the latest request about each thing, so that dragging a slider leaves no queue behind."""
-
-    def __init__(self) -> None:
-        self._waiting: dict[object, Callable[[], None]] = {}
-        self._new = threading.Condition()
-
-    def put(self, about: str | None, action: Callable[[], None]) -> None:
-        """Ask for something.
-
-        Args:
-            about: The thing that it is about. An earlier request about the same thing that was not done yet is dropped.
-                None if every request counts.
-            action: The work to do.
-        """
-        key = object() if about is None else about
-        with self._new:
-            self._waiting.pop(key, None)
-            self._waiting[key] = action
-            self._new.notify()
-
-    def take(self, seconds: float) -> list[Callable[[], None]]:
-        """Return the requests in order; if there are none, wait so long for one."""
-        with self._new:
-            if not self._waiting:
-                self._new.wait(seconds)
-            taken = list(self._waiting.values())
-            self._waiting.clear()
-        return taken
-
-
 HOST = "127.0.0.1"
 """The default address, at which only this machine reaches the page."""
 PORT = 8080
@@ -201,3 +170,34 @@ def import_ahead() -> threading.Thread:
     thread = threading.Thread(target=importlib.import_module, args=("mjviser",), daemon=True)
     thread.start()
     return thread
+
+
+class Requests:
+    """Keeps the latest request about each thing, so that dragging a slider leaves no queue behind."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[object, Callable[[], None]] = {}
+        self._new = threading.Condition()
+
+    def put(self, about: str | None, action: Callable[[], None]) -> None:
+        """Ask for something.
+
+        Args:
+            about: The thing that it is about. An earlier request about the same thing that was not done yet is dropped.
+                None if every request counts.
+            action: The work to do.
+        """
+        key = object() if about is None else about
+        with self._new:
+            self._waiting.pop(key, None)
+            self._waiting[key] = action
+            self._new.notify()
+
+    def take(self, seconds: float) -> list[Callable[[], None]]:
+        """Return the requests in order; if there are none, wait so long for one."""
+        with self._new:
+            if not self._waiting:
+                self._new.wait(seconds)
+            taken = list(self._waiting.values())
+            self._waiting.clear()
+        return taken
