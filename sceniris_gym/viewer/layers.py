@@ -21,6 +21,13 @@ from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREEN, GREY, PALETTE, RED, Sketch
 
 _MOST = 2.0  # m; half the edge of a drawn plane that has no size
+_LIFT = 0.004  # m above the height of the object's pivot
+_OVER = 0.02  # m; height of the ends of arrows above an object
+_LINE = 0.06  # m; distance between the labels of an object's relations
+_BEYOND = 0.15  # m; margin beyond the object of an endless area
+_LOOKED = 0.3  # m; greatest distance of a neighbour that is drawn
+_ROUNDING = 1.0e-6  # m
+_ABOVE = 0.06  # m; height of a label above its line
 
 
 def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
@@ -40,12 +47,6 @@ def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
             turn, at = data.xmat[body].reshape(3, 3), data.xpos[body]
             sketch.surfaces.append((vertices @ turn.T + at, faces, PALETTE[number % len(PALETTE)], opacity))
     return sketch
-
-
-_LIFT = 0.004  # m above the height of the object's pivot
-_OVER = 0.02  # m; height of the ends of arrows above an object
-_LINE = 0.06  # m; distance between the labels of an object's relations
-_BEYOND = 0.15  # m; margin beyond the object of an endless area
 
 
 def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
@@ -91,11 +92,6 @@ def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
     ends = np.where(far > 0.0, high[:2], low[:2]) - tail[:2]
     share = np.divide(ends, far, out=np.ones(2), where=far != 0.0).min()
     return tail + np.clip(share, 0.0, 1.0) * (tip - tail)
-
-
-_LOOKED = 0.3  # m; greatest distance of a neighbour that is drawn
-_ROUNDING = 1.0e-6  # m
-_ABOVE = 0.06  # m; height of a label above its line
 
 
 def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
