@@ -127,15 +127,15 @@ def _switch(envs: SceneVectorEnv) -> Callable[[bool], None]:
     sampler, on = randomizer.levels, randomizer._reset
     wait(envs)
     randomizer._mask.zero_()
-    sampler.launch_generate = sampler.source.launch_generate  # while it is captured
+    sampler.launch_choose = lambda mask: None  # while it is captured
     off = LaunchSequence(randomizer._launch_reset, randomizer.device)
     off()
-    del sampler.launch_generate
+    del sampler.launch_choose
     wait(envs)
 
     def switch(is_on: bool) -> None:
         randomizer._reset = on if is_on else off
-        for name, other in (("after_reset", sampler.source.after_reset), ("launch_finish", lambda *_: None)):
+        for name, other in (("after_reset", lambda: None), ("launch_finish", lambda *_: None)):
             vars(sampler).pop(name, None)
             if not is_on:
                 setattr(sampler, name, other)

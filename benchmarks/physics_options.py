@@ -33,7 +33,6 @@ from torch import Tensor
 from benchmarks.timing import captured, spread, wait
 from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.training.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -139,14 +138,14 @@ def whole_step(envs: SceneVectorEnv, action: Tensor) -> Step:
     for _ in range(3):
         envs.step(action)
     action = action.clone()
-    replay, source, device = captured(envs, action), envs.randomizer.layout_source, envs.device
-    assert isinstance(source, PreparedLayouts)
+    replay, pipeline, device = captured(envs, action), envs.randomizer.pipeline, envs.device
+    assert pipeline.ahead is not None
 
     def step(given: Tensor) -> None:
         action.copy_(given)
         with wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(device)), sync_enter=False):
             replay()
-            source.after_reset()
+            pipeline.after_reset()
 
     return step
 

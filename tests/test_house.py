@@ -85,3 +85,11 @@ def test_first_lines_are_sentences_about_the_thing():
                 if first.split()[0].strip(",") in CLAUSES or first.endswith("?"):
                     offenders.append(f"{path.relative_to(ROOT)}: {first}")
     assert offenders == []
+
+
+def test_nobody_probes_the_type_of_a_source():
+    """What a source, its prefetching or its chooser can do is a method or an attribute that all of them have."""
+    probe = re.compile(r"\b(?:isinstance|getattr|hasattr|type)\((?:self\.)?_?(?:layout_)?")
+    probes = re.compile(probe.pattern + r"(?:source|maker|generator|pipeline|ahead|chooser|sampler|levels)\b[^.\[]")
+    found = {str(path): probes.findall((PACKAGE / path).read_text()) for path in SOURCES}
+    assert {path: lines for path, lines in found.items() if lines} == {}

@@ -117,7 +117,7 @@ class NewtonRandomizer(StaysHere):
         *states: Every newton.State that the loop steps; a reset writes all of them.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no layouts. Not used with a layout_source.
-        layout_source: Another source of layouts, such as `PreparedLayouts`, which makes them ahead on a GPU.
+        layout_source: Another source of layouts, such as a LayoutPipeline that prefetches.
 
     Attributes:
         layouts: The latest layout of each world.

@@ -24,6 +24,7 @@ from sceniris_gym.layout.masks import fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.redraw import Redraw, RedrawCounts
 from sceniris_gym.layout.scene_knobs import STARTS
+from sceniris_gym.layout.seeds import launch_close
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.ahead import count_ahead, launch_draw_ahead
@@ -35,7 +36,7 @@ from sceniris_gym.layout.wave.drawn_masses import DrawnMasses
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
-from sceniris_gym.layout.wave.rounds import launch_finish, launch_open_rows, launch_start
+from sceniris_gym.layout.wave.rounds import launch_open_rows, launch_start
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import launch_build_sides
@@ -105,7 +106,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         if rejected > 0:
             size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
         _check_memory(compiled, nworld, size)
-        self.compiled, self.split, self.size = compiled, split, size
+        self.compiled, self.size = compiled, size
+        self.split: str = split
         words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs, "split": split}
         self.layouts = Layouts.create(compiled, nworld, **words)
         kinds = () if compiled.starts is None else compiled.config.start
@@ -158,12 +160,12 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._generate()
 
     def launch_generate(self, mask: wp.array | None) -> None:
-        """See `LayoutSource`."""
+        """See `LayoutSource`; the first kernel of `launch_make` opens keys."""
         self.launch_make(mask)
-        launch_finish(self._work, mask)
+        launch_close(self.layouts.view, mask, self.size.block_dim)
 
     def launch_make(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
-        """Make the next layouts of the masked worlds, without advancing episodes and counts of rejections yet.
+        """See `LayoutSource`.
 
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.
@@ -176,7 +178,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         """Advance the masked worlds and place their objects, without solving for reach."""
         self._start(mask)
         self._try_restarts(None)
-        launch_finish(self._work, mask)
+        launch_close(self.layouts.view, mask, self.size.block_dim)
 
     def _start(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
         if self._usual_range is not None:  # kinds of starts draw joints from other intervals
@@ -230,6 +232,25 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._stage is not None:
             self._stage.launch_test_hands()
         launch_accept(work, staged)
+
+    def twin(self) -> LayoutGenerator:
+        """See `LayoutSource`.
+
+        Raises:
+            ArgumentError: It records rejected candidates.
+        """
+        if self.layouts.view.rejected_object.shape[0] > 0:
+            raise ArgumentError(
+                "LayoutGenerator: cannot prefetch and record rejected candidates, since those of prefetched layouts "
+                "would be missing. Make it with rejected=0, or use it without prefetching."
+            )
+        names = self.layouts.knobs.names
+        return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, knobs=names)
+
+    def __init_subclass__(cls) -> None:
+        """Leave it to each subclass, which may make other layouts, to have a `twin`."""
+        super().__init_subclass__()
+        cls.twin = cls.__dict__.get("twin", LayoutSource.twin)
 
     @launching
     def extend(self, layouts: Layouts, objects: str | Sequence[str]) -> Layouts:

@@ -8,6 +8,7 @@ from pathlib import Path
 import warp as wp
 
 from sceniris_gym.device.kernel_log import tell_of_compiling
+from sceniris_gym.layout import seeds
 from sceniris_gym.layout.reaching import free_grasps, hits, ik, poses, start, waves
 from sceniris_gym.layout.wave import (
     accept,
@@ -35,7 +36,7 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
         staged: Whether there is a stage after placing.
     """
     frees_grasps = work.search.free.shape[1] > 0
-    files = [draw, prefilter, accept, rounds, settle, *([sides, region_pieces, points] if work.related else [])]
+    files = [draw, prefilter, accept, rounds, settle, seeds, *([sides, region_pieces, points] if work.related else [])]
     files += [ahead] if work.ahead > 0 else []
     files += [containment] if work.program.visual else []
     files += [standing] if work.statics is not None else []

@@ -1,4 +1,7 @@
-"""Seeds of worlds as users pass them: checked once, then on the device."""
+"""Seeds and episodes of worlds: checked once as users pass them, then asked for, opened and closed on the device.
+
+A key is seed and episode of a layout. It is opened before the layout is made, and closed when the layout is served.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SeedError
-from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
 from sceniris_gym.program.compiled import MOST_EPISODES
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -52,6 +55,57 @@ def launch_reseed(
     """
     nworld, device = layouts.seed.shape[0], layouts.seed.device
     wp.launch(_reseed, dim=nworld, inputs=[seeds, episodes, mask], outputs=[layouts], device=device)
+
+
+@wp.kernel
+def _open(
+    mask: wp.array[bool],
+    # Layouts in: seed, episode, stream, next_seed, next_episode
+    # Layouts out: draw_seed, draw_episode, draw_stream, pending_seed, pending_episode
+    layouts: LayoutsView,
+):
+    worldid = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    open_episode(layouts, worldid)
+
+
+def launch_open(layouts: LayoutsView, mask: wp.array | None) -> None:
+    """Write which layouts the masked worlds get next; the columns that name the present ones do not change."""
+    wp.launch(_open, layouts.seed.shape[0], inputs=[mask], outputs=[layouts], device=layouts.seed.device)
+
+
+@wp.func
+def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d[wp.int64]):
+    """Add the rejections of an object in a served layout to the running counts."""
+    for cause in range(made.row_rejections.shape[2]):
+        number = made.row_rejections[worldid, obj, cause]
+        if number > 0:
+            wp.atomic_add(rejections, obj, cause, wp.int64(number))
+
+
+@wp.kernel
+def _close(
+    mask: wp.array[bool],
+    # Layouts in: draw_seed, draw_episode, draw_stream, rejections, pending_seed, pending_episode, next_knob,
+    #   row_rejections
+    # Layouts out: seed, episode, knob, draw_seed, draw_episode, draw_stream, rejections, next_episode
+    layouts: LayoutsView,
+):
+    worldid, obj = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    if obj == 0:
+        close_episode(layouts, layouts, worldid)
+    count_rejections(layouts, worldid, obj, layouts.rejections)
+
+
+def launch_close(layouts: LayoutsView, mask: wp.array | None, block_dim: int = 256) -> None:
+    """Advance the masked worlds to the keys that were opened, all at once, and add up their rejections."""
+    dim = layouts.seed.shape[0], layouts.rejections.shape[0]
+    wp.launch(_close, dim, inputs=[mask], outputs=[layouts], device=layouts.seed.device, block_dim=block_dim)
 
 
 def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:

@@ -10,26 +10,39 @@ import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_mask
-from sceniris_gym.layout.seeds import episodes_on_device, launch_reseed, seeds_on_device
+from sceniris_gym.layout.seeds import episodes_on_device, launch_close, launch_open, launch_reseed, seeds_on_device
 
 
 class LayoutSource(StaysHere):
     """A source of layouts for a batch of worlds: fresh ones (`LayoutGenerator`) or stored ones (`StoredLayouts`).
 
-    A source of your own sets `layouts` and implements `launch_generate`; the other methods have defaults.
+    A source of your own sets `layouts` and implements `launch_make`; the other methods have defaults.
 
-    The two `launch_` methods run on the device alone, without allocation or host synchronisation, so that a captured
-    graph can contain them. They check nothing.
+    The `launch_` methods run on the device alone, without allocation or host synchronisation, so that a captured graph
+    can contain them. They check nothing.
 
     Attributes:
         layouts: The latest layout of each world, always in the same arrays.
+        split: Split of the layouts, "train" or "eval"; None is that of the randomizer that serves them.
     """
 
     layouts: Layouts
+    split: str | None = None
+
+    def launch_make(self, mask: wp.array | None) -> None:
+        """Write the rows of `layouts.view` that the masked worlds get next.
+
+        World i gets the layout of `pending_seed[i]`, `pending_episode[i]` and `next_knob[i]`. Seed, episode and knobs
+        of the row are written afterwards.
+
+        Args:
+            mask: Which worlds, shape (nworld,), bool; all if None.
+        """
+        raise NotImplementedError
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.
@@ -37,7 +50,20 @@ class LayoutSource(StaysHere):
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
-        raise NotImplementedError
+        launch_open(self.layouts.view, mask)
+        self.launch_make(mask)
+        launch_close(self.layouts.view, mask)
+
+    def twin(self) -> LayoutSource:
+        """Return another source that makes the same layouts in memory of its own, which prefetching needs.
+
+        Raises:
+            ArgumentTypeError: There is none: the default.
+        """
+        raise ArgumentTypeError(
+            f"{type(self).__name__}: cannot prefetch, since a second one would have to make the same layouts. Use it "
+            "without prefetching, or give the class a method `twin` that returns one."
+        )
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """Choose the next layouts of the masked worlds; their present ones keep their seeds and episodes.

@@ -16,11 +16,9 @@ from sceniris_gym.layout.layouts import (
     Layouts,
     LayoutsView,
     Status,
-    close_episode,
     copy_draws,
     copy_layout,
     layout_width,
-    open_episode,
 )
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS, CompiledScene
@@ -42,33 +40,29 @@ _MOST = (1 << 31) - 1
 
 
 @wp.kernel
-def _serve(
+def _make(
     # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos, knob, draw_seed,
     #   draw_episode, draw_stream
     stored: LayoutsView,
     mask: wp.array[wp.bool],
     stride: int,
-    width: int,
-    # Layouts in: seed, episode, draw_seed, draw_episode, draw_stream, stream, next_seed, next_episode, pending_seed,
-    #   pending_episode, next_knob
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos,
-    #   knob, draw_seed, draw_episode, draw_stream, next_episode, pending_seed, pending_episode
+    # Layouts in: pending_seed, pending_episode
+    # Layouts out: qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos, draw_seed,
+    #   draw_episode, draw_stream, next_knob
     layouts: LayoutsView,
 ):
-    worldid = wp.tid()
+    worldid, i = wp.tid()
     if mask:
         if not mask[worldid]:
             return
-    open_episode(layouts, worldid)
     rank = layouts.pending_seed[worldid] + wp.uint64(layouts.pending_episode[worldid]) * wp.uint64(stride)
     row = int(rank % wp.uint64(stored.qpos.shape[0]))
-    for i in range(width):
-        copy_layout(stored, row, layouts, worldid, i)
-    close_episode(layouts, layouts, worldid)
-    for k in range(layouts.knob.shape[1]):
-        layouts.knob[worldid, k] = stored.knob[row, k]
-    copy_draws(stored, row, layouts, worldid)
-    layouts.status[worldid] = Status.VALID
+    copy_layout(stored, row, layouts, worldid, i)
+    if i < layouts.next_knob.shape[1]:
+        layouts.next_knob[worldid, i] = stored.knob[row, i]
+    if i == 0:
+        copy_draws(stored, row, layouts, worldid)
+        layouts.status[worldid] = Status.VALID
 
 
 class StoredLayouts(LayoutSource):
@@ -116,11 +110,11 @@ class StoredLayouts(LayoutSource):
         self._table, self._stored = table, _on_device(table, self.device)
         self.reseed(seed)
 
-    def launch_generate(self, mask: wp.array | None) -> None:
-        """Serve the next row to the masked worlds; see `LayoutSource`."""
-        out = self.layouts.view
-        inputs = [self._stored, mask, self._stride, layout_width(out)]
-        wp.launch(_serve, dim=self.layouts.nworld, inputs=inputs, outputs=[out], device=self.device)
+    def launch_make(self, mask: wp.array | None) -> None:
+        """Copy the next row of the masked worlds; see `LayoutSource`."""
+        out, inputs = self.layouts.view, [self._stored, mask, self._stride]
+        dim = self.layouts.nworld, max(layout_width(out), out.knob.shape[1])
+        wp.launch(_make, dim=dim, inputs=inputs, outputs=[out], device=self.device)
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
         """See `LayoutSource`: the keys of the rows, whatever the worlds' own seeds and episodes are."""

@@ -1,4 +1,4 @@
-"""`LevelSampler`: a source of layouts that chooses the next one of each world out of a buffer of levels."""
+"""`LevelSampler`: chooses the next layout of each world out of a buffer of levels."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import warp as wp
 from warp.utils import array_cast
 
 from sceniris_gym.config.messages import short
+from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import launch_set
-from sceniris_gym.layout.layouts import LayoutKeys
+from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_numbers
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.buffer import Episodes, bounds_of, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.ranges import launch_move, set_ranges
@@ -25,8 +25,8 @@ from sceniris_gym.levels.weights import launch_refresh
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
 
-class LevelSampler(LayoutSource):
-    """A source whose worlds play levels: layouts of another source, chosen by how earlier episodes on them went.
+class LevelSampler(StaysHere):
+    """A `Chooser` whose worlds play levels: layouts that are chosen by how earlier episodes on them went.
 
     A world's next level is chosen when its present one begins, so that it can be made ahead, and the score of an
     episode counts from the next choice on. Nothing waits for the host. Choices are a pure function of the seeds of the
@@ -37,21 +37,19 @@ class LevelSampler(LayoutSource):
     the old ones.
 
     Args:
-        source: Makes the layouts; reseeded by the sampler alone from now on.
         levels: The choice.
-        split: "train" or "eval", unless the source has its own.
+        layouts: The layouts of the worlds.
+        split: Their split.
 
     Attributes:
-        layouts: The latest layouts of the source.
         level: Place in the buffer of each world's level, -1 for a fresh one, shape (nworld,), int32.
         probe: The end of an interval of `Ranges` that each world's level is at, -1 for none, shape (nworld,), int32.
         size: Number of levels in the buffer; waits for the device.
     """
 
-    def __init__(self, source: LayoutSource, levels: Levels, split: str = "train") -> None:
-        self.source, self.levels, self.layouts = source, levels, source.layouts
-        self._device, self._since = source.layouts.qpos.device, 0
-        self.split: str = getattr(source, "split", split)
+    def __init__(self, levels: Levels, layouts: Layouts, split: str = "train") -> None:
+        self.levels, self.layouts, self.split = levels, layouts, split
+        self._device, self._since = layouts.qpos.device, 0
         self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
         self._buffer = buffer = create_buffer(levels, self.layouts.view)
         self.level, self.probe = buffer.level, buffer.probe
@@ -64,22 +62,19 @@ class LevelSampler(LayoutSource):
         """See the class."""
         return int((self._buffer.age.numpy() >= 0).sum())
 
-    def launch_generate(self, mask: wp.array | None) -> None:
-        """Serve the masked worlds their levels, and choose those that follow."""
-        self.source.launch_generate(mask)
+    def launch_choose(self, mask: wp.array | None) -> None:
+        """Let the masked worlds play the levels that they were served, and choose those that follow."""
         if self.levels.ranges is not None:
             launch_move(self._buffer, self.levels.ranges)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
 
     def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """See `LayoutSource`; the worlds make their fresh levels with these numbers from then on."""
+        """See `Chooser`; the worlds make their fresh levels with these numbers from then on."""
         launch_set(self._buffer.base_knob, columns, values, mask)
         launch_forget(self._buffer, None, mask)
-        self.source.launch_set_knobs(columns, values, mask)
 
-    def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
-        """See `LayoutSource`; the worlds draw their fresh levels by these seeds from then on."""
-        self.source.launch_reseed(seeds, mask, episodes)
+    def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
+        """See `Chooser`; the worlds draw their fresh levels by these seeds from then on, if there are some."""
         launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
@@ -190,19 +185,10 @@ class LevelSampler(LayoutSource):
 
     def after_reset(self) -> None:
         """Refresh the weights every so many resets."""
-        self.source.after_reset()
         self._since += 1
         if self._since >= self.levels.every and not self._device.is_capturing:
             self._since = 0
             launch_refresh(self._buffer, self.levels)
-
-    def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
-        """See `LayoutSource`."""
-        return self.source.served(split, keys)
-
-    def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """See `LayoutSource`."""
-        return self.source.rejection_counts()
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device.

@@ -23,7 +23,6 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
-from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, updater
@@ -34,7 +33,7 @@ from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
-from sceniris_gym.sim.sources import choose_source
+from sceniris_gym.sim.sources import make_pipeline
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.sim.write import poses_of
@@ -102,6 +101,8 @@ class ResetRandomizer(Fixed, StaysHere):
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
+        pipeline: Makes, prefetches and chooses the layouts; a LayoutPipeline.
+        levels: The sampler of levels if the worlds play levels, else None.
         split: The split of the layouts: that of the layout_source if it has one.
         fields: Model fields that have a row for each world.
         replacer: The counts of `replace`: `number` and `status` of each world, and `kept`.
@@ -117,8 +118,8 @@ class ResetRandomizer(Fixed, StaysHere):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "layout_source", "split", "fields", "replacer")
-    ARGUMENTS = ("layouts", "levels", "knobs", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    FIXED = ("compiled", "model", "data", "device", "pipeline", "levels", "split", "fields", "replacer")
+    ARGUMENTS = ("layouts", "layout_source", "knobs", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -149,14 +150,15 @@ class ResetRandomizer(Fixed, StaysHere):
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
         own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "levels": levels, "knobs": knobs}
-        self.layout_source = choose_source(compiled, data.nworld, layout_source, **own, graph=graph)
+        own |= {"layout_source": layout_source, "graph": graph}
+        self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", **own)
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
         self.fields.drawer.use_knobs(self.layouts.knobs)
-        self._update, self.split = partial(updater(needs), model, data), getattr(self.layout_source, "split", split)
+        self._update, self.split = partial(updater(needs), model, data), self.pipeline.split
         self.layouts.view.stream = named_stream(self.split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:
@@ -178,12 +180,7 @@ class ResetRandomizer(Fixed, StaysHere):
     @property
     def layouts(self) -> Layouts:
         """The latest layouts, one row per world."""
-        return self.layout_source.layouts
-
-    @property
-    def levels(self) -> LevelSampler | None:
-        """The sampler of levels, if the worlds play levels."""
-        return self.layout_source if isinstance(self.layout_source, LevelSampler) else None
+        return self.pipeline.layouts
 
     @launching
     def reset(self, mask: Any = None, *, env_ids: Any = None, seeds: Any = None, episodes: Any = None) -> None:
@@ -224,7 +221,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.fields.close()
         fill_mask(mask, self._mask)
         self._reset()
-        self.layout_source.after_reset()
+        self.pipeline.after_reset()
 
     @launching
     def replace(self, objects: str | Sequence[str], mask: Any = None) -> None:
@@ -323,16 +320,16 @@ class ResetRandomizer(Fixed, StaysHere):
         knobs: np.ndarray | None = None,
     ) -> None:
         """Choose the next layouts of the masked worlds by seeds, episodes and knobs. See `LayoutSource.reseed`."""
-        self.layout_source.reseed(seeds, mask, episodes, knobs)
+        self.pipeline.reseed(seeds, mask, episodes, knobs)
 
     def set_knob(self, name: str, value: Any, mask: Any = None) -> None:
         """Change a knob of the masked worlds; their next layouts follow. See `LayoutSource.set_knobs`."""
         check_type(name, str, "set_knob: name")
-        self.layout_source.set_knobs({name: value}, mask)
+        self.pipeline.set_knobs({name: value}, mask)
 
     def layout_ids(self) -> list[str]:
         """Return the ids of the present layouts, see `Layouts.ids`."""
-        return self.layout_source.ids(self.split)
+        return self.pipeline.ids(self.split)
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
@@ -361,7 +358,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
-        return self.layout_source.rejection_counts()
+        return self.pipeline.rejection_counts()
 
     @launching
     def check_budget(self) -> None:
@@ -376,7 +373,7 @@ class ResetRandomizer(Fixed, StaysHere):
         check_budget(self.model, self.data)
 
     def _launch_reset(self) -> None:
-        self.layout_source.launch_generate(self._mask)
+        self.pipeline.launch_generate(self._mask)
         self._writer.launch(self.layouts.view, self.layouts.knob)
 
     def _launch_refresh(self) -> None:

@@ -1,38 +1,43 @@
-"""The source of layouts that a randomizer resets to, chosen by its arguments."""
+"""The pipeline of layouts that a randomizer resets to, made by its arguments."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, as_names, check_type
+from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 
 
-def choose_source(
+def make_pipeline(
     compiled: CompiledScene,
     nworld: int,
-    given: LayoutSource | None,
+    where: str,
     *,
-    seed: int | Sequence[int],
-    split: str,
-    prefetch: bool | wp.Stream | None,
-    levels: Levels | None,
-    knobs: str | Sequence[str],
-    graph: bool,
-) -> LayoutSource:
-    """Return the source that is given, or else a generator, which prefetches and plays levels as it is asked to.
+    layout_source: LayoutSource | None = None,
+    seed: int | Sequence[int] | np.ndarray = 0,
+    split: str = "train",
+    prefetch: bool | wp.Stream | None = None,
+    levels: Levels | None = None,
+    knobs: str | Sequence[str] = (),
+    graph: bool = True,
+) -> tuple[LayoutPipeline, LevelSampler | None]:
+    """Return the layouts that worlds are reset to, and their sampler of levels if they play some.
 
     Args:
         compiled: The scene.
         nworld: Number of worlds.
-        given: The argument `layout_source` of ResetRandomizer, which explains the others, too.
+        where: Name of the class that holds the pipeline, with which errors begin.
+        layout_source: Makes the layouts; None makes a LayoutGenerator. See ResetRandomizer, which explains the others,
+            too.
         seed: Seeds of a generator.
         split: Its split.
         prefetch: Make its layouts ahead.
@@ -41,27 +46,28 @@ def choose_source(
         graph: Capture the launches into graphs.
 
     Raises:
-        ArgumentTypeError: `given`, `levels` or `prefetch` is of another type.
+        ArgumentTypeError: `layout_source`, `levels` or `prefetch` is of another type.
         ArgumentError: Both a source and `prefetch` or `knobs`, or a stream of another device.
     """
     if levels is not None:
-        check_type(levels, Levels, "ResetRandomizer: levels")
+        check_type(levels, Levels, f"{where}: levels")
         named = () if levels.ranges is None else tuple(levels.ranges.start)
         knobs = (*as_names(knobs, "knobs"), *named)
-    if given is None:
-        given = generator = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
+    if layout_source is None:
+        layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
         if not isinstance(prefetch, bool | wp.Stream):
             raise ArgumentTypeError(
-                f"ResetRandomizer: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
+                f"{where}: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
                 "wp.stream_from_torch(stream) turns a stream of torch's into a wp.Stream."
             )
-        if prefetch:
-            given = PreparedLayouts(generator, None if prefetch is True else prefetch, graph=graph)
     elif prefetch or knobs:
         raise ArgumentError(
-            "ResetRandomizer: prefetch and knobs are for layouts that the randomizer generates itself. Give either "
-            "them or a layout_source, which may be a PreparedLayouts."
+            f"{where}: prefetch and knobs are for layouts that it generates itself. Give either them or a "
+            "layout_source, which may be a LayoutPipeline that prefetches."
         )
-    check_type(given, LayoutSource, "ResetRandomizer: layout_source")
-    return given if levels is None else LevelSampler(given, levels, split)
+    check_type(layout_source, LayoutSource, f"{where}: layout_source")
+    ahead = Ahead(layout_source, None if prefetch is True else prefetch, graph=graph) if prefetch else None
+    split = layout_source.split or split
+    sampler = None if levels is None else LevelSampler(levels, layout_source.layouts, split)
+    return LayoutPipeline(layout_source, split, ahead=ahead, chooser=sampler), sampler

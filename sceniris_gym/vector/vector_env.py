@@ -273,7 +273,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
             )
-        source, chosen = self.randomizer.layout_source, None
+        source, chosen = self.randomizer.pipeline, None
         if given.get(LAYOUTS) is not None:
             chosen = arguments.as_chosen_layouts(given[LAYOUTS], self.num_envs, source, self.split)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
@@ -389,7 +389,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
         knobs = self.randomizer.layouts.knobs.rows(info.get("layout_knobs", {}), self.num_envs)
         seed, episode = (np.array(info[f"layout_{name}"].tolist()) for name in ("seed", "episode"))
-        return self.randomizer.layout_source.ids(self.split, (seed, episode, knobs))
+        return self.randomizer.pipeline.ids(self.split, (seed, episode, knobs))
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""

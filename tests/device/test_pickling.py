@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import read_table
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, make
@@ -47,7 +47,7 @@ def test_layouts_and_all_their_sources_say_what_to_send(tmp_path: Path, send: ob
     for kept, advice in (
         (generator.layouts, r"Layouts holds memory .* Send its arrays as copies on the host"),
         (stored, r"StoredLayouts holds memory .* Send its CompiledScene"),
-        (PreparedLayouts(generator), r"PreparedLayouts holds memory .* Send its CompiledScene"),
+        (Ahead(generator), r"Ahead holds memory .* Send its CompiledScene"),
     ):
         with pytest.raises(NotSupportedError, match=advice):
             send(kept)  # type: ignore[operator]

@@ -11,9 +11,11 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 
@@ -43,6 +45,11 @@ def bank_rows(compiled: CompiledScene, split: str) -> slice:
     """Return the rows of `CompiledScene.bank` that worlds of a split ("train" or "eval") fall back on."""
     first, end = int(compiled.bank.ntrain), int(compiled.bank.qpos.shape[0])
     return slice(first, end) if split == "eval" else slice(0, first)
+
+
+def prefetched(generator: LayoutGenerator, *, graph: bool = True) -> Any:
+    """The layouts of a generator, made ahead: a LayoutPipeline whose `ahead` is there."""
+    return LayoutPipeline(generator, ahead=Ahead(generator, graph=graph))
 
 
 def compile_on_cpu(

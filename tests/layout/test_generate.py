@@ -15,11 +15,10 @@ from sceniris_gym.errors import CountError, MaskError, MaskTypeError, ScenirisEr
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.scene.build import build_model
-from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, full_tray, make, read
+from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, full_tray, make, prefetched, read
 
 
 @pytest.fixture(scope="module", params=["physics", "visual"])
@@ -166,7 +165,7 @@ def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: CompiledScene):
     assert generator.layouts.seed.numpy().tolist() == [10, 2, 12, 4]
 
 
-@pytest.mark.parametrize("make", [LayoutGenerator, lambda *args: PreparedLayouts(LayoutGenerator(*args), graph=False)])
+@pytest.mark.parametrize("make", [LayoutGenerator, lambda *args: prefetched(LayoutGenerator(*args), graph=False)])
 def test_episodes_are_chosen_and_worlds_go_on_from_there(mid: CompiledScene, make: Callable):
     """With new seeds or the present ones, one episode for all or one for each; the others go on as they would have."""
     source = make(mid, 4)

@@ -12,13 +12,13 @@ import warp as wp
 
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf
+from tests.layout.scenes import box_mjcf, prefetched
 
 NWORLD = 12
-Source = LayoutGenerator | PreparedLayouts
+Source = LayoutGenerator | LayoutPipeline
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def _mask(rng: np.random.Generator, share: float) -> wp.array:
 
 
 def _ahead(compiled: CompiledScene) -> tuple[Source, Callable[[wp.array], None]]:
-    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=3), graph=False)
+    source = prefetched(LayoutGenerator(compiled, NWORLD, seed=3), graph=False)
     return source, source.generate
 
 

@@ -15,10 +15,9 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.knobbed import knobbed_scene
-from tests.layout.scenes import full_tray
+from tests.layout.scenes import full_tray, prefetched
 
 NWORLD = 40
 EVEN = np.arange(NWORLD) % 2 == 0
@@ -86,7 +85,7 @@ def test_a_narrowed_distance_holds(knobbed: CompiledScene):
 def test_layouts_made_ahead_follow_the_knobs(knobbed: CompiledScene):
     """Whatever was made ahead before they changed."""
     plain = LayoutGenerator(knobbed, NWORLD, knobs="*")
-    ahead = PreparedLayouts(LayoutGenerator(knobbed, NWORLD, knobs="*"))
+    ahead = prefetched(LayoutGenerator(knobbed, NWORLD, knobs="*"))
     rng = np.random.default_rng(0)
     for step in range(8):
         if step % 3 == 1:

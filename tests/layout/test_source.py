@@ -11,15 +11,14 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, close_episode, open_episode
-from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from tests.layout.scenes import compile_on_cpu
+from tests.layout.scenes import compile_on_cpu, prefetched
 
 NWORLD = 4
 Maker = Callable[[CompiledScene], LayoutSource]
@@ -29,9 +28,7 @@ Maker = Callable[[CompiledScene], LayoutSource]
 def _lift(mask: wp.array[wp.bool], layouts: LayoutsView):
     i = wp.tid()
     if not mask or mask[i]:
-        open_episode(layouts, i)
         layouts.qpos[i, 2] = float(layouts.pending_episode[i])
-        close_episode(layouts, layouts, i)
 
 
 class Lifted(LayoutSource):
@@ -40,7 +37,7 @@ class Lifted(LayoutSource):
     def __init__(self, compiled: CompiledScene) -> None:
         self.layouts = Layouts.create(compiled, NWORLD)
 
-    def launch_generate(self, mask: wp.array | None) -> None:
+    def launch_make(self, mask: wp.array | None) -> None:
         """Lift."""
         wp.launch(_lift, dim=NWORLD, inputs=[mask, self.layouts.view], device=self.layouts.qpos.device)
 
@@ -67,7 +64,7 @@ def stored(compiled: CompiledScene) -> LayoutSource:
 
 def prepared(compiled: CompiledScene) -> LayoutSource:
     """Return a generator that works ahead."""
-    return PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=30))
+    return prefetched(LayoutGenerator(compiled, NWORLD, seed=30))
 
 
 SOURCES = pytest.mark.parametrize("make", [fresh, stored, prepared])
@@ -177,7 +174,7 @@ def test_what_is_no_source_is_refused(mid: CompiledScene):
     with pytest.raises(ArgumentTypeError, match="ResetRandomizer: layout_source should be a LayoutSource, got"):
         ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # type: ignore[arg-type]
     with pytest.raises(NotImplementedError):
-        LayoutSource().launch_generate(None)
+        LayoutSource().launch_make(None)
 
 
 @SOURCES

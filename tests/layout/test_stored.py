@@ -21,6 +21,7 @@ from sceniris_gym.errors import (
 )
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table, read_table
@@ -390,7 +391,12 @@ class Wrapped(LayoutSource):
         self.source.launch_generate(mask)
 
 
-@pytest.mark.parametrize("wrap", [lambda s: s, lambda s: LevelSampler(s, Levels(capacity=4)), Wrapped])
+def _levels(source: LayoutSource) -> LayoutPipeline:
+    """The layouts of a source, as levels."""
+    return LayoutPipeline(source, chooser=LevelSampler(Levels(capacity=4), source.layouts))
+
+
+@pytest.mark.parametrize("wrap", [lambda s: s, _levels, Wrapped])
 def test_stored_layouts_keep_their_knobs_in_every_wrapper(crane: CompiledScene, table: LayoutTable, wrap: Any):
     """Other numbers are refused before anything is launched, and launches never raise."""
     source = wrap(StoredLayouts(crane, replace(table, knobs=(REGION,), knob=BOX), 2))

@@ -10,7 +10,6 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.sim.conftest import SMALL_ARM
 
@@ -37,7 +36,7 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
     np.testing.assert_array_equal(randomizer.layouts.seed.numpy(), [5, 6, 5])
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 1, 0])
     assert set(randomizer.rejection_counts()) == {"block"}
-    assert isinstance(randomizer.layout_source, PreparedLayouts) == prefetch
+    assert (randomizer.pipeline.ahead is not None) == prefetch
     if prefetch:
         with pytest.raises(ValueError, match="Give either them or a layout_source"):
             ResetRandomizer(compiled, model, data, layout_source=twin, prefetch=True)

@@ -10,7 +10,6 @@ import torch
 import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.prepared import PreparedLayouts
 from sceniris_gym.levels import Levels, Ranges
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -34,11 +33,11 @@ def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):
 
 def test_layouts_are_made_ahead_on_a_gpu_by_default(cuda_scene):
     """Unless a source of layouts is given, or it is asked not to."""
-    assert isinstance(SceneVectorEnv(Reach, 2, scene=cuda_scene).randomizer.layout_source, PreparedLayouts)
+    assert SceneVectorEnv(Reach, 2, scene=cuda_scene).randomizer.pipeline.ahead is not None
     plain = SceneVectorEnv(Reach, 2, scene=cuda_scene, prefetch=False)
     given = SceneVectorEnv(Reach, 2, scene=cuda_scene, layout_source=LayoutGenerator)
     for envs in (plain, given):
-        assert isinstance(envs.randomizer.layout_source, LayoutGenerator)
+        assert envs.randomizer.pipeline.ahead is None
 
 
 def test_other_worlds_keep_their_bits(cuda_scene):

@@ -156,5 +156,5 @@ def test_gymnasium_makes_environments_with_knobs():
             num_envs=2,
             scene=envs.unwrapped.compiled,  # type: ignore[attr-defined]
             knobs="*",
-            layout_source=lambda compiled, num_envs: envs.unwrapped.randomizer.layout_source,  # type: ignore[attr-defined]
+            layout_source=lambda compiled, num_envs: envs.unwrapped.randomizer.pipeline,  # type: ignore[attr-defined]
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import torch
 
-from sceniris_gym.layout.prepared import PreparedLayouts
 from tests.vector.stepping import actions
 
 
@@ -22,7 +21,7 @@ def test_layouts_made_ahead_change_nothing(make_env):
     seen = []
     for prefetch in (False, True):
         envs = make_env(3, max_episode_steps=2, prefetch=prefetch)
-        assert isinstance(envs.randomizer.layout_source, PreparedLayouts) == prefetch
+        assert (envs.randomizer.pipeline.ahead is not None) == prefetch
         found = [envs.reset(seed=3)[0]]
         for step in range(5):
             found.append(envs.step(torch.full((3, 5), 0.1))[0])

@@ -210,9 +210,9 @@ def test_another_scene_is_refused_once_steps_are_captured(make_env, name):
     envs.reset(seed=0)
     with pytest.raises(FixedError, match=f"SceneVectorEnv.{name} cannot be changed.*Make another SceneVectorEnv"):
         setattr(envs.unwrapped, name, getattr(other, name, {}))
-    with pytest.raises(FixedError, match=r"ResetRandomizer\.layout_source"):
-        envs.randomizer.layout_source = other.randomizer.layout_source
+    with pytest.raises(FixedError, match=r"ResetRandomizer\.pipeline"):
+        envs.randomizer.pipeline = other.randomizer.pipeline
     with pytest.raises(FixedError, match=r"LayoutGenerator\.compiled"):
-        envs.randomizer.layout_source.compiled = other.compiled
+        envs.randomizer.pipeline.maker.compiled = other.compiled
     with pytest.raises(AttributeError, match="set_scene"):
         envs.unwrapped.set_scene({})

@@ -7,7 +7,7 @@ restarts of the round are not counted. An unsound layout is never served: its wo
 import warp as wp
 
 from sceniris_gym.device.angles import log_of
-from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
+from sceniris_gym.layout.layouts import LayoutsView, open_episode
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
 from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
 from sceniris_gym.program.device import Program
@@ -175,34 +175,3 @@ def launch_open_rows(work: Workspace, staged: bool) -> None:
     work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
     inputs = [work.program, work.reach, work.kinds, staged, work.ahead, busy, lanes]
     work.launch(_open_rows, lanes, inputs, work.layouts, work.search)
-
-
-@wp.func
-def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.array2d[wp.int64]):
-    """Add the rejections of an object in a served layout to the running counts."""
-    for cause in range(made.row_rejections.shape[2]):
-        number = made.row_rejections[worldid, obj, cause]
-        if number > 0:
-            wp.atomic_add(rejections, obj, cause, wp.int64(number))
-
-
-@wp.kernel
-def _finish(
-    mask: wp.array[bool],
-    # Layouts in: draw_seed, draw_episode, draw_stream, rejections, pending_seed, pending_episode, next_knob,
-    #   row_rejections
-    # Layouts out: seed, episode, knob, draw_seed, draw_episode, draw_stream, rejections, next_episode
-    layouts: LayoutsView,
-):
-    worldid, obj = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
-    if obj == 0:
-        close_episode(layouts, layouts, worldid)
-    count_rejections(layouts, worldid, obj, layouts.rejections)
-
-
-def launch_finish(work: Workspace, mask: wp.array | None) -> None:
-    """Advance the masked worlds to their pending episodes, all at once, and add up their rejections."""
-    work.launch(_finish, (work.nworld, work.layouts.rejections.shape[0]), [mask], work.layouts)

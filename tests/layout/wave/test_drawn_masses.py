@@ -101,8 +101,8 @@ def test_a_fallback_has_the_physics_of_its_own_in_every_door(tmp_path: Path):
     assert len(set(status)) == 2
     for told, mass in zip(randomizer.layout_ids(), masses, strict=True):
         np.testing.assert_array_equal(drawn(compiled, replay(compiled, LayoutId.parse(told)))[0].body_mass, mass)
-    assert isinstance(randomizer.layout_source, LayoutGenerator)
-    table = read_table(randomizer.layout_source)
+    assert isinstance(randomizer.pipeline.maker, LayoutGenerator)
+    table = read_table(randomizer.pipeline.maker)
     stored = reset(compiled, 8, layout_source=StoredLayouts(compiled, table, 8))
     np.testing.assert_array_equal(stored.model.body_mass.numpy(), masses)
     assert stored.layout_ids() == randomizer.layout_ids()
@@ -171,7 +171,7 @@ def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
     randomizer = reset(compiled, prefetch=False, knobs=knob)
     randomizer.set_knob(knob, [2.0, 4.0])
     randomizer.reset()
-    generator, slot = randomizer.layout_source, compiled.scene.sim.bodies["load"]
+    generator, slot = randomizer.pipeline.maker, compiled.scene.sim.bodies["load"]
     assert isinstance(generator, LayoutGenerator)
     assert generator._masses.statics is not None
     variant, rows = randomizer.variant.numpy()[:, 0], np.arange(NWORLD)

@@ -1,4 +1,4 @@
-"""`PreparedLayouts`: a layout source that prefetches the next layout of every world, so that a reset only copies it.
+"""`Ahead`: prefetches the next layout of every world, so that a reset only copies it.
 
 A layout is a pure function of (scene, split, seed, episode), so the next one of a world can be made as soon as the
 last one is served: on a GPU on a stream of its own, beside the steps that follow. A few layouts take about as long as
@@ -14,12 +14,12 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_type
-from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, next_key
+from sceniris_gym.errors import ArgumentError, check_type
+from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, next_key, open_episode
+from sceniris_gym.layout.seeds import count_rejections
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.layout.wave.rounds import count_rejections
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -36,7 +36,7 @@ _PATIENCE = 32
 """A prefetch starts so many resets after a world began to wait, however few worlds do."""
 
 _kept_longer: list[tuple[wp.Event | None, tuple[Any, ...]]] = []
-"""Memory of sources that were collected during a capture, and the events until which it must be kept."""
+"""Memory of makers that were collected during a capture, and the events until which it must be kept."""
 
 
 _WAITING = wp.constant(0)
@@ -47,7 +47,8 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode, next_seed, next_episode, next_knob
+    # Layouts in: seed, episode, stream, next_seed, next_episode, next_knob
+    # Layouts out: draw_seed, draw_episode, draw_stream, pending_seed, pending_episode
     served: LayoutsView,
     # Layouts in: seed, episode, next_knob
     prepared: LayoutsView,
@@ -79,6 +80,8 @@ def _find_missing(
             for k in range(served.next_knob.shape[1]):
                 if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
                     missing[worldid] = True
+    if missing[worldid]:
+        open_episode(served, worldid)
 
 
 @wp.kernel
@@ -205,40 +208,36 @@ def _finish(
         wp.atomic_cas(stage, worldid, _BEING_MADE, _READY)
 
 
-class PreparedLayouts(LayoutSource):
-    """A source that prefetches: it serves the layouts that a generator would make, most of them made ahead.
+class Ahead(StaysHere):
+    """Makes the next layouts of worlds ahead, as a part of a `LayoutPipeline`.
 
-    It needs the memory of a second generator. In a capture of the caller's own it prefetches nothing: the graph makes
+    It needs the memory of a second maker. In a capture of the caller's own it prefetches nothing: the graph makes
     layouts in place.
 
     Args:
-        generator: Makes the layouts that are not ready; use it for nothing else from now on. A copy of it prefetches.
+        maker: Makes the layouts that are not ready, between `launch_open` and `launch_close`. Its `twin` prefetches.
         stream: Stream to prefetch on, on a GPU; None makes one with `side_stream`.
         graph: Capture a prefetch into a graph and replay it.
 
     Attributes:
-        layouts: The latest layout of each world, in the arrays of the generator.
+        missing: Worlds that the maker makes a layout of now, shape (nworld,), bool.
 
     Raises:
-        ArgumentTypeError: A generator of a subclass, which might make other layouts than its copy would. Or a stream of
-            another type.
+        ArgumentTypeError: A maker without a `twin`, or a stream of another type.
         ArgumentError: A generator that records rejected candidates: those of prefetched layouts would be missing. Or a
             stream of another device.
     """
 
     @launching
-    def __init__(self, generator: LayoutGenerator, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
-        _check_generator(generator)
-        _check_stream(stream, wp.get_device(generator.compiled.device))
-        compiled, nworld = generator.compiled, generator.nworld
-        names = generator.layouts.knobs.names
-        ahead = LayoutGenerator(compiled, nworld, split=generator.split, size=generator.size, knobs=names)
-        self.layouts, self.split = generator.layouts, generator.split
-        self._generator, self._ahead = generator, ahead
-        device = self._device = wp.get_device(compiled.device)
+    def __init__(self, maker: LayoutSource, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
+        check_type(maker, LayoutSource, "Ahead: maker")
+        device = self._device = maker.layouts.seed.device
+        _check_stream(stream, device)
+        nworld, ahead = maker.layouts.nworld, maker.twin()
+        self._layouts, self._ahead = maker.layouts, ahead
         # a graph without loops would make the last layouts again at every replay, also while they are served
         self._works_ahead = repeats_in_graphs(device) or not graph
-        being_made, self._missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
+        being_made, self.missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
         self._being_made = being_made
         stage = self._stage = wp.full(nworld, _READY, dtype=int, device=device)
         self._nwaiting, self._begins, due = (wp.zeros(1, dtype=int, device=device) for _ in range(3))
@@ -274,10 +273,10 @@ class PreparedLayouts(LayoutSource):
         The device decides, as the host is many steps ahead of it. `_due` is set last: a prefetch on the other stream
         may read it at any time.
         """
-        nworld, device = self.layouts.nworld, self._device
+        nworld, device = self._layouts.nworld, self._device
         outputs = [self._enough, self._nwaiting, self._patience, self._begins]
         wp.launch(_decide, dim=1, inputs=[nworld, _PATIENCE, self._due], outputs=outputs, device=device)
-        inputs, outputs = [self.layouts.view, self._begins], [self._stage, self._being_made, self._ahead.layouts.view]
+        inputs, outputs = [self._layouts.view, self._begins], [self._stage, self._being_made, self._ahead.layouts.view]
         wp.launch(_begin, dim=nworld, inputs=inputs, outputs=outputs, device=device)
         wp.launch(_publish, dim=1, outputs=[self._begins, self._due], device=device)
 
@@ -301,48 +300,30 @@ class PreparedLayouts(LayoutSource):
             finally:
                 self._stream.record_event(self._done)
 
-    def launch_generate(self, mask: wp.array | None) -> None:
-        """See `LayoutSource`."""
-        served, prepared, missing = self.layouts.view, self._ahead.layouts.view, self._missing
-        nworld, device = self.layouts.nworld, self._device
-        outputs = [self._stage, self._nwaiting, self._enough, missing]
-        wp.launch(_find_missing, dim=nworld, inputs=[served, prepared, mask], outputs=outputs, device=device)
-        self._generator.launch_make(missing)
-        dim = (nworld, max(layout_width(served), served.rejections.shape[0]))
-        wp.launch(_serve, dim=dim, inputs=[prepared, mask, missing], outputs=[served], device=device)
+    def launch_open(self, mask: wp.array | None) -> None:
+        """Find the masked worlds whose next layouts are not ready, and open their keys."""
+        inputs = [self._layouts.view, self._ahead.layouts.view, mask]
+        outputs = [self._stage, self._nwaiting, self._enough, self.missing]
+        wp.launch(_find_missing, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
-    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """See `LayoutSource`; what was made ahead for the masked worlds is made anew."""
-        super().launch_set_knobs(columns, values, mask)
+    def launch_close(self, mask: wp.array | None) -> None:
+        """Serve the masked worlds their layouts, made in place or ahead; a layout counts once, even if made twice."""
+        served, inputs = self._layouts.view, [self._ahead.layouts.view, mask, self.missing]
+        dim = (self._layouts.nworld, max(layout_width(served), served.rejections.shape[0]))
+        wp.launch(_serve, dim=dim, inputs=inputs, outputs=[served], device=self._device)
+
+    def launch_forget(self, mask: wp.array | None) -> None:
+        """Forget what was made ahead for the masked worlds."""
         outputs = [self._stage, self._nwaiting]
-        wp.launch(_forget, self.layouts.nworld, inputs=[mask], outputs=outputs, device=self._device)
-
-    def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """See `LayoutSource`; a layout counts when it is served, once, even if it was made twice."""
-        return self._generator.rejection_counts()
-
-
-def _check_generator(generator: LayoutGenerator) -> None:
-    """Refuse a generator whose layouts a copy of it would not make."""
-    check_type(generator, LayoutGenerator, "PreparedLayouts: generator")
-    if type(generator) is not LayoutGenerator:
-        raise ArgumentTypeError(
-            "PreparedLayouts: generator should be a LayoutGenerator itself, since a second one prefetches, got one of "
-            f"class {type(generator).__name__}. Use it as layout_source without PreparedLayouts."
-        )
-    if generator.layouts.view.rejected_object.shape[0] > 0:
-        raise ArgumentError(
-            "PreparedLayouts: generator should not record rejected candidates, since those of prefetched layouts would "
-            "be missing. Make it with rejected=0, or use it as layout_source without PreparedLayouts."
-        )
+        wp.launch(_forget, self._layouts.nworld, inputs=[mask], outputs=outputs, device=self._device)
 
 
 def _check_stream(stream: wp.Stream | None, device: wp.Device) -> None:
     if stream is None:
         return
-    check_type(stream, wp.Stream, "PreparedLayouts: stream")
+    check_type(stream, wp.Stream, "Ahead: stream")
     if stream.device != device:
-        raise ArgumentError(f"PreparedLayouts: stream should be one of {device}, got one of {stream.device}.")
+        raise ArgumentError(f"Ahead: stream should be one of {device}, got one of {stream.device}.")
 
 
 def side_stream(device: wp.Device) -> wp.Stream:

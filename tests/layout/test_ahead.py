@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -17,13 +18,14 @@ import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError
-from sceniris_gym.layout import prepared
+from sceniris_gym.layout import ahead
+from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.prepared import PreparedLayouts
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf
+from tests.layout.scenes import box_mjcf, prefetched
 
 NWORLD = 24
 MADE = ("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos")
@@ -40,13 +42,13 @@ def _crane(folder: Path, device: str) -> CompiledScene:
     return compile_scene({**scene, "bank": 4}, device)
 
 
-def _bits(source: LayoutGenerator | PreparedLayouts) -> dict[str, bytes]:
+def _bits(source: LayoutGenerator | LayoutPipeline) -> dict[str, bytes]:
     """The bits of all that is made. NaN is one value here: joints that are not solved have either sign of it."""
     made = {name: getattr(source.layouts, name).numpy() for name in (*MADE, *COUNTED)}
     return {name: np.where(values == values, values, np.nan).tobytes() for name, values in made.items()}
 
 
-def _reset(source: PreparedLayouts, launches: Callable[[], None]) -> None:
+def _reset(source: LayoutPipeline, launches: Callable[[], None]) -> None:
     """Make the launches of a reset, and prefetch, as a randomizer does."""
     launches()
     source.after_reset()
@@ -56,7 +58,7 @@ def _same(compiled: CompiledScene, graph: bool) -> None:
     """Compare both sources over resets of some worlds, of none and of all, with new seeds in between."""
     rng, device = np.random.default_rng(0), wp.get_device(compiled.device)
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
-    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.zeros(NWORLD, dtype=wp.bool, device=device)
     launches = LaunchSequence(lambda: source.launch_generate(mask), device, graph=graph)
     for step in range(24):
@@ -112,7 +114,7 @@ def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(wp, "launch", counted)
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
-    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5), graph=False)
+    source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5), graph=False)
     for after in range(3, 120, 9):
         before, left[0] = source.layouts.episode.numpy(), after
         with suppress(KeyboardInterrupt):
@@ -126,14 +128,14 @@ def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.Monk
 
 def test_nobody_waits_for_what_is_being_made(monkeypatch: pytest.MonkeyPatch):
     """A layout that is not done is made in place, with the same bits, and nothing is begun until then."""
-    make, asked, due = PreparedLayouts._make_beside, itertools.count(), []
+    make, asked, due = Ahead._make_beside, itertools.count(), []
 
-    def late(source: PreparedLayouts) -> None:
+    def late(source: Ahead) -> None:
         due.append(int(source._due.numpy()[0]))
         if next(asked) % 3 == 2:
             make(source)
 
-    monkeypatch.setattr(PreparedLayouts, "_make_beside", late)
+    monkeypatch.setattr(Ahead, "_make_beside", late)
     _same(compile_scene("hard_plus", "cpu"), True)
     assert sum(due) > 20
 
@@ -141,7 +143,7 @@ def test_nobody_waits_for_what_is_being_made(monkeypatch: pytest.MonkeyPatch):
 def test_what_is_ready_is_not_made_again():
     """Nothing is missing in a second reset, or where a world was not reset; after new seeds it is."""
     compiled = compile_scene("mid", "cpu")
-    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
+    source = prefetched(LayoutGenerator(compiled, NWORLD))
     mask = wp.ones(NWORLD, dtype=wp.bool, device="cpu")
     missing = []
     for step in range(4):
@@ -149,18 +151,18 @@ def test_what_is_ready_is_not_made_again():
             source.launch_reseed(wp.array(np.arange(100, 100 + NWORLD), dtype=wp.uint64, device="cpu"), None)
         mask.assign(np.arange(NWORLD) % (step + 1) == 0)
         source.generate(mask)
-        missing.append(int(source._missing.numpy().sum()))
+        missing.append(int(source.ahead.missing.numpy().sum()))
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
 
 
 @pytest.mark.parametrize("last", ["_begin", "_publish"])
 def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.MonkeyPatch):
     """A reset is interrupted before layouts ahead are launched, or after worlds are chosen; the next is right."""
-    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    source = prefetched(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
     launch = wp.launch
 
     def interrupted(kernel: wp.Kernel, *args: object, **kwargs: object) -> None:
-        if kernel is getattr(prepared, last):
+        if kernel is getattr(ahead, last):
             raise KeyboardInterrupt
         launch(kernel, *args, **kwargs)
 
@@ -171,19 +173,19 @@ def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.Monk
     source.generate(wp.zeros(NWORLD, dtype=wp.bool, device="cpu"))
     for _ in range(2):
         source.generate()
-        assert not source._missing.numpy().any()
+        assert not source.ahead.missing.numpy().any()
 
 
-def _not_ahead(source: PreparedLayouts, *worlds: int) -> list[int]:
+def _not_ahead(source: Any, *worlds: int) -> list[int]:
     """Reset these worlds, and return those whose next layouts are not made yet."""
     source.generate(np.isin(np.arange(NWORLD), worlds))
-    made = source._ahead.layouts.episode.numpy() - source.layouts.episode.numpy()
+    made = source.ahead._ahead.layouts.episode.numpy() - source.layouts.episode.numpy()
     return np.flatnonzero(made != 1).tolist()
 
 
 def test_few_worlds_wait_until_more_are_reset():
     """One of 24 waits until seven do, or until it has waited for 32 resets of other worlds or of none."""
-    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    source = prefetched(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
     assert _not_ahead(source, *range(NWORLD)) == []
     assert _not_ahead(source, 3) == [3]
     assert _not_ahead(source, 7, 9, 10, 20, 21) == [3, 7, 9, 10, 20, 21]
@@ -195,7 +197,7 @@ def test_few_worlds_wait_until_more_are_reset():
 
 def test_more_worlds_wait_until_one_is_missed():
     """Up to 16 of 24 wait for each other, and six again once a world was reset that waited."""
-    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    source = prefetched(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
     _not_ahead(source, *range(NWORLD))
     found = []
     for _ in range(40):
@@ -219,8 +221,8 @@ def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.
         freed(self)
 
     monkeypatch.setattr(wp.array, "__del__", free)
-    monkeypatch.setattr(prepared, "_wait", lambda *_: order.append("waited"))
-    source = PreparedLayouts(generator)
+    monkeypatch.setattr(ahead, "_wait", lambda *_: order.append("waited"))
+    source = prefetched(generator)
     cycle = [source, generator]
     cycle.append(cycle)
     del array, generator, source, cycle
@@ -232,7 +234,7 @@ def test_memory_is_kept_until_all_that_writes_to_it_is_done(monkeypatch: pytest.
 def test_rejections_are_those_of_the_layouts_that_are_served():
     """In both places where they can be read: what is made twice counts once, what is never served does not count."""
     compiled = compile_scene("mid", "cpu")
-    source, twin = PreparedLayouts(LayoutGenerator(compiled, NWORLD)), LayoutGenerator(compiled, NWORLD)
+    source, twin = prefetched(LayoutGenerator(compiled, NWORLD)), LayoutGenerator(compiled, NWORLD)
     for step in range(6):
         if step % 3 == 2:  # what was made ahead is made in vain
             for one in (source, twin):
@@ -250,28 +252,28 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
     class Own(LayoutGenerator):
         """A generator of a user's."""
 
-    with pytest.raises(ArgumentTypeError, match=r"should be a LayoutGenerator itself, .* got one of class Own"):
-        PreparedLayouts(Own(compiled, 4))
-    with pytest.raises(ArgumentTypeError, match="should be a LayoutGenerator, got"):
-        PreparedLayouts(compiled)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentTypeError, match="Own: cannot prefetch, since a second one would"):
+        Ahead(Own(compiled, 4))
+    with pytest.raises(ArgumentTypeError, match="maker should be a LayoutSource, got"):
+        Ahead(compiled)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match="Make it with rejected=0"):
-        PreparedLayouts(LayoutGenerator(compiled, 4, rejected=8))
+        Ahead(LayoutGenerator(compiled, 4, rejected=8))
     with pytest.raises(ArgumentTypeError, match="stream should be a Stream, got"):
-        PreparedLayouts(LayoutGenerator(compiled, 4), 0)  # type: ignore[arg-type]
+        Ahead(LayoutGenerator(compiled, 4), 0)  # type: ignore[arg-type]
     elsewhere = Mock(spec=wp.Stream, device="cuda:1")
     with pytest.raises(ArgumentError, match="stream should be one of cpu, got one of cuda:1"):
-        PreparedLayouts(LayoutGenerator(compiled, 4), elsewhere)
+        Ahead(LayoutGenerator(compiled, 4), elsewhere)
 
 
 def test_nothing_is_made_ahead_where_graphs_cannot_repeat_launches(monkeypatch: pytest.MonkeyPatch):
     """With an old driver a replay makes what was made before once more, also while it is served."""
-    monkeypatch.setattr(prepared, "repeats_in_graphs", lambda _: False)
-    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
+    monkeypatch.setattr(ahead, "repeats_in_graphs", lambda _: False)
+    source = prefetched(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD))
     plain = LayoutGenerator(source.layouts.compiled, NWORLD)
     for _ in range(2):
         source.generate()
         plain.generate()
-        assert (_bits(source), source._missing.numpy().all()) == (_bits(plain), True)
+        assert (_bits(source), source.ahead.missing.numpy().all()) == (_bits(plain), True)
 
 
 @pytest.mark.cuda
@@ -279,7 +281,7 @@ def test_a_captured_reset_is_not_disturbed_by_what_is_made_beside_it():
     """A graph of the caller's own, replayed in turn with resets outside of it, gives one layout after another."""
     compiled = compile_scene("hard_plus", "cuda:0")
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
-    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.ones(NWORLD, dtype=wp.bool, device="cuda:0")
     reset = LaunchSequence(lambda: source.launch_generate(mask), wp.get_device("cuda:0"))
     _reset(source, reset)
@@ -303,7 +305,7 @@ def test_what_is_made_ahead_and_the_steps_do_not_wait_for_each_other():
     device = wp.get_device("cuda:0")
     compiled = compile_scene("mid", "cuda:0")
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
-    source = PreparedLayouts(LayoutGenerator(compiled, NWORLD, seed=5))
+    source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.ones(NWORLD, dtype=wp.bool, device=device)
     reset = LaunchSequence(lambda: source.launch_generate(mask), device)
     with wp.ScopedStream(wp.stream_from_torch(torch.cuda.default_stream()), sync_enter=False):
@@ -313,7 +315,7 @@ def test_what_is_made_ahead_and_the_steps_do_not_wait_for_each_other():
         _reset(source, reset)
         torch.cuda._sleep(2_000_000_000)
         _reset(source, reset)
-        beside, asleep = source._done, wp.record_event()
+        beside, asleep = source.ahead._done, wp.record_event()
         time.sleep(0.7)
         assert beside is not None
         assert (beside.is_complete, asleep.is_complete) == (True, False)
@@ -326,12 +328,12 @@ def test_what_is_made_ahead_and_the_steps_do_not_wait_for_each_other():
 def test_the_next_layouts_are_made_after_a_reset_that_nothing_follows():
     """As in an evaluation, which resets all worlds together, and seldom."""
     device = wp.get_device("cuda:0")
-    source = PreparedLayouts(LayoutGenerator(compile_scene("mid", "cuda:0"), NWORLD))
+    source = prefetched(LayoutGenerator(compile_scene("mid", "cuda:0"), NWORLD))
     missing = []
     for _ in range(3):
         source.generate()
         wp.synchronize_device(device)
-        missing.append(int(source._missing.numpy().sum()))
+        missing.append(int(source.ahead.missing.numpy().sum()))
     assert missing == [NWORLD, 0, 0]
 
 
@@ -340,7 +342,7 @@ def test_layouts_are_made_ahead_whatever_device_is_the_default_one():
     """Warp's functions for events mean the stream of that one."""
     compiled = compile_scene("mid", "cuda:0")
     with wp.ScopedDevice("cpu"):
-        source = PreparedLayouts(LayoutGenerator(compiled, NWORLD))
+        source = prefetched(LayoutGenerator(compiled, NWORLD))
         source.generate()
         source.rejection_counts()
     wp.synchronize_device("cuda:0")
@@ -350,7 +352,7 @@ def test_layouts_are_made_ahead_whatever_device_is_the_default_one():
 def test_memory_is_kept_where_a_source_goes_while_something_is_captured():
     """Nobody may wait for an event then, and memory that is still written to must not be freed."""
     compiled = compile_scene("mid", "cuda:0")
-    sources = [PreparedLayouts(LayoutGenerator(compiled, NWORLD)) for _ in range(2)]
+    sources = [prefetched(LayoutGenerator(compiled, NWORLD)) for _ in range(2)]
     for source in sources:
         source.generate()
     del source
@@ -358,7 +360,7 @@ def test_memory_is_kept_where_a_source_goes_while_something_is_captured():
     with wp.ScopedStream(wp.Stream("cuda:0")), wp.ScopedCapture("cuda:0"):
         sources.pop()
         gc.collect()
-        assert len(prepared._kept_longer) == 1
+        assert len(ahead._kept_longer) == 1
     sources.pop()
     gc.collect()
-    assert not prepared._kept_longer
+    assert not ahead._kept_longer

@@ -1,0 +1,95 @@
+"""A maker, prefetching and a chooser in one pipeline: what is asked for is served, made ahead or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import warp as wp
+
+from sceniris_gym.errors import FixedError
+from sceniris_gym.layout.columns import columns
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.pipeline import LayoutPipeline
+from sceniris_gym.layout.seeds import launch_open
+from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.scenes import compile_on_cpu, prefetched
+
+NWORLD = 3
+
+
+class Backwards:
+    """A chooser of somebody's own: each world goes from episode 9 of a seed back to its beginning."""
+
+    def __init__(self, layouts: Layouts) -> None:
+        self.layouts, self.heard, self.next = layouts, [], np.full(NWORLD, 9)
+
+    def launch_choose(self, mask: wp.array | None) -> None:
+        """Choose the episode before."""
+        chosen = np.ones(NWORLD, bool) if mask is None else mask.numpy()
+        self.next = np.where(chosen, np.maximum(self.next - 1, 0), self.next)
+        self._ask()
+
+    def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
+        """Begin again."""
+        self.heard.append("forget")
+        self.next[:] = 9
+        self._ask()
+
+    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+        """Hear it."""
+        self.heard.append("set_knobs")
+
+    def after_reset(self) -> None:
+        """Hear it."""
+        self.heard.append("after_reset")
+
+    def _ask(self) -> None:
+        self.layouts.view.next_seed.assign(self.layouts.view.seed.numpy() * 0 + np.arange(30, 30 + NWORLD))
+        self.layouts.view.next_episode.assign(self.next)
+
+
+@pytest.fixture(scope="module")
+def mid() -> CompiledScene:
+    """The shipped scene `mid`."""
+    return compile_on_cpu("mid")
+
+
+@pytest.mark.parametrize("ahead", [False, True])
+def test_worlds_get_what_a_chooser_asks_for(mid: CompiledScene, ahead: bool):
+    """The layouts of these seeds and episodes as another generator has them; the chooser hears of all that happens."""
+    maker = LayoutGenerator(mid, NWORLD, seed=30, knobs="objects.*.region")
+    chooser, other = Backwards(maker.layouts), LayoutGenerator(mid, NWORLD, seed=30)
+    pipeline = LayoutPipeline(maker, ahead=prefetched(maker).ahead if ahead else None, chooser=chooser)
+    pipeline.reseed(30)
+    for episode in (9, 8, 7):
+        pipeline.generate()
+        assert pipeline.layouts.episode.numpy().tolist() == [episode] * NWORLD
+        other.reseed(30, episodes=episode)
+        other.generate()
+        np.testing.assert_array_equal(pipeline.layouts.qpos.numpy(), other.layouts.qpos.numpy())
+    pipeline.generate(np.array([True, False, False]))
+    assert pipeline.layouts.episode.numpy().tolist() == [6, 7, 7]
+    name, row = next(iter(maker.layouts.knobs.named(maker.layouts.knobs.default[None]).items()))
+    pipeline.set_knobs({name: row[0]})
+    assert chooser.heard == ["forget", *["after_reset"] * 4, "set_knobs"]
+
+
+def test_a_key_is_opened_without_touching_what_is_served(mid: CompiledScene):
+    """Which layout a row is, and all of its parts, stay to the bit until the next one is made."""
+    generator = LayoutGenerator(mid, NWORLD, seed=4)
+    generator.generate()
+    names = columns("key", "pose", "grasp", "count")
+    before = {name: getattr(generator.layouts, name).numpy().tobytes() for name in names}
+    launch_open(generator.layouts.view, wp.array([True, False, True], dtype=wp.bool, device="cpu"))
+    assert {name: getattr(generator.layouts, name).numpy().tobytes() for name in names} == before
+    assert generator.layouts.view.pending_episode.numpy().tolist() == [1, 0, 1]
+
+
+def test_the_parts_of_a_pipeline_cannot_be_exchanged(mid: CompiledScene):
+    """Captured resets would not see it."""
+    pipeline = LayoutPipeline(LayoutGenerator(mid, NWORLD, split="eval"))
+    assert pipeline.split == "eval"
+    for name in LayoutPipeline.FIXED:
+        with pytest.raises(FixedError, match=rf"LayoutPipeline\.{name}"):
+            setattr(pipeline, name, None)
