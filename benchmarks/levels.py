@@ -33,7 +33,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.levels import Levels
 from sceniris_gym.levels.buffer import Episodes, create_buffer, launch_choose, launch_update
-from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.levels.refresh import launch_refresh
 from sceniris_gym.program.device import allocate
 from sceniris_gym.training.task_scenes import make_env, scene_of
 from sceniris_gym.vector.vector_env import SceneVectorEnv

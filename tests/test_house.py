@@ -88,7 +88,7 @@ def test_first_lines_are_sentences_about_the_thing():
 
 
 def test_nobody_probes_the_type_of_a_source():
-    """What a source, its prefetching or its chooser can do is a method or an attribute that all of them have."""
+    """A source, its prefetching and its chooser show by methods that all of them have what they do."""
     probe = re.compile(r"\b(?:isinstance|getattr|hasattr|type)\((?:self\.)?_?(?:layout_)?")
     probes = re.compile(probe.pattern + r"(?:source|maker|generator|pipeline|ahead|chooser|sampler|levels)\b[^.\[]")
     found = {str(path): probes.findall((PACKAGE / path).read_text()) for path in SOURCES}

@@ -20,8 +20,8 @@ from sceniris_gym.errors import (
     import_extra,
 )
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.requested import RequestedLayouts
-from sceniris_gym.program.compiled import CompiledScene, refuse_starts
+from sceniris_gym.layout.tables import RequestedLayouts
+from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
 from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.rest import affine_law, scene_rest
 from sceniris_gym.sim.write import addresses_of
@@ -58,10 +58,14 @@ class LayoutFunction:
     Args:
         compiled: The scene, on the device on which JAX computes.
         split: "train" or "eval", which share no layouts.
+
+    Raises:
+        NotSupportedError: The scene has words of `randomize`.
     """
 
     def __init__(self, compiled: CompiledScene, *, split: str = "train") -> None:
         check_type(compiled, CompiledScene, "LayoutFunction: compiled")
+        refuse_draws(compiled, "LayoutFunction", "the `randomization_fn` of a training")
         self.compiled, self.split = compiled, split
         self._callables: dict[int, Any] = {}
 

@@ -17,14 +17,14 @@ from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, Status
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, refuse_draws
 from sceniris_gym.scene.adopt import instead_of_variants
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
+from sceniris_gym.sim.sources import make_pipeline
 from sceniris_gym.vector.arguments import ChosenLayouts, as_chosen_layouts, fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
@@ -56,10 +56,12 @@ class PlaceLayouts(ManagerTermBase):
     Attributes:
         compiled: The compiled scene.
         layouts: The latest layout of each environment, without its origin.
+        pipeline: Makes and prefetches the layouts; a LayoutPipeline.
         split: The split of the layouts.
 
     Raises:
         SceneKeyError: An object of the scene is not the root of an entity.
+        NotSupportedError: The scene has words of `randomize`, or an object with variants that is no such entity.
         ScenirisError: The scene cannot be used; see `compile_scene`.
         SceneMismatchError: Startup events changed the model that layouts depend on; raised in the first reset.
         ArgumentError: Something placed the objects again, see `keep_layouts`; raised in the first reset.
@@ -68,20 +70,18 @@ class PlaceLayouts(ManagerTermBase):
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
         super().__init__(env)
         self.compiled: CompiledScene = compile_scene(_as_model(cfg.scene, env), env.device)
+        refuse_draws(self.compiled, "PlaceLayouts", "events of mjlab's `dr`")
         self._variants = VariantRows(self.compiled, env)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
-        self._generator = LayoutGenerator(self.compiled, env.num_envs, seed=seed, split=cfg.split, knobs=cfg.knobs)
+        words: dict[str, Any] = {"seed": seed, "split": cfg.split, "knobs": cfg.knobs, "prefetch": cfg.prefetch}
+        self.pipeline, _ = make_pipeline(self.compiled, env.num_envs, "PlaceLayouts", **words)
+        self.layouts: Layouts = self.pipeline.layouts
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
         self.split: str = cfg.split
         self._fits, self._placed, self._kept = False, None, False
         self._chosen: dict[int, str] = {}
-
-    @property
-    def layouts(self) -> Layouts:
-        """See the class."""
-        return self._generator.layouts
 
     def __call__(self, env: Any, env_ids: Tensor | None) -> None:
         """Place the objects of the environments `env_ids`, or of all if None."""
@@ -96,8 +96,8 @@ class PlaceLayouts(ManagerTermBase):
         mask[ids] = True
         if self._chosen:  # now, as a curriculum may have set knobs since
             chosen = self._as_layouts({i: self._chosen.pop(i) for i in ids.tolist() if i in self._chosen})
-            self._generator.reseed(*chosen)
-        self._generator.generate(mask)
+            self.pipeline.reseed(*chosen)
+        self.pipeline.generate(mask)
         self._variants.write(self.layouts, ids)
         self._write(ids)
         self._tell()
@@ -137,7 +137,7 @@ class PlaceLayouts(ManagerTermBase):
         """
         mask = torch.zeros(self._env.num_envs, dtype=torch.bool, device=self._env.device)
         mask[slice(None) if env_ids is None else env_ids] = True
-        self._generator.set_knobs({name: value}, mask)
+        self.pipeline.set_knobs({name: value}, mask)
 
     def reset(self, env_ids: Tensor | None) -> None:
         """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""
@@ -162,8 +162,8 @@ class PlaceLayouts(ManagerTermBase):
 
     def _as_layouts(self, ids: dict[int, str]) -> ChosenLayouts:
         """Return the layouts with these ids, by the environments that are to get them; see `choose`."""
-        number, generator = self._env.num_envs, self._generator
-        return as_chosen_layouts([ids.get(i) for i in range(number)], number, generator, generator.split)
+        number = self._env.num_envs
+        return as_chosen_layouts([ids.get(i) for i in range(number)], number, self.pipeline)
 
     def _write(self, env_ids: Tensor) -> None:
         origins = self._env.scene.env_origins[env_ids]
@@ -203,6 +203,8 @@ class PlaceLayoutsCfg(EventTermCfg):
             Under torchrun and torchrunx, RANK * 2^40 is added.
         split: "train" or "eval", which share no layouts.
         knobs: Names of parts of the scene that `knob_stages` or `PlaceLayouts.set_knob` change, or patterns.
+        prefetch: Make the next layout of every environment ahead, beside the steps that follow; None does so on a GPU.
+            See ResetRandomizer.
     """
 
     func: Any = PlaceLayouts
@@ -211,6 +213,7 @@ class PlaceLayoutsCfg(EventTermCfg):
     seed: int | None = None
     split: str = "train"
     knobs: Sequence[str] = ()
+    prefetch: bool | None = None
 
 
 def knob_stages(env: Any, env_ids: Tensor | slice, name: str, stages: Sequence[tuple[int, Any]]) -> None:

@@ -11,12 +11,11 @@ import warp as wp
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type, import_extra
-from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_mask, fill_mask
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.program.compiled import CompiledScene, refuse_starts
+from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
 from sceniris_gym.sim.fit import check_fit, check_model
+from sceniris_gym.sim.sources import make_pipeline
 
 newton: Any = import_extra("newton", "newton")
 
@@ -117,15 +116,19 @@ class NewtonRandomizer(StaysHere):
         *states: Every newton.State that the loop steps; a reset writes all of them.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no layouts. Not used with a layout_source.
-        layout_source: Another source of layouts, such as a LayoutPipeline that prefetches.
+        layout_source: Another source of layouts, such as StoredLayouts.
+        prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
+            ResetRandomizer. Not with a layout_source.
 
     Attributes:
+        pipeline: Makes and prefetches the layouts; a LayoutPipeline.
         layouts: The latest layout of each world.
 
     Raises:
         ArgumentError: The solver runs on MuJoCo C, or has all worlds of the model in one; or the solver or a state is
             another model's.
         SceneMismatchError: The scene is not that of the model, worlds differ, or joints start elsewhere.
+        NotSupportedError: The scene has words of `start` or `randomize`.
     """
 
     SEND = "the CompiledScene, and make a new one there"
@@ -140,12 +143,14 @@ class NewtonRandomizer(StaysHere):
         seed: int | Sequence[int] | np.ndarray = 0,
         split: str = "train",
         layout_source: LayoutSource | None = None,
+        prefetch: bool | wp.Stream | None = None,
     ) -> None:
         arguments = [(compiled, CompiledScene, "compiled"), (model, newton.Model, "model")]
         arguments += [(state, newton.State, "states") for state in states or (None,)]
         for argument, kind, name in arguments:
             check_type(argument, kind, f"NewtonRandomizer: {name}")
         refuse_starts(compiled, "NewtonRandomizer")
+        refuse_draws(compiled, "NewtonRandomizer", "writing into the arrays of newton.Model")
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
         if data is None or solver.use_mujoco_cpu or solver.model is not model or data.nworld != nworld:
             raise ArgumentError(
@@ -154,12 +159,10 @@ class NewtonRandomizer(StaysHere):
             )
         if any(state.joint_q.shape != model.joint_q.shape for state in states):
             raise ArgumentError("NewtonRandomizer: states should be those of the model: model.state().")
-        if layout_source is None:
-            layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split)
-        check_type(layout_source, LayoutSource, "NewtonRandomizer: layout_source")
         self.compiled, self.model, self.solver, self.states = compiled, model, solver, states
-        self.layout_source: LayoutSource = layout_source
-        where = "NewtonRandomizer"
+        where, given = "NewtonRandomizer", {"layout_source": layout_source, "prefetch": prefetch}
+        self.pipeline, _ = make_pipeline(compiled, nworld, where, seed=seed, split=split, **given)
+        self.layouts = self.pipeline.layouts
         check_model(compiled, solver.mj_model, where, _CURE)
         check_fit(compiled, solver.mjw_model, data, self.layouts, where=where, cure=_CURE)
         with wp.ScopedDevice(model.device):
@@ -169,11 +172,6 @@ class NewtonRandomizer(StaysHere):
             self._qposadr = wp.array(solver.mj_q_start.numpy()[: model.joint_count // nworld], dtype=int)
             self._mocapid = wp.array(self._mocap_of_joints(), dtype=int)
         self._check_start()
-
-    @property
-    def layouts(self) -> Layouts:
-        """See the class."""
-        return self.layout_source.layouts
 
     @launching
     def reset(self, mask: Any = None) -> None:
@@ -187,7 +185,7 @@ class NewtonRandomizer(StaysHere):
         """
         nworld = self.model.world_count
         fill_mask(None if mask is None else as_mask(mask, nworld, self.model.device), self._mask)
-        self.layout_source.generate(self._mask)
+        self.pipeline.generate(self._mask)
         for state in self.states:
             self._write(self.layouts.qpos, state.joint_q, state.joint_qd, self.model.joint_X_p)
             newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, joint_mask=self._joint_mask)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from sceniris_gym.config.limits import MOST_WORLDS
 from sceniris_gym.errors import CountError, SceneKeyError, SeedError
-from sceniris_gym.layout.counts import MOST_WORLDS
 
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig

@@ -1,4 +1,4 @@
-"""Limits that are compiled into device code."""
+"""Limits: of scenes, which are compiled into device code, and of a batch."""
 
 MOST_ATTEMPTS = 10_000
 """Greatest number of candidates of one object between two restarts."""
@@ -20,3 +20,6 @@ MAX_POINTS = 4096
 MAX_PIECES = 65536
 """Greatest number of pieces that the relations of one object may cut its region into, over all combinations: every draw
 cuts and measures each."""
+
+MOST_WORLDS = 1 << 24
+"""Upper limit of worlds in a batch: far more than fit on any GPU with a scene of a few objects."""

@@ -86,6 +86,10 @@ def _find_missing(
 
 @wp.kernel
 def _forget(
+    # Layouts in: next_knob
+    served: LayoutsView,
+    # Layouts in: next_knob
+    prepared: LayoutsView,
     mask: wp.array[bool],
     # In and out:
     stage: wp.array[int],
@@ -95,8 +99,13 @@ def _forget(
     if mask:
         if not mask[worldid]:
             return
-    if wp.atomic_exch(stage, worldid, _WAITING) != _WAITING:
-        wp.atomic_add(nwaiting, 0, 1)
+    changed = bool(False)
+    for k in range(served.next_knob.shape[1]):
+        if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
+            changed = True
+    if changed:
+        if wp.atomic_exch(stage, worldid, _WAITING) != _WAITING:
+            wp.atomic_add(nwaiting, 0, 1)
 
 
 @wp.kernel
@@ -313,9 +322,9 @@ class Ahead(StaysHere):
         wp.launch(_serve, dim=dim, inputs=inputs, outputs=[served], device=self._device)
 
     def launch_forget(self, mask: wp.array | None) -> None:
-        """Forget what was made ahead for the masked worlds."""
-        outputs = [self._stage, self._nwaiting]
-        wp.launch(_forget, self._layouts.nworld, inputs=[mask], outputs=outputs, device=self._device)
+        """Forget what was made ahead for the masked worlds whose knobs are others now."""
+        inputs, outputs = [self._layouts.view, self._ahead.layouts.view, mask], [self._stage, self._nwaiting]
+        wp.launch(_forget, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
 
 def _check_stream(stream: wp.Stream | None, device: wp.Device) -> None:

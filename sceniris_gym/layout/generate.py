@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -14,13 +13,12 @@ from sceniris_gym.config.messages import short
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.random import SPLITS
-from sceniris_gym.device.sequence import LaunchSequence, repeat_launches
+from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import launch_write
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
-from sceniris_gym.layout.masks import fill_mask
+from sceniris_gym.layout.masks import as_count, fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.redraw import Redraw, RedrawCounts
 from sceniris_gym.layout.scene_knobs import STARTS
@@ -142,7 +140,6 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._redraws: dict[tuple[str, ...], Redraw] = {}
-        self._generate = LaunchSequence(lambda: self.launch_generate(self._mask), wp.get_device(compiled.device))
         load_kernels(self._work, staged=self._stage is not None)
         if self._stage is not None:
             self._stage.launch_pose_hands()
@@ -152,12 +149,6 @@ class LayoutGenerator(Fixed, LayoutSource):
     def nworld(self) -> int:
         """Number of worlds."""
         return self.layouts.nworld
-
-    @launching
-    def generate(self, mask: Any = None) -> None:
-        """See `LayoutSource`; captured into a graph at the first call, or part of a capture of the caller's."""
-        fill_mask(self._checked(mask), self._mask)
-        self._generate()
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`; the first kernel of `launch_make` opens keys."""

@@ -61,10 +61,6 @@ class LayoutPipeline(Fixed, LayoutSource):
         self.maker, self.ahead, self.chooser, self.layouts = maker, ahead, chooser, maker.layouts
         self.split: str = maker.split or split
 
-    def launch_make(self, mask: wp.array | None) -> None:
-        """See `LayoutSource`; nothing is prefetched or chosen."""
-        self.maker.launch_make(mask)
-
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
         if self.ahead is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ import warp as wp
 
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
-from sceniris_gym.layout.masks import as_mask
+from sceniris_gym.layout.masks import as_mask, fill_mask
 from sceniris_gym.layout.seeds import episodes_on_device, launch_close, launch_open, launch_reseed, seeds_on_device
 
 
@@ -106,9 +108,17 @@ class LayoutSource(StaysHere):
         """
         return {}
 
+    @cached_property
+    def _captured(self) -> tuple[LaunchSequence, wp.array]:
+        """The launches of `generate`, and the mask that they read."""
+        mask = wp.zeros(self.layouts.nworld, dtype=wp.bool, device=self.layouts.seed.device)
+        return LaunchSequence(lambda: self.launch_generate(mask), mask.device), mask
+
     @launching
     def generate(self, mask: Any = None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.
+
+        The launches are captured into a graph at the first call, or part of a capture of the caller's.
 
         Args:
             mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; all worlds if None.
@@ -116,7 +126,9 @@ class LayoutSource(StaysHere):
         Raises:
             MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
         """
-        self.launch_generate(self._checked(mask))
+        launches, own = self._captured
+        fill_mask(self._checked(mask), own)
+        launches()
         self.after_reset()
 
     @launching

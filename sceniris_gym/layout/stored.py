@@ -9,7 +9,6 @@ import warp as wp
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import (
     LayoutKeys,
@@ -20,6 +19,7 @@ from sceniris_gym.layout.layouts import (
     copy_layout,
     layout_width,
 )
+from sceniris_gym.layout.masks import as_count
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import fill_struct

@@ -8,7 +8,7 @@ from typing import Any
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
-from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.masks import as_count
 
 SCORES = ("learnability", "failure", "given")
 PRIORITIES = ("rank", "proportional", "uniform")

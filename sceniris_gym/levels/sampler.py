@@ -13,14 +13,12 @@ from sceniris_gym.config.messages import short
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.masks import as_numbers
+from sceniris_gym.layout.masks import as_count, as_numbers
 from sceniris_gym.levels.buffer import Episodes, bounds_of, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
-from sceniris_gym.levels.ranges import launch_move, set_ranges
-from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.levels.refresh import launch_move, launch_refresh, set_ranges
 
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 

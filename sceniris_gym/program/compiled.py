@@ -203,6 +203,25 @@ def refuse_starts(compiled: CompiledScene, where: str) -> None:
         )
 
 
+def refuse_draws(compiled: CompiledScene, where: str, instead: str) -> None:
+    """Refuse a scene with words of `randomize` where nothing draws them.
+
+    Args:
+        compiled: The scene.
+        where: The beginning of the error.
+        instead: What draws physics and looks there.
+
+    Raises:
+        NotSupportedError: It has some.
+    """
+    draws = compiled.scene.sim.draws
+    if draws:
+        raise NotSupportedError(
+            f"{where}: '{compiled.config.name}' has 'randomize' ({draws[0].name}), which is not drawn here. Leave the "
+            f"words out and draw by {instead}, or take SceneVectorEnv or ResetRandomizer."
+        )
+
+
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
     """Check a scene and upload it to a device. The bank is still empty; `layout.compile.compile_scene` fills it.
 

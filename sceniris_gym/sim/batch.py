@@ -15,7 +15,7 @@ import warp as wp
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, UnknownNameError
-from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.masks import as_count
 from sceniris_gym.program.checks.simulation import check_memory, put_simulated
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields, widen

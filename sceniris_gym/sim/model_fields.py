@@ -10,9 +10,9 @@ import warp as wp
 
 from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.masks import as_count
 from sceniris_gym.program.checks.simulation import put_simulated
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values

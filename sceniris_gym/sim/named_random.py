@@ -4,7 +4,7 @@ import warp as wp
 
 from sceniris_gym.device.random import SPLITS, STREAM_BITS, TASK_STREAM, name_hash, named_stream, uniforms
 from sceniris_gym.errors import check_type
-from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.masks import as_count
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -18,22 +18,20 @@ from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import MaskTypeError, UnknownNameError, check_type
-from sceniris_gym.layout.counts import as_shape
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, fill_mask, mask_of_ids, mask_of_rows
+from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, as_shape, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, updater
 from sceniris_gym.sim.fit import check_fit
-from sceniris_gym.sim.layout_rows import stored_rows
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.replacing import Replacer
 from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
-from sceniris_gym.sim.sources import make_pipeline
+from sceniris_gym.sim.sources import make_pipeline, stored_rows
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.sim.write import poses_of
@@ -102,6 +100,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     Attributes:
         pipeline: Makes, prefetches and chooses the layouts; a LayoutPipeline.
+        layouts: The latest layouts, one row per world.
         levels: The sampler of levels if the worlds play levels, else None.
         split: The split of the layouts: that of the layout_source if it has one.
         fields: Model fields that have a row for each world.
@@ -118,8 +117,8 @@ class ResetRandomizer(Fixed, StaysHere):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "pipeline", "levels", "split", "fields", "replacer")
-    ARGUMENTS = ("layouts", "layout_source", "knobs", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    FIXED = ("compiled", "model", "data", "device", "pipeline", "layouts", "levels", "split", "fields", "replacer")
+    ARGUMENTS = ("layout_source", "knobs", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -152,6 +151,7 @@ class ResetRandomizer(Fixed, StaysHere):
         own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "levels": levels, "knobs": knobs}
         own |= {"layout_source": layout_source, "graph": graph}
         self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", **own)
+        self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
@@ -176,11 +176,6 @@ class ResetRandomizer(Fixed, StaysHere):
         self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
-
-    @property
-    def layouts(self) -> Layouts:
-        """The latest layouts, one row per world."""
-        return self.pipeline.layouts
 
     @launching
     def reset(self, mask: Any = None, *, env_ids: Any = None, seeds: Any = None, episodes: Any = None) -> None:

@@ -23,12 +23,11 @@ from sceniris_gym.errors import (
     UnknownNameError,
 )
 from sceniris_gym.layout.compile import compile_scene, device_name
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.masks import as_host_mask, as_numbers
+from sceniris_gym.layout.masks import as_count, as_host_mask, as_numbers
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.seeds import as_seeds
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
@@ -184,7 +183,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     return mask
 
 
-def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: str) -> ChosenLayouts:
+def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> ChosenLayouts:
     """Return the layouts that worlds are to get.
 
     Args:
@@ -192,8 +191,7 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
             layout), or {"seed": seeds, "episode": episodes} as `info` has them under `layout_seed` and
             `layout_episode`, each a number for all worlds or an array; with "knobs" as in `layout_knobs`.
         num_envs: Number of worlds.
-        source: The source of the layouts.
-        split: Their split.
+        pipeline: Makes the layouts.
 
     Raises:
         ArgumentError: Anything else, or not one for each world.
@@ -201,7 +199,7 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a knob that the worlds do not have.
     """
-    scene, table = source.layouts.compiled.scene, source.layouts.knobs
+    scene, table, split = pipeline.layouts.compiled.scene, pipeline.layouts.knobs, pipeline.split
     where = f"options['{LAYOUTS}']"
     if isinstance(value, Mapping):
         if {*value, KNOBS} != {"seed", "episode", KNOBS}:
@@ -232,7 +230,7 @@ def as_chosen_layouts(value: Any, num_envs: int, source: LayoutSource, split: st
     episodes = np.array([one.episode for one in found], np.int32)
     knobs = np.array([values[one.knobs] for one in found])
     chosen = np.array([one is not None for one in ids])
-    served_split, (served_seeds, served_episodes, _) = source.served(split, (seeds, episodes, knobs))
+    served_split, (served_seeds, served_episodes, _) = pipeline.served(split, (seeds, episodes, knobs))
     wrong = chosen & ((served_seeds != seeds) | (served_episodes != episodes) | (served_split != split))
     if wrong.any():
         one, cure = ids[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."

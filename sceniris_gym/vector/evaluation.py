@@ -11,8 +11,8 @@ from gymnasium.vector import VectorEnv
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.masks import as_count
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 

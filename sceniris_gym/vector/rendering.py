@@ -10,8 +10,8 @@ import numpy as np
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.layout.counts import as_count
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.masks import as_count
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.sim.batch import Batch

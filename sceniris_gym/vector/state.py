@@ -10,7 +10,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.layout.counts import as_count, as_shape
+from sceniris_gym.layout.masks import as_count, as_shape
 from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.vector.names import Joints, find_body, find_free_dof, find_joints

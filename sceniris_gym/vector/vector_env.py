@@ -22,8 +22,7 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError, check_type
-from sceniris_gym.layout.counts import as_count
-from sceniris_gym.layout.masks import as_host_mask, check_mask
+from sceniris_gym.layout.masks import as_count, as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
@@ -275,7 +274,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             )
         source, chosen = self.randomizer.pipeline, None
         if given.get(LAYOUTS) is not None:
-            chosen = arguments.as_chosen_layouts(given[LAYOUTS], self.num_envs, source, self.split)
+            chosen = arguments.as_chosen_layouts(given[LAYOUTS], self.num_envs, source)
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)

@@ -16,7 +16,8 @@ import mujoco_warp as mjw
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, SeedError
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SceneMismatchError, SeedError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
@@ -165,6 +166,16 @@ def test_arguments_that_are_no_arrays_or_do_not_fit_each_other_are_refused(
     """By their names, and not by JAX."""
     with pytest.raises(error, match=message):
         layouts.qpos(*arguments)
+
+
+def test_words_of_randomize_are_refused(mid: CompiledScene):
+    """By the name of the first, as nothing draws them here."""
+    drawn = SceneConfig.load("mid", {"objects.apple.randomize": {"mass": {"scale": [0.5, 2.0]}}})
+    compiled = compile_scene(drawn, mid.device)
+    with pytest.raises(
+        NotSupportedError, match=r"LayoutFunction: 'mid' has 'randomize' \(apple\.mass\), .*draw by the"
+    ):
+        LayoutFunction(compiled)
 
 
 def test_a_scene_on_another_device_is_refused(mid: CompiledScene):

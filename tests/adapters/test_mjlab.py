@@ -170,6 +170,30 @@ def test_only_environments_that_are_reset_get_a_new_layout():
     assert deepest(env) == 0.0
 
 
+def test_layouts_made_ahead_are_those_made_in_place():
+    """Reset after reset, with a curriculum that sets a knob in each."""
+    found = []
+    for prefetch in (False, True):
+        cfg = plain_cfg(cubes_on())
+        cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), prefetch=prefetch, knobs="objects.cube_0.region")
+        stages = [(0, {"box": [[0.3, -0.1], [0.4, 0.1]]})]
+        words = {"name": "objects.cube_0.region", "stages": stages}
+        cfg.curriculum["knob"] = CurriculumTermCfg(func=knob_stages, params=words)
+        env = ManagerBasedRlEnv(cfg, device="cpu")
+        for step in range(4):
+            env.reset(env_ids=torch.arange(NUM_ENVS)[:: step + 1])
+            found.append(env.sim.data.qpos.clone())
+        env.close()
+    assert all(torch.equal(plain, ahead) for plain, ahead in zip(found[:4], found[4:], strict=True))
+
+
+def test_words_of_randomize_are_refused():
+    """By the name of the first, as nothing draws them here."""
+    scene = cubes_on(randomize={"mass": {"scale": [0.5, 2.0]}})
+    with pytest.raises(NotSupportedError, match=r"PlaceLayouts: .* has 'randomize' \(cube_0\.mass\), .* mjlab's `dr`"):
+        ManagerBasedRlEnv(plain_cfg(scene), device="cpu")
+
+
 def test_the_same_seed_gives_the_same_layouts_and_another_split_others():
     """Whatever torch's random numbers are, as layouts have their own."""
     found = []

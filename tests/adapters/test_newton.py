@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, NotSupportedError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
@@ -243,6 +243,29 @@ def test_a_captured_reset_gives_the_same_states(parts: tuple[Any, Any, CompiledS
             assert not np.array_equal(before[values], start[values])
     spread = 0.0 if DEVICE == "cpu" else max(1e-6, 10.0 * np.abs(plain - played(parts, captured=False)).max())
     np.testing.assert_allclose(captured, plain, rtol=0.0, atol=spread)
+
+
+def test_layouts_made_ahead_are_those_made_in_place(parts: tuple[Any, Any, CompiledScene]):
+    """Reset after reset, of some worlds and of all."""
+    model, solver, compiled = parts
+    found = []
+    for prefetch in (False, True):
+        state = model.state()
+        randomizer = NewtonRandomizer(compiled, model, solver, state, seed=4, prefetch=prefetch)
+        assert (randomizer.pipeline.ahead is not None) == prefetch
+        for step in range(4):
+            randomizer.reset(np.arange(WORLDS) % (step + 1) == 0)
+            found.append(state.joint_q.numpy().copy())
+    np.testing.assert_array_equal(found[:4], found[4:])
+
+
+def test_words_of_randomize_are_refused():
+    """By the name of the first, as nothing draws them here."""
+    model, solver = room()
+    ball = {**SCENE["objects"]["worldbody_ball"], "randomize": {"mass": {"scale": [0.5, 2.0]}}}
+    drawn = {"model": solver.mj_model, "objects": {"worldbody_ball": ball}, "bank": 2}
+    with pytest.raises(NotSupportedError, match=r"'randomize' \(worldbody_ball\.mass\), .* Leave the words"):
+        NewtonRandomizer(compile_scene(drawn, DEVICE), model, solver, model.state())
 
 
 def test_other_models_are_refused():

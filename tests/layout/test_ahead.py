@@ -118,11 +118,11 @@ def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.Monk
     for after in range(3, 120, 9):
         before, left[0] = source.layouts.episode.numpy(), after
         with suppress(KeyboardInterrupt):
-            source.generate()
+            _reset(source, lambda: source.launch_generate(None))
         left[0] = 0
         for _ in range(1 + int(source.layouts.episode.numpy()[0] != before[0])):
             plain.launch_generate(None)
-        source.generate()
+        _reset(source, lambda: source.launch_generate(None))
         assert _bits(plain) == _bits(source), f"after {after} launches"
 
 
@@ -155,6 +155,18 @@ def test_what_is_ready_is_not_made_again():
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
 
 
+def test_knobs_that_are_set_to_what_they_are_leave_what_is_ready():
+    """A curriculum sets them at every reset; other numbers make it stale."""
+    source = prefetched(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD, knobs="objects.apple.region"))
+    (name, rows) = next(iter(source.layouts.knobs.named(source.layouts.knobs.default[None]).items()))
+    missing = []
+    for row in (rows[0], rows[0], 0.5 * rows[0]):
+        source.set_knobs({name: row})
+        source.generate()
+        missing.append(int(source.ahead.missing.numpy().sum()))
+    assert missing == [NWORLD, 0, NWORLD]
+
+
 @pytest.mark.parametrize("last", ["_begin", "_publish"])
 def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.MonkeyPatch):
     """A reset is interrupted before layouts ahead are launched, or after worlds are chosen; the next is right."""
@@ -168,7 +180,7 @@ def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(wp, "launch", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        source.generate()
+        _reset(source, lambda: source.launch_generate(None))
     monkeypatch.setattr(wp, "launch", launch)
     source.generate(wp.zeros(NWORLD, dtype=wp.bool, device="cpu"))
     for _ in range(2):

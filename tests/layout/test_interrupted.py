@@ -81,7 +81,12 @@ def _mask(rng: np.random.Generator, share: float) -> wp.array:
 
 def _ahead(compiled: CompiledScene) -> tuple[Source, Callable[[wp.array], None]]:
     source = prefetched(LayoutGenerator(compiled, NWORLD, seed=3), graph=False)
-    return source, source.generate
+
+    def reset(mask: wp.array) -> None:
+        source.launch_generate(mask)
+        source.after_reset()
+
+    return source, reset
 
 
 def _in_place(compiled: CompiledScene) -> tuple[Source, Callable[[wp.array], None]]:

@@ -63,20 +63,21 @@ def test_worlds_get_what_a_chooser_asks_for(mid: CompiledScene, ahead: bool):
     pipeline = LayoutPipeline(maker, ahead=prefetched(maker).ahead if ahead else None, chooser=chooser)
     pipeline.reseed(30)
     for episode in (9, 8, 7):
-        pipeline.generate()
+        pipeline.launch_generate(None)
+        pipeline.after_reset()
         assert pipeline.layouts.episode.numpy().tolist() == [episode] * NWORLD
         other.reseed(30, episodes=episode)
         other.generate()
         np.testing.assert_array_equal(pipeline.layouts.qpos.numpy(), other.layouts.qpos.numpy())
-    pipeline.generate(np.array([True, False, False]))
+    pipeline.launch_generate(wp.array([True, False, False], dtype=wp.bool, device="cpu"))
     assert pipeline.layouts.episode.numpy().tolist() == [6, 7, 7]
     name, row = next(iter(maker.layouts.knobs.named(maker.layouts.knobs.default[None]).items()))
     pipeline.set_knobs({name: row[0]})
-    assert chooser.heard == ["forget", *["after_reset"] * 4, "set_knobs"]
+    assert chooser.heard == ["forget", *["after_reset"] * 3, "set_knobs"]
 
 
 def test_a_key_is_opened_without_touching_what_is_served(mid: CompiledScene):
-    """Which layout a row is, and all of its parts, stay to the bit until the next one is made."""
+    """Key and parts of each row stay to the bit until the next layout is made."""
     generator = LayoutGenerator(mid, NWORLD, seed=4)
     generator.generate()
     names = columns("key", "pose", "grasp", "count")

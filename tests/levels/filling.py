@@ -8,7 +8,7 @@ import warp as wp
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.levels.buffer import Buffer, Episodes, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
-from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.levels.refresh import launch_refresh
 from sceniris_gym.program.device import allocate
 
 NWORLD = 500

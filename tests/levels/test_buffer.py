@@ -8,7 +8,7 @@ import warp as wp
 
 from sceniris_gym.levels.buffer import arrays_of, launch_choose, launch_forget
 from sceniris_gym.levels.choice import Levels
-from sceniris_gym.levels.weights import launch_refresh
+from sceniris_gym.levels.refresh import launch_refresh
 from tests.levels.filling import NWORLD, SCORES, chosen, column, created, filled, tell
 
 

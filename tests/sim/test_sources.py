@@ -1,5 +1,7 @@
 """Layouts that a randomizer makes for itself, and sources that do not fit."""
 
+from dataclasses import replace
+
 import mujoco_warp as mjw
 import numpy as np
 import pytest
@@ -7,11 +9,12 @@ import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.errors import ArgumentTypeError, MaskError, MaskTypeError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.sim.conftest import SMALL_ARM
+from tests.sim.stepping import DERIVED, STATE, snapshot, step
 
 
 @pytest.mark.parametrize("prefetch", [False, True])
@@ -51,3 +54,59 @@ def test_layouts_of_another_scene_are_refused(make_randomizer, small_scene):
     source = LayoutGenerator(other, 2)
     with pytest.raises(SceneMismatchError, match="layout_source makes layouts of scene"):
         ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=source)
+
+
+def test_stored_layouts_are_put_back(make_randomizer, rows):
+    """World i gets row rows[i], -1 leaves it untouched; numpy arrays and kept layouts do."""
+    randomizer = make_randomizer(4)
+    randomizer.reset()
+    step(randomizer)
+    before = snapshot(randomizer.data)
+    randomizer.write(rows, [5, -1, 5, 0])
+    after = snapshot(randomizer.data)
+    np.testing.assert_array_equal(after["qpos"][[0, 2, 3]], rows.qpos[[5, 5, 0]])
+    np.testing.assert_array_equal(after["mocap_quat"][[0, 2, 3]], rows.mocap_quat[[5, 5, 0]])
+    assert (after["time"][[0, 2, 3]] == 0).all()
+    for name in STATE + DERIVED:
+        np.testing.assert_array_equal(after[name][1], before[name][1], err_msg=name)
+
+    randomizer.write(randomizer.layouts, torch.tensor([-1, 3, -1, -1]))
+    np.testing.assert_array_equal(randomizer.data.qpos.numpy()[1], rows.qpos[3])
+
+
+@pytest.mark.parametrize(
+    ("which", "error", "match"),
+    [
+        ([0, 7], MaskError, r"rows\[1\] should be from 0 to 6.* got 7"),
+        ([0, -2], MaskError, r"rows\[1\] should be .* got -2"),
+        ([0], MaskError, r"shape \(2,\)"),
+        ([0.5, 1.0], MaskTypeError, "float64"),
+    ],
+)
+def test_wrong_rows_say_what_is_wrong(make_randomizer, rows, which, error, match):
+    """Rows that do not exist are refused, not written as something else."""
+    with pytest.raises(error, match=match):
+        make_randomizer(2).write(rows, which)
+
+
+def test_stored_layouts_of_another_scene_or_shape_are_refused(make_randomizer, rows):
+    """The error has the shape that there is, and the one that should be."""
+    randomizer = make_randomizer(2)
+    short = replace(rows, qpos=rows.qpos[:, :5])
+    with pytest.raises(SceneMismatchError, match=r"layouts\.qpos should have shape \(nrow, 12\).* got \(7, 5\)"):
+        randomizer.write(short, [0, 1])
+    with pytest.raises(SceneMismatchError, match="is of scene 0123456789abcdef, and this one is"):
+        randomizer.write(replace(rows, scene="0123456789abcdef"), [0, 1])  # in which places may mean something else
+    flat = replace(rows, mocap_quat=rows.mocap_quat[:, :, :3])
+    with pytest.raises(SceneMismatchError, match=r"layouts\.mocap_quat should have shape .*, 4\).* got \(7, \d, 3\)"):
+        randomizer.write(flat, [0, 1])
+    for name in ("present", "start", "draw_seed"):
+        with pytest.raises(SceneMismatchError, match=rf"layouts\.{name} should have shape"):
+            randomizer.write(replace(rows, **{name: np.zeros((7, 3), np.int32)}), [0, 1])
+    broken = np.where(np.arange(7)[:, None] == 3, np.nan, rows.qpos)
+    with pytest.raises(SceneMismatchError, match=r"layouts: row 3 has a number that is not finite"):
+        randomizer.write(replace(rows, qpos=broken), [0, 1])
+    with pytest.raises(SceneMismatchError, match=r"layouts\.start should be from -1 to -1, got 7 in row 0"):
+        randomizer.write(replace(rows, start=np.full(7, 7, np.int32)), [0, 1])
+    with pytest.raises(ArgumentTypeError, match="layouts should be Layouts or a LayoutTable"):
+        randomizer.write(3, [0, 1])

@@ -14,6 +14,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.scene_knobs import Knob, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
@@ -139,7 +140,7 @@ def by_generator(served: Served, order: np.ndarray) -> Rows:
     """Return the layouts of a generator, chosen as an adapter chooses them."""
     generator = LayoutGenerator(served.compiled, len(order), knobs=served.names)
     ids = [served.ids[world] for world in order]
-    generator.reseed(*as_chosen_layouts(ids, len(order), generator, generator.split))
+    generator.reseed(*as_chosen_layouts(ids, len(order), LayoutPipeline(generator)))
     generator.generate()
     return layout_rows(generator.layouts)
 

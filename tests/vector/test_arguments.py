@@ -23,7 +23,7 @@ from sceniris_gym.errors import (
     SeedError,
     UnknownNameError,
 )
-from sceniris_gym.layout.counts import as_count
+from sceniris_gym.layout.masks import as_count
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.arguments import (
     as_action,
