@@ -21,19 +21,15 @@ class Chooser(Protocol):
 
     def launch_choose(self, mask: wp.array | None) -> None:
         """Choose the layouts that follow those which the masked worlds were just served."""
-        ...
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
         """Forget what was chosen for the masked worlds, since `LayoutSource.launch_reseed` chose for them."""
-        ...
 
     def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """Choose layouts with these numbers of knobs from now on; see `LayoutSource.launch_set_knobs`."""
-        ...
 
     def after_reset(self) -> None:
         """Host-side hook, called after the launches of every reset."""
-        ...
 
 
 class LayoutPipeline(Fixed, LayoutSource):
