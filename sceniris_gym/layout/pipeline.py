@@ -13,7 +13,7 @@ from sceniris_gym.layout.source import LayoutSource
 
 
 class Chooser(Protocol):
-    """Asks for other layouts than the next episode of a seed.
+    """Asks for other layouts than the next episode of a seed; `layout_source=LayoutPipeline(maker, chooser=...)`.
 
     It writes `next_seed`, `next_episode` and `next_knob` of a LayoutsView. Its launches check nothing, never wait for
     the host, and take a mask of worlds, shape (nworld,), bool; None is all.
