@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import mujoco
 import mujoco_warp as mjw
-import numpy as np
 import warp as wp
 
 from sceniris_gym.device.fixed import Fixed
@@ -87,7 +86,7 @@ class ResetRandomizer(Fixed, StaysHere):
         layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
         levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
             from episode to episode of one seed.
-        knobs: Names of the knobs that worlds have, or patterns; see `set_knob`. Not with a layout_source.
+        knobs: Names of the knobs that worlds have, or patterns; see `LayoutSource.set_knobs`. Not with a layout_source.
         write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
@@ -99,7 +98,8 @@ class ResetRandomizer(Fixed, StaysHere):
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
-        pipeline: Makes, prefetches and chooses the layouts; a LayoutPipeline.
+        pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts. Use its `reseed`, `set_knobs`, `ids`
+            and `rejection_counts`.
         layouts: The latest layouts, one row per world.
         levels: The sampler of levels if the worlds play levels, else None.
         split: The split of the layouts: that of the layout_source if it has one.
@@ -186,13 +186,13 @@ class ResetRandomizer(Fixed, StaysHere):
                 false everywhere, which resets nothing.
             env_ids: Instead of a mask the numbers of the worlds, in any order: a sequence, a slice, or integers of
                 shape (n,) as a Warp array, torch tensor or numpy array. An empty one resets nothing.
-            seeds: Seeds of these layouts, one for each world; see `reseed`. The worlds go on from there.
+            seeds: Seeds of these layouts, one for each world; see `LayoutSource.reseed`. The worlds go on from there.
             episodes: Their episodes, 0 if there are seeds alone; of the present seeds if there are no `seeds`.
 
         Raises:
             MaskTypeError: Not an array of booleans, or of integers; or both of them given.
             MaskError: Wrong shape, or a world that does not exist.
-            SeedError: See `reseed`.
+            SeedError: See `LayoutSource.reseed`.
         """
         self.fields.check()
         nworld = self.data.nworld
@@ -204,7 +204,7 @@ class ResetRandomizer(Fixed, StaysHere):
         else:
             raise MaskTypeError("reset should have a mask or env_ids, not both.")
         if seeds is not None or episodes is not None:
-            self.reseed(seeds, chosen, episodes)
+            self.pipeline.reseed(seeds, chosen, episodes)
         self.launch_reset(chosen)
 
     def launch_reset(self, mask: wp.array | None) -> None:
@@ -307,25 +307,6 @@ class ResetRandomizer(Fixed, StaysHere):
         self.fields.check()
         self._refresh()
 
-    def reseed(
-        self,
-        seeds: int | Sequence[int] | np.ndarray | wp.array | None,
-        mask: Any = None,
-        episodes: Any = None,
-        knobs: np.ndarray | None = None,
-    ) -> None:
-        """Choose the next layouts of the masked worlds by seeds, episodes and knobs. See `LayoutSource.reseed`."""
-        self.pipeline.reseed(seeds, mask, episodes, knobs)
-
-    def set_knob(self, name: str, value: Any, mask: Any = None) -> None:
-        """Change a knob of the masked worlds; their next layouts follow. See `LayoutSource.set_knobs`."""
-        check_type(name, str, "set_knob: name")
-        self.pipeline.set_knobs({name: value}, mask)
-
-    def layout_ids(self) -> list[str]:
-        """Return the ids of the present layouts, see `Layouts.ids`."""
-        return self.pipeline.ids(self.split)
-
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
         """Reset worlds to stored layouts, with their physics and looks. `self.layouts` does not change.
@@ -350,10 +331,6 @@ class ResetRandomizer(Fixed, StaysHere):
         if self._writer.variants is not None:
             fill_mask(mask, self._mask)
             self._writer.variants.launch(poses_of(self.layouts.view), self._mask, self.layouts.present)
-
-    def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """Return how many candidates were rejected for layouts so far, by object and cause. Waits for the device."""
-        return self.pipeline.rejection_counts()
 
     @launching
     def check_budget(self) -> None:

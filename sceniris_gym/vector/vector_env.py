@@ -357,8 +357,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ArgumentError: A value that the knob cannot have.
             MaskError, MaskTypeError: As in `replace`.
         """
+        check_type(name, str, "set_knob: name")
         with self._launching():
-            self.randomizer.set_knob(name, value, mask)
+            self.randomizer.pipeline.set_knobs({name: value}, mask)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do.
@@ -383,7 +384,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             info: An `info` of `reset` or `step` that names other layouts; `final_info` those of episodes that ended.
         """
         if info is None:
-            return self.randomizer.layout_ids()
+            return self.randomizer.pipeline.ids(self.split)
         if not isinstance(info, Mapping) or not {"layout_seed", "layout_episode"} <= {*info}:
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
         knobs = self.randomizer.layouts.knobs.rows(info.get("layout_knobs", {}), self.num_envs)
@@ -403,7 +404,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if part is None:
                 continue
             given = part.given if mask is None else part.given & mask
-            self.randomizer.reseed(*part._replace(given=given))
+            self.randomizer.pipeline.reseed(*part._replace(given=given))
             if part is not chosen and mask is None and isinstance(seed, int | np.integer):
                 self._np_random, self._np_random_seed = seeding.np_random(int(seed))
             elif given.any():

@@ -150,7 +150,7 @@ def test_a_replay_has_the_physics_and_looks_of_its_episode():
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, seed=4)
     for _ in range(2):
         randomizer.reset()
-    name = LayoutId.parse(randomizer.layout_ids()[2])
+    name = LayoutId.parse(randomizer.pipeline.ids(randomizer.split)[2])
     mjm, numbers = drawn(compiled, replay(compiled, name))
     assert set(numbers) == {"can.mass", "can.rgba", "extra.mass", "extra.rgba", "gravity", "materials.table/wood.rgba"}
     for draw, found in numbers.items():

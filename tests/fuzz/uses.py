@@ -113,7 +113,7 @@ def _knobs(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> No
         given[1] = [spoiled(KNOBS[name], draws) for _ in range(NUM_ENVS)]
     width = envs.randomizer.layouts.knob.shape[1]
     if part == 4:
-        envs.randomizer.reseed(0, knobs=spoiled(np.zeros((NUM_ENVS, width), np.float32), draws))
+        envs.randomizer.pipeline.reseed(0, knobs=spoiled(np.zeros((NUM_ENVS, width), np.float32), draws))
     else:
         envs.set_knob(*given)
 

@@ -71,7 +71,7 @@ def test_bits_are_those_of_one_world_alone(device: str, variants: bool):
         for step in range(6):
             mask, before = None if step in (0, 3) else some if step % 2 else ~some, values(randomizer)
             if step == 4:
-                randomizer.reseed(11, ~some)
+                randomizer.pipeline.reseed(11, ~some)
             randomizer.reset(mask)
             after = values(randomizer)
             if mask is not None:
@@ -99,7 +99,7 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
     scene = compiled_scene(device, variants=variants)
     one, alone = make(scene, prefetch=True), make(scene, prefetch=False)
     one.reset()
-    alone.reseed(70)
+    alone.pipeline.reseed(70)
     words: dict[str, Any] = {"fields": one.fields} if shared else {}
     other = ResetRandomizer(scene, one.model, one.data, seed=70, prefetch=True, **words)
     for randomizer in (other, one, other, alone, alone):
@@ -117,7 +117,7 @@ def test_knobs_narrow_draws(scene: CompiledScene):
     for randomizer in (one, other):
         for step in range(4):
             if step == 2:
-                randomizer.set_knob(name, [1.0, 1.1], np.arange(NWORLD) < 3)
+                randomizer.pipeline.set_knobs({name: [1.0, 1.1]}, np.arange(NWORLD) < 3)
             randomizer.reset()
             wp.synchronize_device(randomizer.device)
     rows = values(other)

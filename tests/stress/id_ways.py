@@ -43,10 +43,10 @@ class Served:
         self.compiled, self.names = compiled, knob_names(compiled) if knobs else ()
         self.randomizer = randomizer(compiled, WORLDS, self.names)
         rows = narrowed(self.randomizer, np.random.default_rng(seed)) if self.names else None
-        self.randomizer.reseed(list(range(seed, seed + WORLDS)), knobs=rows)
+        self.randomizer.pipeline.reseed(list(range(seed, seed + WORLDS)), knobs=rows)
         self.randomizer.reset()
         self.randomizer.reset()
-        self.ids = self.randomizer.layout_ids()
+        self.ids = self.randomizer.pipeline.ids(self.randomizer.split)
         self.rows = rows_of(self.randomizer)
         self.status = [STATUS.get(int(status), "none") for status in self.rows["layout status"]]
 
@@ -105,7 +105,7 @@ def by_randomizer(served: Served, order: np.ndarray) -> Rows:
     worlds = randomizer(served.compiled, len(order), served.names)
     knobs = np.concatenate([worlds.layouts.knobs.rows(knobs_in(name.knobs), 1) for name in names])
     episodes = np.array([name.episode for name in names], np.int32)
-    worlds.reseed([name.seed for name in names], episodes=episodes, knobs=knobs if served.names else None)
+    worlds.pipeline.reseed([name.seed for name in names], episodes=episodes, knobs=knobs if served.names else None)
     worlds.reset()
     return rows_of(worlds)
 

@@ -8,7 +8,7 @@ the worlds have all knobs that the scene can have, half of them with numbers of 
 episodes go back, in another order of worlds, through
 
 - replay: the command's function, with the numbers that it says are drawn;
-- randomizer: `ResetRandomizer.reseed` with the parts of the id, and its model fields with a row for each world;
+- randomizer: `ResetRandomizer.pipeline.reseed` with the parts of the id, and model fields with a row for each world;
 - options: `reset(options={"layouts": ids})` of an environment, likewise;
 - generator: the way of adapters, whose environments write the layouts of a LayoutGenerator.
 

@@ -95,24 +95,24 @@ def test_a_fallback_has_the_physics_of_its_own_in_every_door(tmp_path: Path):
     compiled = seesaw(tmp_path, MASSES, MASSES, attempts=1, restarts=0)
     knob = "objects.load.randomize.mass"
     randomizer = reset(compiled, 8, prefetch=False, knobs=knob)
-    randomizer.set_knob(knob, [2.0, 4.0])
+    randomizer.pipeline.set_knobs({knob: [2.0, 4.0]})
     randomizer.reset()
     status, masses = randomizer.layouts.status.numpy(), randomizer.model.body_mass.numpy().copy()
     assert len(set(status)) == 2
-    for told, mass in zip(randomizer.layout_ids(), masses, strict=True):
+    for told, mass in zip(randomizer.pipeline.ids("train"), masses, strict=True):
         np.testing.assert_array_equal(drawn(compiled, replay(compiled, LayoutId.parse(told)))[0].body_mass, mass)
     assert isinstance(randomizer.pipeline.maker, LayoutGenerator)
     table = read_table(randomizer.pipeline.maker)
     stored = reset(compiled, 8, layout_source=StoredLayouts(compiled, table, 8))
     np.testing.assert_array_equal(stored.model.body_mass.numpy(), masses)
-    assert stored.layout_ids() == randomizer.layout_ids()
+    assert stored.pipeline.ids("train") == randomizer.pipeline.ids("train")
     other = reset(compiled, 8, split="eval", knobs=knob, prefetch=False)
     other.write(table, np.arange(8)[::-1].copy())
     np.testing.assert_array_equal(other.model.body_mass.numpy(), masses[::-1])
     with pytest.raises(SceneMismatchError, match="Make the randomizer with knobs="):
         reset(compiled, 8).write(table, np.arange(8))
     with pytest.raises(ArgumentError, match="stored layouts keep the knobs"):
-        stored.set_knob(knob, [1.0, 2.0])
+        stored.pipeline.set_knobs({knob: [1.0, 2.0]})
 
 
 def test_a_redraw_takes_the_masses_that_the_worlds_have(tmp_path: Path):
@@ -169,7 +169,7 @@ def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
     compiled = compile_on_cpu({"floor": {"size": [1, 1]}, "attempts": 200, "objects": objects}, bank=8)
     knob = "objects.load.randomize.mass"
     randomizer = reset(compiled, prefetch=False, knobs=knob)
-    randomizer.set_knob(knob, [2.0, 4.0])
+    randomizer.pipeline.set_knobs({knob: [2.0, 4.0]})
     randomizer.reset()
     generator, slot = randomizer.pipeline.maker, compiled.scene.sim.bodies["load"]
     assert isinstance(generator, LayoutGenerator)
