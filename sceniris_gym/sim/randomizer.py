@@ -98,8 +98,8 @@ class ResetRandomizer(Fixed, StaysHere):
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
-        pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts. Use its `reseed`, `set_knobs`, `ids`
-            and `rejection_counts`.
+        pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts. Use its `reseed`, `set_knobs`,
+            `ids` and `rejection_counts`.
         layouts: The latest layouts, one row per world.
         levels: The sampler of levels if the worlds play levels, else None.
         split: The split of the layouts: that of the layout_source if it has one.
