@@ -16,14 +16,15 @@ from sceniris_gym.errors import SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.knobs import KnobTable, knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.tables import read_table
+from sceniris_gym.layout.world_columns import WorldColumns
 from sceniris_gym.pictures.render import captioned, save
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import fill_struct
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import OPTIONS
@@ -70,14 +71,15 @@ def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, 
     with wp.ScopedDevice(compiled.device):
         nominal = {name: wp.array(nominal_values(mjm, name)[None], dtype=float) for name in drawn_fields(draws)}
         arrays = {name: wp.clone(values) for name, values in nominal.items()}
-        drawer = FieldDrawer(draws, arrays, nominal, 1)
-        drawer.use_knobs(KnobTable(compiled, table.knobs))
-        key = (wp.array(getattr(table, name)[:1]) for name in columns("draw"))
-        drawer.launch(None, *key, knob=wp.array(table.knob[:1], dtype=float, ndim=2))
+    world = WorldColumns(1, arrays, nominal, draws, knobs=KnobTable(compiled, table.knobs))
+    layouts = LayoutsView()
+    rows = {name: getattr(table, name)[:1] for name in ("knob", *columns("draw"))}
+    fill_struct(LayoutsView, layouts, rows, compiled.device)
+    world.launch(None, layouts)
     for name, array in arrays.items():
         field = getattr(mjm.opt if name in OPTIONS else mjm, name)
         field[:] = array.numpy().reshape(field.shape)
-    return mjm, {name: numbers.numpy()[0].tolist() for name, numbers in drawer.numbers.items()}
+    return mjm, {name: numbers.numpy()[0].tolist() for name, numbers in world.numbers.items()}
 
 
 def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | None) -> dict:

@@ -15,7 +15,6 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
-from sceniris_gym.layout.knobs import launch_write
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import as_count, fill_mask
@@ -30,7 +29,6 @@ from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
 from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
-from sceniris_gym.layout.wave.drawn_masses import DrawnMasses
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
@@ -40,6 +38,7 @@ from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
+from sceniris_gym.layout.world_columns import search_columns
 from sceniris_gym.program.checks.simulation import check_memory
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -113,15 +112,14 @@ class LayoutGenerator(Fixed, LayoutSource):
         at_marker = np.zeros((1, 0)) if compiled.starts is None else compiled.starts.marker.numpy() >= 0
         self._at_markers = int(np.flatnonzero(at_marker.any(axis=0)).max(initial=-1)) + 1
         by_world = ("draw_range",) if draws_joints else ()
-        program, self._knobbed = self.layouts.knobs.fill(compiled.program, nworld, by_world)
+        self._columns, program, statics = search_columns(compiled, nworld, self.layouts.knobs, by_world, masses)
         self._usual_range = wp.clone(program.draw_range) if draws_joints else None
         self._boxes = self.layouts.knobs.boxes(compiled)
-        self._masses = DrawnMasses(compiled, nworld, self.layouts.knobs, masses)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
             program,
-            self._masses.statics,
+            statics,
             compiled.starts,
             compiled.bank,
             compiled.related,
@@ -174,13 +172,12 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _start(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
         if self._usual_range is not None:  # kinds of starts draw joints from other intervals
             wp.copy(self._work.program.draw_range, self._usual_range)
-        if self._knobbed is not None:
-            view = self.layouts.view
-            launch_write(self._knobbed, self.nworld, mask, view.next_knob, view.default_knob)
+        if prepare is None:
+            self._columns.launch(mask, self._work.layouts, opens=True)
         launch_start(self._work, mask)
         if prepare is not None:
             prepare()
-        self._masses.launch(mask, self._work.layouts)
+            self._columns.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
         if self._work.starts is not None:

@@ -15,58 +15,16 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.device.random import BANK_BIT
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_type
-from sceniris_gym.layout.masks import as_numbers, row_of
+from sceniris_gym.layout.masks import as_numbers
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program, copied
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_BANK_BIT = wp.constant(BANK_BIT)
-
-TYPES = (wp.float32, wp.int32, wp.bool)
-FLOAT, INT, _FLAG = (wp.constant(i) for i in range(3))
 _KNOB = r"[^=,:]+=(?:[0-9a-f]{8})+"
 PARTS = rf"{_KNOB}(?:,{_KNOB})*"
 """Regular expression of the fifth part of a layout id."""
-
-
-@wp.struct
-class Target:
-    """A number of an array with a row for each world, and the columns of knobs that it follows from.
-
-    Attributes:
-        address: First element of the array.
-        width: Elements of a row.
-        offset: Number of the element in a row.
-        kind: Its number in TYPES. A flag tells whether the values from `first` to `last` are as in the scene file.
-        first, last: The columns.
-        least: The least number: that of the scene file for a distance, which is the larger one of both columns.
-    """
-
-    address: wp.uint64
-    width: int
-    offset: int
-    kind: int
-    first: int
-    last: int
-    least: float
-
-
-@wp.func
-def put_number(address: wp.uint64, at: int, kind: int, value: float):
-    """Write a number, which is the element `at` of an array of the type with the number `kind` in TYPES."""
-    if kind == FLOAT:
-        floats = wp.array(ptr=address, shape=(at + 1,), dtype=float)
-        floats[at] = value
-    elif kind == INT:
-        integers = wp.array(ptr=address, shape=(at + 1,), dtype=int)
-        integers[at] = int(value)
-    else:
-        flags = wp.array(ptr=address, shape=(at + 1,), dtype=wp.uint8)
-        flags[at] = wp.uint8(value)
 
 
 class KnobTable:
@@ -173,45 +131,6 @@ class KnobTable:
         blank = np.zeros((max(map(len, found), default=1), 1), np.float32)
         return np.array(columns, np.int32), np.concatenate([blank[:, :0], *(blank + rows for rows in found)], axis=1)
 
-    def fill(self, program: Program, nworld: int, by_world: Sequence[str] = ()) -> tuple[Program, wp.array | None]:
-        """Return the program with a row for each world where knobs are, and the numbers that knobs have in it.
-
-        The fields `by_world` also have a row for each world.
-        """
-        made, arrays = copied(Program, program), {}
-        places = {name: knob.places for name, knob in self.knobs.items()}
-        for name in {*by_world, *(name for each in places.values() for name, _, _ in each)}:
-            array = getattr(program, name)
-            rows = np.repeat(array.numpy(), nworld, axis=0)
-            arrays[name] = wp.array(rows, dtype=array.dtype, ndim=2, device=array.device)
-            setattr(made, name, arrays[name])
-        return made, self.targets(arrays, places)
-
-    def targets(self, arrays: Mapping[str, wp.array], places: Mapping[str, Any]) -> wp.array | None:
-        """Return the numbers that knobs have in arrays with a row for each world; None if there are none.
-
-        Args:
-            arrays: The arrays by name.
-            places: Places of knobs by their names, as `Knob.places`.
-        """
-        found: dict[tuple[str, int], Target] = {}
-        nominal = {name: array[:1].numpy().ravel() for name, array in arrays.items()}
-        for key, knob in self.knobs.items():
-            for name, element, k in places.get(key, ()):
-                column = self.first[key] + k
-                if (name, element) in found:  # a pair with two clearances
-                    found[name, element].last = column
-                    continue
-                array, target = arrays[name], Target()
-                target.kind = _FLAG if array.dtype is wp.bool else INT if knob.form == "count" else FLOAT
-                size, others = (1, len(knob.default) - 1) if target.kind == _FLAG else (4, 0)
-                target.address, target.width, target.offset = wp.uint64(array.ptr), array.strides[0] // size, element
-                target.first, target.last = column, column + others
-                target.least = nominal[name][element] if knob.form == "clearance" else -np.inf
-                found[name, element] = target
-        device = next(iter(arrays.values())).device if found else None
-        return wp.array([*found.values()], dtype=Target, device=device) if found else None
-
     def boxes(self, compiled: CompiledScene) -> wp.array | None:
         """Return the first column of each object's region on a support, -1 for none, int32; None if none has one."""
         flat = {name: self.first[name] for name, knob in self.knobs.items() if knob.form == "box" and not knob.places}
@@ -227,59 +146,6 @@ def knobs_in(text: str) -> dict[str, np.ndarray]:
         bits = [int(digits[i : i + 8], 16) for i in range(0, len(digits), 8)]
         found[unquote(name)] = np.array(bits, np.uint32).view(np.float32)
     return found
-
-
-@wp.kernel
-def _write(
-    # In:
-    mask: wp.array[wp.bool],
-    knob: wp.array2d[float],
-    default_knob: wp.array[float],
-    targets: wp.array[Target],
-    rows: wp.array[int],
-    stream: wp.array[int],
-):
-    worldid, i = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
-    row = row_of(worldid, rows) % knob.shape[0]
-    target = targets[i]
-    at = worldid * target.width + target.offset
-    value = wp.max(target.least, wp.max(knob[row, target.first], knob[row, target.last]))
-    if stream:
-        if (stream[row_of(worldid, rows)] & _BANK_BIT) != 0:
-            value = wp.max(target.least, wp.max(default_knob[target.first], default_knob[target.last]))
-    if target.kind == _FLAG:
-        value = float(1.0)
-        for k in range(target.first, target.last + 1):
-            if knob[row, k] != default_knob[k]:
-                value = 0.0
-    put_number(target.address, at, target.kind, value)
-
-
-def launch_write(
-    targets: wp.array,
-    nworld: int,
-    mask: wp.array | None,
-    knob: wp.array,
-    default: wp.array,
-    rows: wp.array | None = None,
-    stream: wp.array | None = None,
-) -> None:
-    """Write the knobs of the masked worlds into the arrays that hold them.
-
-    Args:
-        targets: See `KnobTable.targets`.
-        nworld: Number of worlds.
-        mask: Which worlds, shape (nworld,), bool; all if None.
-        knob: Numbers of the knobs, shape (nrow, nvalue); a single row is that of all worlds.
-        default: Those of the scene file, shape (nvalue,).
-        rows: Row of each world, shape (nworld,), int32; None gives world i row i.
-        stream: Streams of draws, shape (nrow,), int32: rows from a bank have the numbers of the scene file.
-    """
-    dim = (nworld, targets.shape[0])
-    wp.launch(_write, dim, inputs=[mask, knob, default, targets, rows, stream], device=knob.device)
 
 
 @wp.kernel

@@ -10,9 +10,9 @@ import warp as wp
 
 from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
-from sceniris_gym.layout.field_drawer import FieldDrawer
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.masks import as_count
+from sceniris_gym.layout.world_columns import WorldColumns, element_size
 from sceniris_gym.program.checks.simulation import put_simulated
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
@@ -24,28 +24,10 @@ from sceniris_gym.sim.holding import GAINS, launch_holding
 from sceniris_gym.sim.rest import scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 _NAMED = "named_by_put_model"
 """Attribute of a Model with the fields that `put_model` was asked for."""
 _BEFORE = "rows_before_draws"
 """Attribute of a Model with values of its fields from before anything was drawn, by name."""
-
-
-@wp.kernel
-def _scale(
-    first: int,
-    # In:
-    mask: wp.array[wp.bool],
-    factor: wp.array[float],
-    nominal: wp.array3d[float],
-    # Out:
-    field_out: wp.array3d[float],
-):
-    worldid, i, k = wp.tid()
-    if mask[worldid]:
-        value = nominal[worldid % nominal.shape[0], i, first + k]
-        field_out[worldid, i, first + k] = factor[worldid] * value
 
 
 class ModelFields:
@@ -60,7 +42,7 @@ class ModelFields:
 
     Attributes:
         rest: The controls and activations that hold a pose.
-        drawer: Draws what the scene randomizes.
+        columns: What the scene randomizes.
         asked: The fields that somebody asked for, to write to.
         varied: The values of the present variants for the fields in which variants of objects differ, with a row for
             each world; empty without variants. Resets write them before anything else is drawn.
@@ -78,7 +60,8 @@ class ModelFields:
         self.rest = scene_rest(scene, m.qpos0.device)
         self._beside = wp.Stream(m.qpos0.device) if scene.draws and m.qpos0.device.is_cuda else None
         arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
-        self.drawer = FieldDrawer(scene.draws, arrays, self._nominal, d.nworld)
+        self.columns = WorldColumns(d.nworld, arrays, self._nominal, scene.draws)
+        self._scaled: dict[tuple[str, str], WorldColumns] = {}
         for name in getattr(m, _NAMED, ()):
             self.ask(name, where="put_model")
 
@@ -164,16 +147,23 @@ class ModelFields:
             factor = wp.from_torch(factor.detach().float().contiguous())
         if factor.dtype is not wp.float32:
             raise ArgumentError(f"{where}: factor should hold float32, got {factor.dtype.__name__}.")
-        rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
-        rows = rows if isinstance(rows, slice) else slice(rows, rows + 1)
-        word = _word(name)
-        for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
-            nominal, array = (
-                (each.reshape((*each.shape, 1)) if each.dtype is wp.float32 else each.view(wp.float32))[:, rows]
-                for each in (self._nominal[field], self.wide(field))
+        if (name, of) not in self._scaled:
+            if mask.device.is_capturing:
+                raise ArgumentError(f"{where}: '{name}' of '{of}' should be scaled once before the capture.")
+            self._scaled[name, of] = self._columns_of(
+                name, field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
             )
-            dim = (self._nworld, array.shape[1], count or array.shape[2])
-            wp.launch(_scale, dim, inputs=[first, mask, factor, nominal], outputs=[array], device=array.device)
+        self._scaled[name, of].launch(mask, given=factor.contiguous().reshape((-1, 1)))
+
+    def _columns_of(self, name: str, rows: int | slice) -> WorldColumns:
+        """Return the columns of these rows of a field, and of the fields that follow, times a number of each world."""
+        word, scaled = _word(name), []
+        for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
+            size = element_size(self.wide(field))
+            places = np.arange(self._known[field].shape[1] * size).reshape(-1, size)[rows]
+            scaled += [(field, i, i, 0) for i in places[..., first : first + (count or size)].ravel().tolist()]
+        arrays = {field: self._known[field] for field in dict.fromkeys(field for field, *_ in scaled)}
+        return WorldColumns(self._nworld, arrays, self._nominal, scaled=scaled)
 
     def parameter(self, name: str, where: str) -> wp.array:
         """Return the numbers that a draw of the scene's `randomize` has taken, shape (nworld, n).
@@ -181,20 +171,18 @@ class ModelFields:
         Raises:
             UnknownNameError: The scene draws nothing of this name.
         """
-        if name not in self.drawer.numbers:
-            raise UnknownNameError("parameter", name, where, self.drawer.numbers)
-        return self.drawer.numbers[name]
+        if name not in self.columns.numbers:
+            raise UnknownNameError("parameter", name, where, self.columns.numbers)
+        return self.columns.numbers[name]
 
-    def launch_draw(
-        self, mask: wp.array, layouts: LayoutsView, knob: wp.array | None, rows: wp.array | None = None
-    ) -> None:
-        """Draw what the scene randomizes in the masked worlds; see `FieldDrawer.launch`.
+    def launch_draw(self, mask: wp.array, layouts: LayoutsView, rows: wp.array | None = None) -> None:
+        """Draw what the scene randomizes in the masked worlds; see `WorldColumns.launch`.
 
         What follows, but for controls, is found beside the launches up to `launch_wait`.
         """
         if not self._scene.draws:
             return
-        self.drawer.launch(mask, layouts.draw_seed, layouts.draw_episode, layouts.draw_stream, rows, knob)
+        self.columns.launch(mask, layouts, rows)
         self._launch_holding(mask)
         if self._beside is not None:
             self._beside.wait_stream(mask.device.stream)
@@ -210,7 +198,7 @@ class ModelFields:
     def rows(self) -> dict[str, wp.array]:
         """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
         found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
-        found |= {f"drawn.{name}": array for name, array in self.drawer.numbers.items()}
+        found |= {f"drawn.{name}": array for name, array in self.columns.numbers.items()}
         return found | ({"rest": self.rest.law} if self._has_gains else {})
 
     def launch_follow(self, mask: wp.array) -> None:

@@ -157,7 +157,7 @@ class ResetRandomizer(Fixed, StaysHere):
             raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
-        self.fields.drawer.use_knobs(self.layouts.knobs)
+        self.fields.columns.use_knobs(self.layouts.knobs)
         self._update, self.split = partial(updater(needs), model, data), self.pipeline.split
         self.layouts.view.stream = named_stream(self.split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
@@ -324,7 +324,7 @@ class ResetRandomizer(Fixed, StaysHere):
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
-            self._writer.launch(stored, stored.knob, on_device)
+            self._writer.launch(stored, on_device)
 
     def launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
@@ -346,7 +346,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     def _launch_reset(self) -> None:
         self.pipeline.launch_generate(self._mask)
-        self._writer.launch(self.layouts.view, self.layouts.knob)
+        self._writer.launch(self.layouts.view)
 
     def _launch_refresh(self) -> None:
         self.fields.launch_follow(self._mask)

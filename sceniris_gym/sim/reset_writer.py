@@ -75,18 +75,17 @@ class ResetWriter:
         words = {"bodies": bodies, "origins": simulation.origins, "plastic": plastic, "count": count, "grips": grips}
         self._writer = StateWriter(mjm, d, mask, simulation.rest, **words)
 
-    def launch(self, layouts: LayoutsView, knob: wp.array | None, rows: wp.array | None = None) -> None:
+    def launch(self, layouts: LayoutsView, rows: wp.array | None = None) -> None:
         """Write layouts into the masked worlds.
 
         Args:
-            layouts: The layouts.
-            knob: Numbers of their knobs, shape (nrow, nvalue); None for those of the scene file.
+            layouts: The layouts, with their knobs; without these they have those of the scene file.
             rows: Row of `layouts` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
         m, d, poses, pose_rows = self._simulation.model, self._simulation.data, poses_of(layouts), rows
         if self.variants is not None:
             poses, pose_rows = self.variants.launch(poses, self._mask, layouts.present, rows), None
-        self._fields.launch_draw(self._mask, layouts, knob, rows)
+        self._fields.launch_draw(self._mask, layouts, rows)
         self._contacts.launch_drop()
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0

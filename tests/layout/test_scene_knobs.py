@@ -13,7 +13,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.knobs import launch_write
+from sceniris_gym.layout.world_columns import search_columns
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, write_mjcf
 
@@ -57,10 +57,8 @@ def test_pairs_keep_the_larger_of_two_clearances(request: pytest.FixtureRequest,
     wanted, usual = other.program.pair_margin.numpy()[0], compiled.program.pair_margin.numpy()[0]
     generator, mask = LayoutGenerator(compiled, 4, knobs="*.clearance"), np.array([True, False, False, True])
     generator.set_knobs(values, mask)
-    table, view = generator.layouts.knobs, generator.layouts.view
-    program, targets = table.fill(compiled.program, 4)
-    assert targets is not None
-    launch_write(targets, 4, None, view.next_knob, view.default_knob)
+    columns, program, _ = search_columns(compiled, 4, generator.layouts.knobs)
+    columns.launch(None, generator.layouts.view, opens=True)
     np.testing.assert_array_equal(program.pair_margin.numpy(), np.where(mask[:, None], wanted, usual))
     assert (wanted != usual).any()
 

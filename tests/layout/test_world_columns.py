@@ -124,7 +124,7 @@ def test_a_redraw_takes_the_masses_that_the_worlds_have(tmp_path: Path):
     mask = wp.ones(NWORLD, dtype=bool, device="cpu")
     redraw.launch(randomizer.layouts.view, mask, RedrawCounts.zeros(NWORLD, "cpu"))
     generator = redraw._make.__self__
-    np.testing.assert_array_equal(generator._masses.statics.body_weight.numpy(), model.body_mass.numpy())
+    np.testing.assert_array_equal(generator._work.statics.body_weight.numpy(), model.body_mass.numpy())
 
 
 def test_a_redraw_tips_nothing_that_carries_it(tmp_path: Path):
@@ -173,10 +173,10 @@ def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
     randomizer.reset()
     generator, slot = randomizer.pipeline.maker, compiled.scene.sim.bodies["load"]
     assert isinstance(generator, LayoutGenerator)
-    assert generator._masses.statics is not None
+    assert generator._work.statics is not None
     variant, rows = randomizer.variant.numpy()[:, 0], np.arange(NWORLD)
     members = np.array([compiled.scene.bodies[f"load/{name}"] for name in HEIGHTS])[variant]
-    weights = generator._masses.statics.body_weight.numpy()[rows, members]
+    weights = generator._work.statics.body_weight.numpy()[rows, members]
     np.testing.assert_allclose(weights, randomizer.model.body_mass.numpy()[:, slot], rtol=1e-6)
     assert len(set(variant)) == 2
     assert len(np.unique(weights)) == NWORLD

@@ -87,7 +87,7 @@ def drawn(scene: SceneModel, seeds: Any, *, mask: Any = None, episode: Any = 0, 
         layouts = LayoutsView()
         layouts.draw_seed, layouts.draw_episode = wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
         layouts.draw_stream = wp.full(nworld, named_stream(split), dtype=int)
-        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts, None)
+        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts)
     return fields
 
 

@@ -1,0 +1,226 @@
+"""`WorldColumns`: numbers that differ between worlds, as elements of one table, which one kernel writes.
+
+These are the bounds that knobs narrow, the draws of physics and looks, and factors of tasks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.device.random import name_hash
+from sceniris_gym.layout.knobs import KnobTable
+from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.write_columns import (
+    DISTRIBUTIONS,
+    FORMS,
+    Array,
+    Element,
+    Number,
+    launch_write_columns,
+    memory_of,
+)
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program, copied, fill_struct
+from sceniris_gym.program.device_statics import Statics
+from sceniris_gym.scene.draws import FieldDraw
+
+_MASSES = {"body_mass": "body_weight", "body_ipos": "body_center"}
+"""Fields of `Statics` by those of the model."""
+
+
+class WorldColumns:
+    """Numbers of arrays that differ between worlds.
+
+    Args:
+        nworld: Number of worlds.
+        arrays: The arrays that are written, each with a row for each world, by name.
+        nominal: The values of the model for those that are drawn or scaled, with one row or a row for each world.
+        draws: What is drawn; may be empty.
+        scaled: What is a nominal value times a given number, where nothing is drawn: the array, the place in its row,
+            the place in the nominal row, and the column of the number.
+        given: The given numbers, shape (1 or nworld, n), unless each launch has its own.
+        knobs: The knobs of the worlds, with numbers in these arrays, or that narrow draws.
+
+    Attributes:
+        numbers: The drawn numbers of each draw, by its name, shape (nworld, number of them): factors of `scale`, terms
+            of `add`, and values of `abs` and `choice` (its place in the list, if a value has several numbers).
+    """
+
+    def __init__(
+        self,
+        nworld: int,
+        arrays: Mapping[str, wp.array],
+        nominal: Mapping[str, wp.array],
+        draws: Sequence[FieldDraw] = (),
+        scaled: Sequence[tuple[str, int, int, int]] = (),
+        given: wp.array | None = None,
+        knobs: KnobTable | None = None,
+    ) -> None:
+        self._nworld, self._draws, self._kept = nworld, draws, (arrays, nominal)  # they own the memory
+        places = {name: (i, element_size(array)) for i, (name, array) in enumerate(arrays.items())}
+        numbers, elements, table = _tables(draws, places)
+        elements += [(places[n][0], i, FORMS.index("scale"), k, 0, places[n][0], at, 0.0) for n, i, at, k in scaled]
+        elements += [] if knobs is None else _bounds(knobs, arrays)
+        memory = [memory_of(array, nominal.get(name)) for name, array in arrays.items()]
+        with wp.ScopedDevice(next((array.device for array in arrays.values()), None)):
+            self._drawn, self._elements, self._memory = (
+                wp.array(np.array(rows, dtype.numpy_dtype()), dtype=dtype)
+                for rows, dtype in ((numbers, Number), (elements, Element), (memory, Array))
+            )
+            self._table = wp.array(table, dtype=float)
+            self._given = wp.zeros((nworld, len(numbers)), dtype=float) if given is None else given
+        columns = np.cumsum([draw.width for draw in draws]).tolist()
+        self.numbers = {d.name: self._given[:, end - d.width : end] for d, end in zip(draws, columns, strict=True)}
+        self._no_layouts = LayoutsView()
+        if knobs is not None:
+            self.use_knobs(knobs)
+
+    def use_knobs(self, knobs: KnobTable) -> None:
+        """Draw from intervals that knobs narrow, world by world, unless these knobs narrow none."""
+        columns = [knobs.first.get(knobs.of_draws.get(draw.name, ""), -1) for draw in self._draws]
+        if max(columns, default=-1) < 0:
+            return
+        numbers, begin = self._drawn.numpy(), 0
+        for draw, column in zip(self._draws, columns, strict=True):
+            own = numbers[begin : begin + draw.width]
+            own["knob"] = -1 if column < 0 else column + own["first"] - own["first"][0]
+            begin += draw.width
+        self._drawn.assign(numbers)
+
+    def launch(
+        self,
+        mask: wp.array | None,
+        layouts: LayoutsView | None = None,
+        rows: wp.array | None = None,
+        *,
+        given: wp.array | None = None,
+        opens: bool = False,
+    ) -> None:
+        """Write the numbers of the masked worlds; what is drawn stays as it is in worlds without a key to draw by.
+
+        Args:
+            mask: Which worlds, shape (nworld,), bool; all if None.
+            layouts: The layouts with their draws and knobs; those of banks draw with the knobs of the scene file. None
+                is for factors.
+            rows: Row of `layouts` for each world, shape (nworld,), int32; None gives world i row i.
+            given: The given numbers, shape (1 or nworld, n).
+            opens: Write the numbers of the layouts that worlds get next.
+        """
+        if not self._elements.size:
+            return
+        layouts, numbers = layouts or self._no_layouts, self._given if given is None else given
+        tables = self._drawn, self._table, self._elements, self._memory
+        launch_write_columns(self._nworld, mask, rows, layouts, tables, numbers, opens=opens)
+
+
+def _bounds(knobs: KnobTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
+    """Return rows of `Element` for the numbers that knobs have in arrays with a row for each world."""
+    found: dict[tuple[str, int], tuple] = {}
+    names = [*arrays]
+    for key, knob in knobs.knobs.items():
+        for name, offset, k in (place for place in knob.places if place[0] in arrays):
+            column = other = knobs.first[key] + k
+            form, least = "bound", -np.inf
+            if arrays[name].dtype is wp.bool:
+                form, other = "flag", column + len(knob.default) - 1
+            elif knob.form == "clearance":
+                least = arrays[name][:1].numpy().flat[offset]
+                _, _, _, column, *_ = found.get((name, offset), (0, 0, 0, column))  # a pair with two clearances
+            number = names.index(name)
+            found[name, offset] = number, offset, FORMS.index(form), column, other, number, offset, least
+    return [*found.values()]
+
+
+def element_size(array: wp.array) -> int:
+    """Return how many numbers an element of an array with a row for each world has."""
+    row = array[:1].numpy()
+    return row.size // (row.shape[1] if array.ndim > 1 else 1)
+
+
+def _tables(
+    draws: Sequence[FieldDraw], places: Mapping[str, tuple[int, int]]
+) -> tuple[list[tuple], list[tuple], list[float]]:
+    """Return rows of `Number` and of `Element`, and the table of their parameters.
+
+    Args:
+        draws: The draws.
+        places: Number of each array, and of the numbers of one of its elements.
+    """
+    numbers, elements, table = [], [], []
+    for draw in draws:
+        config, nchoice, begin = draw.config, len(draw.choice), len(numbers)
+        name, nlow, (array, size) = name_hash(f"randomize {draw.name}"), len(config.ends[0]), places[draw.word.field]
+        several = draw.choice.shape[1] > 1  # of several numbers each: the drawn one is the place in the list
+        width = draw.width // (len(draw.rows) if config.each else 1)
+        distribution = DISTRIBUTIONS.index("choice" if nchoice else config.distribution)
+        for index in range(draw.width):
+            first = len(table) + (min(index % width, nlow - 1) if nlow else 0)
+            numbers.append((name, index, distribution, first, nlow or nchoice, -1))
+        table += [*config.ends[0], *config.ends[1], *range(nchoice if several else 0)]
+        form = FORMS.index("turn" if draw.is_turn else "abs" if config.choice and not several else config.form)
+        components = range(4) if draw.is_turn else draw.components.tolist()
+        for element, own in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
+            for k, component in enumerate(components):
+                number, at = begin + own[0 if draw.is_turn else k], (array, size * element + component)
+                elements.append((*at, form, number, len(table) + k * nchoice, *at, 0.0))
+            for other, start, count in draw.word.follow:
+                written, at = places[other], (array, size * element + draw.word.first)
+                offsets = range(written[1] * element + start, written[1] * element + start + count)
+                elements += [(written[0], k, form, begin + own[0], len(table), *at, 0.0) for k in offsets]
+        table += draw.choice.T.ravel().tolist()
+    return numbers, elements, table
+
+
+def search_columns(
+    compiled: CompiledScene,
+    nworld: int,
+    knobs: KnobTable,
+    by_world: Sequence[str] = (),
+    masses: tuple[wp.array, wp.array] | None = None,
+) -> tuple[WorldColumns, Program, Statics | None]:
+    """Return the columns of a search for layouts, with the program and the statics that they write into.
+
+    Masses and centres of mass decide what stands. They are those that resets will draw for the same layouts.
+
+    Args:
+        compiled: The scene.
+        nworld: Number of worlds.
+        knobs: The knobs of the worlds.
+        by_world: Further fields of the program that have a row for each world.
+        masses: `body_mass` and `body_ipos` of the Model of the worlds, whoever wrote these; None draws them.
+    """
+    program, statics, nominal, arrays = copied(Program, compiled.program), compiled.statics, {}, {}
+    draws, scaled, given = (), (), None
+    for name in dict.fromkeys([*by_world, *(name for knob in knobs.knobs.values() for name, _, _ in knob.places)]):
+        shared = getattr(program, name)
+        rows = np.repeat(shared.numpy(), nworld, axis=0)
+        arrays[name] = wp.array(rows, dtype=shared.dtype, ndim=2, device=shared.device)
+        setattr(program, name, arrays[name])
+    # inertias decide nothing here
+    drawn = [replace(d, word=replace(d.word, follow=())) for d in compiled.scene.draws if d.word.field in _MASSES]
+    if statics is not None and (drawn if masses is None else max(a.shape[0] for a in masses) > 1):
+        statics = copied(Statics, compiled.statics)
+        usual = {field: getattr(statics, name) for field, name in _MASSES.items()}
+        rows = {_MASSES[field]: np.repeat(array.numpy(), nworld, axis=0) for field, array in usual.items()}
+        fill_struct(Statics, statics, rows, compiled.device)
+        arrays |= {field: getattr(statics, name) for field, name in _MASSES.items()}
+        draws, nominal = drawn, usual
+        if masses is not None:
+            draws, nominal = (), dict(zip(_MASSES, masses, strict=True))
+            scaled, given = _shares(compiled, usual["body_mass"])
+    return WorldColumns(nworld, arrays, nominal, draws, scaled, given, knobs), program, statics
+
+
+def _shares(compiled: CompiledScene, nominal: wp.array) -> tuple[list[tuple[str, int, int, int]], wp.array]:
+    """Return how statics follow from masses and centres of mass of a Model, and the share of each mass that counts."""
+    mass, weight = compiled.mjm.body_mass, nominal.numpy()[0]
+    share = np.divide(weight, mass, out=np.zeros(len(mass)), where=mass > 0.0)
+    scaled = []
+    for body, simulated in enumerate(compiled.scene.sim_bodies.tolist()):
+        scaled.append(("body_mass", body, simulated, body))
+        scaled += [("body_ipos", 3 * body + k, 3 * simulated + k, len(share)) for k in range(3)]
+    return scaled, wp.array([[*share, 1.0]], dtype=float, device=compiled.device)

@@ -1,0 +1,278 @@
+"""`launch_write_columns`: writes numbers of each world into arrays that have a row for each world.
+
+A number is a bound that knobs narrow, a draw, or a nominal value times a given factor. What is drawn is a function of
+the key that a layout carries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.randomize import DEVIATIONS
+from sceniris_gym.device.angles import exp_of, log_of, unit_circle
+from sceniris_gym.device.blocks import block_sync
+from sceniris_gym.device.quaternions import mul_quat
+from sceniris_gym.device.random import BANK_BIT, uniforms
+from sceniris_gym.device.transforms import axis_angle_quat
+from sceniris_gym.layout.layouts import LayoutsView, next_key
+from sceniris_gym.layout.masks import row_of
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_LANES = 128
+"""Lanes that write a world."""
+_BANK_BIT = wp.constant(BANK_BIT)
+_DEVIATIONS = wp.constant(DEVIATIONS)
+_RADIANS = wp.constant(float(np.pi / 180.0))
+_KINDS = "fib"
+"""Kinds of NumPy's numbers: floats, integers and booleans."""
+_FLOAT, _INT = (wp.constant(i) for i in range(2))
+FORMS = ("bound", "flag", "scale", "add", "abs", "choice", "turn")
+"""Forms of elements; the first two follow from knobs, the others from numbers that are drawn or given."""
+_BOUND, _FLAG, _SCALE, _ADD, _ABS, _CHOICE, _TURN = (wp.constant(i) for i in range(7))
+DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "choice")
+_LOG_UNIFORM, _NORMAL, _CHOSEN = (wp.constant(i) for i in range(1, 4))
+
+
+@wp.struct
+class Array:
+    """The memory of an array with a row for each world.
+
+    Attributes:
+        address: First element.
+        stride: Bytes from one row to the next.
+        nominal: First element of the values of the model, if the array has some.
+        nominal_stride: Bytes from one row of these to the next; 0 if one row is that of all worlds.
+        kind: The kind of its numbers, by its place in `_KINDS`.
+    """
+
+    address: wp.uint64
+    stride: wp.int64
+    nominal: wp.uint64
+    nominal_stride: wp.int64
+    kind: int
+
+
+@wp.struct
+class Number:
+    """A number that is drawn.
+
+    Attributes:
+        name: Hash of the name that it is drawn by.
+        index: Its place among the numbers of that name.
+        distribution: Its code.
+        first: Column of its first parameter in the table, or of the first number to choose from.
+        count: Columns from there to its second parameter, or how many numbers there are to choose from.
+        knob: Column of its first parameter among the knobs, -1 if none narrows it.
+    """
+
+    name: int
+    index: int
+    distribution: int
+    first: int
+    count: int
+    knob: int
+
+
+@wp.struct
+class Element:
+    """A number of an array that is written.
+
+    Attributes:
+        array: The array that is written.
+        offset: The place in a row of this array.
+        form: Its code.
+        number: Column of the number that is drawn or given, or of the first of three for a turn; for a bound and a flag
+            of the first knob.
+        other: Column of the other knob that a bound follows from, or of the last one for a flag; for a choice that of
+            the first value in the table.
+        drawn: The array that is drawn, which the written one keeps its ratio to if it is another one.
+        drawn_offset: The place in a row of that array.
+        least: The least value of a bound.
+    """
+
+    array: int
+    offset: int
+    form: int
+    number: int
+    other: int
+    drawn: int
+    drawn_offset: int
+    least: float
+
+
+@wp.func
+def row_address(array: Array, worldid: int) -> wp.uint64:
+    """Return the address of the first number of a world's row."""
+    return array.address + wp.uint64(array.stride * wp.int64(worldid))
+
+
+@wp.func
+def _put(array: Array, worldid: int, offset: int, value: float):
+    """Write a number of a world's row."""
+    address = row_address(array, worldid)
+    if array.kind == _FLOAT:
+        floats = wp.array(ptr=address, shape=(offset + 1,), dtype=float)
+        floats[offset] = value
+    elif array.kind == _INT:
+        integers = wp.array(ptr=address, shape=(offset + 1,), dtype=int)
+        integers[offset] = int(value)
+    else:
+        flags = wp.array(ptr=address, shape=(offset + 1,), dtype=wp.uint8)
+        flags[offset] = wp.uint8(value)
+
+
+@wp.func
+def _nominal(array: Array, worldid: int, offset: int) -> float:
+    """Return a number of the model as it was made."""
+    address = array.nominal + wp.uint64(array.nominal_stride * wp.int64(worldid))
+    values = wp.array(ptr=address, shape=(offset + 1,), dtype=float)
+    return values[offset]
+
+
+@wp.func
+def _bound(element: Element, knob: wp.array[float], default_knob: wp.array[float]) -> float:
+    """Return a bound as knobs narrow it, or whether knobs are as in the scene file."""
+    if element.form == _BOUND:
+        return wp.max(element.least, wp.max(knob[element.number], knob[element.other]))
+    for k in range(element.number, element.other + 1):
+        if knob[k] != default_knob[k]:
+            return 0.0
+    return 1.0
+
+
+@wp.func
+def _draw_key(layouts: LayoutsView, row: int, opens: bool):
+    """Return seed, episode and stream that a row's numbers are drawn by, or those of the next layout of a world."""
+    if opens:
+        seed, episode = next_key(layouts, row)
+        return seed, episode, layouts.stream
+    return layouts.draw_seed[row], layouts.draw_episode[row], layouts.draw_stream[row]
+
+
+@wp.func
+def _number(number: Number, table: wp.array[float], knob: wp.array2d[float], row: int, u: wp.vec4) -> float:
+    """Return a number of a distribution from uniform ones; a row below 0 has the knobs of the scene file."""
+    if number.distribution == _CHOSEN:
+        return table[number.first + wp.min(int(u[0] * float(number.count)), number.count - 1)]
+    low = table[number.first]
+    high = table[number.first + number.count]
+    if number.knob >= 0 and row >= 0:
+        low = knob[row, number.knob]
+        high = knob[row, number.knob + number.count]
+    if number.distribution == _LOG_UNIFORM:
+        return low * exp_of(u[0] * log_of(high / low))
+    if number.distribution == _NORMAL:
+        # Box and Muller: 1 - u is never 0
+        z = wp.sqrt(-2.0 * log_of(1.0 - u[0])) * unit_circle(2.0 * wp.pi * u[1])[0]
+        return low + high * wp.clamp(z, -_DEVIATIONS, _DEVIATIONS)
+    return low + (high - low) * u[0]
+
+
+@wp.func
+def _value(
+    element: Element, arrays: wp.array[Array], table: wp.array[float], worldid: int, numbers: wp.array[float]
+) -> float:
+    """Return what an element has by a number that is drawn or given."""
+    drawn = arrays[element.drawn]
+    nominal = float(0.0)
+    if drawn.kind == _FLOAT:
+        nominal = _nominal(drawn, worldid, element.drawn_offset)
+    value = numbers[element.number]
+    if element.form == _SCALE:
+        value = nominal * numbers[element.number]
+    elif element.form == _ADD:
+        value = nominal + numbers[element.number]
+    elif element.form == _CHOICE:
+        value = table[element.other + int(numbers[element.number])]
+    elif element.form == _TURN:
+        first = element.drawn_offset - element.drawn_offset % 4
+        turn = _RADIANS * wp.vec3(numbers[element.number], numbers[element.number + 1], numbers[element.number + 2])
+        q = wp.vec4()
+        for k in range(4):
+            q[k] = _nominal(drawn, worldid, first + k)
+        turned = mul_quat(q, axis_angle_quat(wp.normalize(turn), wp.length(turn)))
+        value = turned[element.drawn_offset % 4]
+    if element.array != element.drawn:
+        value = value / nominal * _nominal(arrays[element.array], worldid, element.offset)
+    return value
+
+
+@wp.kernel
+def _write_columns(
+    # In:
+    mask: wp.array[wp.bool],
+    rows: wp.array[int],
+    opens: bool,
+    # Layouts in: seed, episode, draw_seed, draw_episode, draw_stream, stream, next_seed, next_episode, default_knob
+    layouts: LayoutsView,
+    knob: wp.array2d[float],
+    # Tables:
+    drawn: wp.array[Number],
+    table: wp.array[float],
+    elements: wp.array[Element],
+    arrays: wp.array[Array],
+    # Out:
+    numbers: wp.array2d[float],
+):
+    worldid, lane = wp.tid()
+    if mask:
+        if not mask[worldid]:
+            return
+    if drawn.shape[0] > 0:
+        row = row_of(worldid, rows)
+        seed, episode, stream = _draw_key(layouts, row, opens)
+        if episode < 0:
+            return
+        narrowed = int(-1)
+        if knob:
+            if (stream & _BANK_BIT) == 0:
+                narrowed = row
+        for i in range(lane, drawn.shape[0], wp.block_dim()):
+            u = uniforms(seed, episode, wp.uint32(stream), drawn[i].name, drawn[i].index)
+            numbers[worldid, i] = _number(drawn[i], table, knob, narrowed, u)
+        block_sync()
+    for i in range(lane, elements.shape[0], wp.block_dim()):
+        element = elements[i]
+        if element.form <= _FLAG:
+            value = _bound(element, knob[worldid], layouts.default_knob)
+        else:
+            value = _value(element, arrays, table, worldid, numbers[worldid % numbers.shape[0]])
+        _put(arrays[element.array], worldid, element.offset, value)
+
+
+def launch_write_columns(
+    nworld: int,
+    mask: wp.array | None,
+    rows: wp.array | None,
+    layouts: LayoutsView,
+    tables: Sequence[wp.array],
+    numbers: wp.array,
+    *,
+    opens: bool,
+) -> None:
+    """Write the elements of the masked worlds.
+
+    Args:
+        nworld: Number of worlds.
+        mask: Which worlds, shape (nworld,), bool; all if None.
+        rows: Row of `layouts` for each world, shape (nworld,), int32; None gives world i row i.
+        layouts: The layouts.
+        tables: Rows of `Number`, parameters of these, rows of `Element`, and rows of `Array`.
+        numbers: Numbers that are given, shape (1 or nworld, n); or an array for those that are drawn.
+        opens: Write the numbers of the layouts that worlds get next.
+    """
+    knob = layouts.next_knob if opens else layouts.knob
+    inputs = [mask, rows, opens, layouts, knob if knob is not None and knob.size else None, *tables, numbers]
+    wp.launch_tiled(_write_columns, dim=[nworld], inputs=inputs, block_dim=_LANES, device=numbers.device)
+
+
+def memory_of(array: wp.array, nominal: wp.array | None = None) -> tuple[int, int, int, int, int]:
+    """Return the numbers of an `Array`; whoever takes it keeps the arrays, which own the memory."""
+    kind = _KINDS.index(array[:1].numpy().dtype.kind)
+    if nominal is None:
+        return array.ptr, array.strides[0], 0, 0, kind
+    return array.ptr, array.strides[0], nominal.ptr, nominal.strides[0] if nominal.shape[0] > 1 else 0, kind
