@@ -272,6 +272,8 @@ def launch_write_columns(
 
 def memory_of(array: wp.array, nominal: wp.array | None = None) -> tuple[int, int, int, int, int]:
     """Return the numbers of an `Array`; whoever takes it keeps the arrays, which own the memory."""
+    if not array.size:  # Warp cannot slice it
+        return 0, 0, 0, 0, 0
     kind = _KINDS.index(array[:1].numpy().dtype.kind)
     if nominal is None:
         return array.ptr, array.strides[0], 0, 0, kind

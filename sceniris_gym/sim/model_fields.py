@@ -20,8 +20,7 @@ from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_r
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS, launch_derived
 from sceniris_gym.sim.derived_tables import Derived, derived_tables
-from sceniris_gym.sim.holding import GAINS, launch_holding
-from sceniris_gym.sim.rest import scene_rest
+from sceniris_gym.sim.rest import GAINS, launch_holding, scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
 _NAMED = "named_by_put_model"

@@ -19,7 +19,7 @@ from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.program.device import copied
 from sceniris_gym.program.part import chosen_objects
 from sceniris_gym.sim.reset_writer import Simulation
-from sceniris_gym.sim.variant_reader import VariantReader
+from sceniris_gym.sim.variants import VariantReader
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.sim.write import StateWriter, poses_of
 

@@ -11,9 +11,8 @@ import warp as wp
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.contacts import ContactList
-from sceniris_gym.sim.grips import grips_of
 from sceniris_gym.sim.model_fields import ModelFields
-from sceniris_gym.sim.rest import RestMap
+from sceniris_gym.sim.rest import RestMap, close_grippers
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import keyframe_plastic
 from sceniris_gym.sim.write import StateWriter, poses_of
@@ -71,8 +70,9 @@ class ResetWriter:
             self.variant = wp.zeros((d.nworld, 0), dtype=int) if self.variants is None else self.variants.variant
         plastic = keyframe_plastic(mjm, scene.keyframe) if whole and scene.keyframe >= 0 else None
         bodies = None if whole else [body for name in scene.bodies for body in scene.subtree(name)]
-        self._contacts, grips = ContactList(d, mask), grips_of(compiled, simulation.rest, d.qpos.device)
-        words = {"bodies": bodies, "origins": simulation.origins, "plastic": plastic, "count": count, "grips": grips}
+        self._contacts = ContactList(d, mask)
+        close_grippers(simulation.rest, compiled)
+        words = {"bodies": bodies, "origins": simulation.origins, "plastic": plastic, "count": count}
         self._writer = StateWriter(mjm, d, mask, simulation.rest, **words)
 
     def launch(self, layouts: LayoutsView, rows: wp.array | None = None) -> None:

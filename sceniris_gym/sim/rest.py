@@ -1,13 +1,24 @@
-"""Controls and activations that hold a pose: `RestMap`, which a reset evaluates on the device."""
+"""Controls and activations that hold a pose: `RestMap`, which a reset evaluates on the device.
+
+At a start that holds something, the controls of its gripper ask the fingers to close.
+"""
 
 import mujoco
+import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device_starts import StartPose
 from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+GAINS = ("actuator_gainprm", "actuator_biasprm", "actuator_gear")
+"""Fields of a Model that controls at rest follow from."""
 # as integers: `numpy.int32(0) in (enum member,)` is false although both are equal
 CTRL_HOLDS = tuple(
     int(d) for d in (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
@@ -33,6 +44,8 @@ class RestMap:
         actuator: The actuator that holds a pose by this element, shape (nu + na,); -1 if none does.
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
         sampled: The control of each.
+        closing: The arm that holds something, of each kind of start, -1 for none; empty in scenes without.
+        closed: Positions of each arm's closed fingers in qpos, nan elsewhere, shape (narm, nq).
     """
 
     rowadr: wp.array[int]
@@ -44,6 +57,8 @@ class RestMap:
     actuator: wp.array[int]
     sampleadr: wp.array[int]
     sampled: wp.array[int]
+    closing: wp.array[int]
+    closed: wp.array2d[float]
 
 
 @wp.func
@@ -54,6 +69,19 @@ def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) 
     for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
         length += rest.arm[term] * qpos[rest.qposadr[term]]
     return wp.clamp(law[0] + law[1] * length, rest.lower[elemid], rest.upper[elemid])
+
+
+@wp.func
+def control_at_start(rest: RestMap, worldid: int, elemid: int, kind: int, qpos: wp.array[float]) -> float:
+    """Return the control or activation `elemid` of a world with a kind of start, -1 for none."""
+    arm = int(-1)
+    if kind >= 0 and kind < rest.closing.shape[0]:
+        arm = rest.closing[kind]
+    term = rest.rowadr[elemid]
+    if arm >= 0 and term < rest.rowadr[elemid + 1]:
+        if not wp.isnan(rest.closed[arm, rest.qposadr[term]]):  # it holds fingers, and fingers alone
+            return rest_value(rest, worldid, elemid, rest.closed[arm])
+    return rest_value(rest, worldid, elemid, qpos)
 
 
 def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
@@ -155,3 +183,91 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
             address.append(first + k)
             control.append(ctrladr[i] + k % ctrlnum[i])
     return np.array(address, np.int32), np.array(control, np.int32)
+
+
+def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
+    """Let controls close the grippers of a scene at starts that hold something.
+
+    Raises:
+        NotSupportedError: No position actuator closes a gripper that a start closes on something.
+    """
+    full, sim, starts = compiled.mjm, compiled.sim_mjm, compiled.starts
+    if compiled.reaching is None or starts is None:
+        return
+    arm, arms = np.where(starts.pose.numpy() >= StartPose.STANDING, starts.arm.numpy(), -1), compiled.reaching.arms
+    closed = np.full((len(arms), sim.nq), np.nan)
+    names = {int(adr): full.joint(i).name for i, adr in enumerate(full.jnt_qposadr)}
+    for i, one in enumerate(arms):
+        adr, qpos = one.gripper.poses(np.zeros(1))
+        own = adr.tolist() if sim is full else [int(sim.joint(names[a]).qposadr[0]) for a in adr.tolist()]
+        closed[i, own] = qpos[0]
+        if i in arm and not np.isin(rest.qposadr.numpy(), own).any():
+            raise NotSupportedError(
+                f"{compiled.config.where}: start: the gripper of '{one.robot}' has no position actuator that would "
+                "keep it closed. Give it one, as in <position joint=...>, or start from 'home' or 'pregrasp'."
+            )
+    with wp.ScopedDevice(rest.law.device):
+        rest.closing, rest.closed = wp.array(arm, dtype=int), wp.array(closed, dtype=float, ndim=2)
+
+
+@wp.func
+def _follow(values: wp.array[float], at: int, before: float, now: float):
+    """Replace a control that held the pose, but for rounding."""
+    if wp.abs(values[at] - before) <= 1.0e-6 * wp.max(1.0, wp.abs(before)):
+        values[at] = now
+
+
+@wp.kernel
+def _hold_anew(
+    mask: wp.array[wp.bool],
+    rest: RestMap,
+    # Model in:
+    actuator_gainprm: wp.array3d[float],
+    actuator_biasprm: wp.array3d[float],
+    actuator_gear: wp.array2d[wp.spatial_vector],
+    # Data in:
+    qpos: wp.array2d[float],
+    # Data out:
+    ctrl_out: wp.array2d[float],
+    act_out: wp.array2d[float],
+    history_out: wp.array2d[float],
+    # Out:
+    law_out: wp.array2d[wp.vec2],
+):
+    worldid, element = wp.tid()
+    actuatorid = rest.actuator[element]
+    if not mask[worldid] or actuatorid < 0:
+        return
+    before = rest_value(rest, worldid, element, qpos[worldid])
+    gain = actuator_gainprm[worldid % actuator_gainprm.shape[0], actuatorid, 0]
+    bias0 = actuator_biasprm[worldid % actuator_biasprm.shape[0], actuatorid, 0]
+    bias1 = actuator_biasprm[worldid % actuator_biasprm.shape[0], actuatorid, 1]
+    gear = actuator_gear[worldid % actuator_gear.shape[0], actuatorid][0]
+    if gain * bias1 >= 0.0:
+        return
+    law_out[worldid, element] = wp.vec2(-bias0 / gain, -bias1 / gain * gear)
+    now = rest_value(rest, worldid, element, qpos[worldid])
+    # controls that hold the present pose follow; those that somebody else has set stay
+    nu = ctrl_out.shape[1]
+    if element < nu:
+        _follow(ctrl_out[worldid], element, before, now)
+    else:
+        _follow(act_out[worldid], element - nu, before, now)
+    for k in range(rest.sampleadr.shape[0]):
+        if rest.sampled[k] == element:
+            _follow(history_out[worldid], rest.sampleadr[k], before, now)
+
+
+def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> None:
+    """Find the controls and activations that hold a pose; those that hold the present one are set anew.
+
+    Args:
+        rest: The controls at rest, with a row for each world.
+        m: The Model; its present arrays are used in place.
+        d: Data of the worlds.
+        mask: Which worlds, shape (nworld,), bool.
+    """
+    gains = [m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
+    outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.law]
+    dim = d.nworld, rest.actuator.shape[0]
+    wp.launch(_hold_anew, dim, inputs=[mask, rest, *gains, d.qpos], outputs=outputs, device=mask.device)

@@ -1,8 +1,8 @@
-"""`VariantWriter`: turns layouts into those of the simulated scene, and bodies into the variants that are present."""
+"""Variants of objects: layouts have a body for each, simulated worlds one body, which becomes the variant there."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco_warp as mjw
@@ -11,16 +11,19 @@ import warp as wp
 
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.errors import SceneMismatchError
+from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.masks import row_of
+from sceniris_gym.layout.write_columns import Array, memory_of, row_address
+from sceniris_gym.program.device import copied
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import places_of_geoms
-from sceniris_gym.sim.write import Poses
+from sceniris_gym.sim.write import Poses, poses_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-LANES = 512
+_LANES = 512
 """Lanes that read or write a world: each waits for memory once a word."""
 _BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
 _DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
@@ -30,6 +33,7 @@ _GEOM = (
 )
 # Values of a geom that a variant has no use for; without a mesh and with this margin [m] it meets nothing.
 _UNUSED = {"dataid": -1, "matid": -1, "margin": -1.0e6, "rgba": 0.0}
+_FAR = 1.0e6  # coordinates of absent variants [m], beyond the origin of any world
 
 
 def fields_of_variants() -> tuple[str, ...]:
@@ -41,25 +45,26 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.struct
 class Places:
-    """Places of layouts, with the variant that each belongs to: its object and its number there, (-1, -1) for none.
+    """Places of layouts, with the variant that each belongs to: its object and its number there, (-1, -1) for none."""
 
-    Attributes:
-        slot_kind: Variants of slots, shape (nslot,).
-        qpos_kind: Variants of joint positions, shape (nq,).
-        mocap_kind: Variants of mocap bodies, shape (nmocap,).
-        qpos_adr: Addresses of joint positions in the simulation.
-        mocap_adr: Numbers of mocap bodies in the simulation.
-    """
+    slot_kind: wp.array[wp.vec2i]  # variants of slots
+    qpos_kind: wp.array[wp.vec2i]  # and of joint positions
+    mocap_kind: wp.array[wp.vec2i]  # and of mocap bodies
+    qpos_adr: wp.array[int]  # addresses of joint positions in the simulation
+    mocap_adr: wp.array[int]  # numbers of mocap bodies in the simulation
 
-    slot_kind: wp.array[wp.vec2i]
-    qpos_kind: wp.array[wp.vec2i]
-    mocap_kind: wp.array[wp.vec2i]
-    qpos_adr: wp.array[int]
-    mocap_adr: wp.array[int]
+
+@wp.struct
+class Word:
+    """A word of 32 bits of the model."""
+
+    owner: int  # the object with variants that it follows
+    array: int
+    offset: int  # place in a row of the array
 
 
 @wp.func
-def is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
+def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
     """Return whether something belongs to a variant that is not there."""
     if kind[0] < 0:
         return False
@@ -69,11 +74,10 @@ def is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
 @wp.kernel
 def _write_variants(
     places: Places,
-    # Words of the model:
+    # Words of the model, and what they are in each variant:
     table: wp.array2d[int],
-    owner: wp.array[int],
-    address: wp.array[wp.uint64],
-    stride: wp.array[wp.int64],
+    words: wp.array[Word],
+    arrays: wp.array[Array],
     # Bodies with variants, and the mass of all others:
     bodies: wp.array[int],
     mass: float,
@@ -99,10 +103,10 @@ def _write_variants(
             if kind[0] >= 0 and present[row, i] != 0:
                 variant[worldid, kind[0]] = kind[1]
         block_sync()
-        for i in range(lane, address.shape[0], wp.block_dim()):
-            at = address[i] + wp.uint64(stride[i] * wp.int64(worldid))
-            word = wp.array(ptr=at, shape=(1,), dtype=int)
-            word[0] = table[variant[worldid, owner[i]], i]
+        for i in range(lane, words.shape[0], wp.block_dim()):
+            word = words[i]
+            memory = wp.array(ptr=row_address(arrays[word.array], worldid), shape=(word.offset + 1,), dtype=int)
+            memory[word.offset] = table[variant[worldid, word.owner], i]
         block_sync()
         if lane == 0:
             total = mass
@@ -110,10 +114,10 @@ def _write_variants(
                 total += subtreemass_out[worldid, bodies[i]]
             subtreemass_out[worldid, 0] = total
     for i in range(lane, places.qpos_adr.shape[0], wp.block_dim()):
-        if not is_absent(places.qpos_kind[i], variant[worldid]):
+        if not _is_absent(places.qpos_kind[i], variant[worldid]):
             poses_out.qpos[worldid, places.qpos_adr[i]] = poses_in.qpos[row, i]
     for i in range(lane, places.mocap_adr.shape[0], wp.block_dim()):
-        if not is_absent(places.mocap_kind[i], variant[worldid]):
+        if not _is_absent(places.mocap_kind[i], variant[worldid]):
             poses_out.mocap_pos[worldid, places.mocap_adr[i]] = poses_in.mocap_pos[row, i]
             poses_out.mocap_quat[worldid, places.mocap_adr[i]] = poses_in.mocap_quat[row, i]
 
@@ -126,8 +130,7 @@ class VariantWriter:
         m: Model of the scene as it is simulated, with a row for each world where variants differ: see
             `model_fields.put_model`.
         nworld: Number of worlds.
-        varied: Copies of these fields, to which the same is written, with the colours that are seen:
-            `ModelFields.varied`.
+        varied: `ModelFields.varied`: copies of these fields, to which the same is written, with the colours seen.
 
     Attributes:
         places: Places of layouts and their variants.
@@ -153,10 +156,10 @@ class VariantWriter:
             self._poses = Poses()
             self._poses.qpos = wp.zeros((nworld, sim.nq), dtype=float)
             self._poses.mocap_pos, self._poses.mocap_quat = (wp.zeros(mocap, dtype=each) for each in (wp.vec3, wp.quat))
-            self.places, self._words = _places(scene), _words(scene, m, varied)
+            # kernels have their addresses alone
+            self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
+            self.places, self._words = _places(scene), _words(scene, self._fields)
             self._masses = [wp.array(bodies, dtype=int), np.delete(sim.body_mass, bodies).sum()]
-        # kernels have their addresses alone
-        self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
         self._subtreemass = m.body_subtreemass
 
     def launch(
@@ -171,7 +174,7 @@ class VariantWriter:
             rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
         inputs = [self.places, *self._words, *self._masses, mask, rows, present, poses]
-        words = {"outputs": [self.variant, self._poses, self._subtreemass], "block_dim": LANES}
+        words = {"outputs": [self.variant, self._poses, self._subtreemass], "block_dim": _LANES}
         wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words, device=self._device)
         return self._poses
 
@@ -193,24 +196,25 @@ def _places(scene: SceneModel) -> Places:
     return places
 
 
-def _words(scene: SceneModel, m: mjw.Model, varied: Mapping[str, wp.array]) -> list[wp.array]:
-    """Return a table of words of 32 bits, shape (most variants, nword), and the objects and addresses of the words."""
-    words: list[tuple[int, wp.array, int, int, np.ndarray]] = []
+def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
+    """Return a table of words, shape (most variants, nword), the words, and `arrays`: fields, then copies of these."""
+    names, words, columns = fields_of_variants(), [], []
     for k, (name, members) in enumerate(scene.config.variants.items()):
         bodies = [scene.bodies[member] for member in members]
-        for field, i, values, _ in _rows(scene, name, bodies, seen=False):
-            words += [(k, getattr(m, field), i, word, column) for word, column in enumerate(values.T)]
-        # nobody else writes to copies, so they keep what is the same in all variants, but for colours of draws
-        for field, i, values, held in _rows(scene, name, bodies, seen=True):
-            differs = (values != held).any(axis=0) | (field == "geom_rgba")
-            words += [(k, varied[field], i, word, values[:, word]) for word in np.flatnonzero(differs).tolist()]
-    table = np.zeros((max(map(len, scene.config.variants.values())), len(words)), np.int32)
-    for column, (*_, values) in zip(table.T, words, strict=True):
+        for is_copy in (False, True):
+            for field, i, values, held in _rows(scene, name, bodies, seen=is_copy):
+                number = names.index(field) + is_copy * len(names)
+                # nobody else writes to copies, so they keep what is the same in all variants, but for colours of draws
+                differs = (values != held).any(axis=0) | (not is_copy or field == "geom_rgba")
+                first = i * arrays[number].strides[1] // 4
+                words += [(k, number, first + word) for word in np.flatnonzero(differs).tolist()]
+                columns += [*values.T[differs]]
+    table = np.zeros((max(map(len, columns)), len(words)), np.int32)
+    for column, values in zip(table.T, columns, strict=True):
         column[: len(values)] = values
-    address = [array.ptr + i * array.strides[1] + 4 * word for _, array, i, word, _ in words]
-    stride = [array.strides[0] for _, array, *_ in words]
-    arrays = [wp.array(table, dtype=int), wp.array([k for k, *_ in words], dtype=int)]
-    return [*arrays, wp.array(address, dtype=wp.uint64), wp.array(stride, dtype=wp.int64)]
+    memory = [memory_of(array) for array in arrays]
+    structs = (np.array(words, Word.numpy_dtype()), Word), (np.array(memory, Array.numpy_dtype()), Array)
+    return [wp.array(table, dtype=int), *(wp.array(rows, dtype=dtype) for rows, dtype in structs)]
 
 
 def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:
@@ -240,3 +244,57 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
             values[source < 0] = _UNUSED.get(word, ours[i])
             found.append((field, i, values.view(np.int32), ours[i].view(np.int32)))
     return found
+
+
+@wp.kernel
+def _read_worlds(
+    places: Places,
+    # In:
+    variant: wp.array2d[int],
+    present_in: wp.array2d[int],
+    # Poses in: qpos, mocap_pos, mocap_quat
+    poses: Poses,
+    mask: wp.array[wp.bool],
+    # Layouts out: qpos, mocap_pos, mocap_quat, present
+    layouts_out: LayoutsView,
+):
+    worldid, lane = wp.tid()
+    if not mask[worldid]:
+        return
+    for i in range(lane, places.slot_kind.shape[0], wp.block_dim()):
+        layouts_out.present[worldid, i] = present_in[worldid, i]
+        if places.slot_kind[i][0] >= 0:
+            layouts_out.present[worldid, i] = wp.where(_is_absent(places.slot_kind[i], variant[worldid]), 0, 1)
+    for i in range(lane, places.qpos_adr.shape[0], wp.block_dim()):
+        layouts_out.qpos[worldid, i] = poses.qpos[worldid, places.qpos_adr[i]]
+        if _is_absent(places.qpos_kind[i], variant[worldid]):
+            layouts_out.qpos[worldid, i] = wp.static(_FAR)
+    for i in range(lane, places.mocap_adr.shape[0], wp.block_dim()):
+        layouts_out.mocap_pos[worldid, i] = poses.mocap_pos[worldid, places.mocap_adr[i]]
+        layouts_out.mocap_quat[worldid, i] = poses.mocap_quat[worldid, places.mocap_adr[i]]
+        if _is_absent(places.mocap_kind[i], variant[worldid]):
+            layouts_out.mocap_pos[worldid, i] = wp.vec3(wp.static(_FAR))
+
+
+class VariantReader:
+    """Reads simulated worlds as rows of layouts, in which absent variants are far away.
+
+    Args:
+        d: Data of the worlds; its arrays are used in place.
+        variants: The writer of the variants that worlds have.
+        layouts: The layouts that worlds were reset to, which say who else is present.
+
+    Attributes:
+        state: The worlds: `layouts` with arrays of its own for `present`, `qpos`, `mocap_pos` and `mocap_quat`.
+    """
+
+    def __init__(self, d: mjw.Data, variants: VariantWriter, layouts: LayoutsView) -> None:
+        self._device, self._nworld, self.state = d.qpos.device, d.nworld, copied(LayoutsView, layouts)
+        self._inputs = [variants.places, variants.variant, layouts.present, poses_of(d)]
+        for name in ("present", "qpos", "mocap_pos", "mocap_quat"):
+            setattr(self.state, name, wp.zeros_like(getattr(layouts, name)))
+
+    def launch(self, mask: wp.array) -> None:
+        """Read the masked worlds, shape (nworld,), bool."""
+        words = {"inputs": [*self._inputs, mask], "outputs": [self.state], "block_dim": _LANES}
+        wp.launch_tiled(_read_worlds, dim=[self._nworld], **words, device=self._device)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import mujoco_warp as mjw
@@ -12,8 +12,7 @@ import warp as wp
 
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.masks import row_of
-from sceniris_gym.sim.grips import Grips, control_at_start
-from sceniris_gym.sim.rest import RestMap, history_samples
+from sceniris_gym.sim.rest import RestMap, control_at_start, history_samples
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -85,7 +84,6 @@ def _write_state(
     rest: RestMap,
     origins: wp.array[wp.vec3],
     mask: wp.array[wp.bool],
-    grips: Grips,
     start: wp.array[int],
     start_rows: wp.array[int],
     rows: wp.array[int],
@@ -133,11 +131,11 @@ def _write_state(
     if i < elemid.shape[0]:
         element, nu = elemid[i], ctrl_out.shape[1]
         if element < nu:
-            ctrl_out[worldid, element] = control_at_start(grips, kind, rest, worldid, element, poses.qpos[row])
+            ctrl_out[worldid, element] = control_at_start(rest, worldid, element, kind, poses.qpos[row])
         else:
-            act_out[worldid, element - nu] = control_at_start(grips, kind, rest, worldid, element, poses.qpos[row])
+            act_out[worldid, element - nu] = control_at_start(rest, worldid, element, kind, poses.qpos[row])
     if i < sampleadr.shape[0]:
-        history_out[worldid, sampleadr[i]] = control_at_start(grips, kind, rest, worldid, sampled[i], poses.qpos[row])
+        history_out[worldid, sampleadr[i]] = control_at_start(rest, worldid, sampled[i], kind, poses.qpos[row])
     if i < plastic.shape[0]:
         plastic_out[worldid, i] = plastic[i]
 
@@ -160,7 +158,6 @@ class StateWriter:
             bodies; read at every launch. None adds nothing.
         plastic: Plastic references of springs at home, shape (nplastic,), for whole worlds.
         count: A count of each world that begins at 0 again, shape (nworld,), int32.
-        grips: The Grips of the scene; None closes no fingers.
     """
 
     def __init__(
@@ -175,7 +172,6 @@ class StateWriter:
         origins: wp.array | None = None,
         plastic: np.ndarray | None = None,
         count: wp.array | None = None,
-        grips: Any = None,
     ) -> None:
         whole = bodies is None and joints is None
         places = addresses_of(mjm, range(mjm.nbody) if whole else bodies or [], rest, joints)
@@ -198,7 +194,7 @@ class StateWriter:
         self._lists = [wp.array(values, dtype=int, ndim=1, device=device) for values in lists]
         self._lists.append(wp.array([] if plastic is None else plastic, dtype=float, ndim=1, device=device))
         self._dim = (d.nworld, max(values.shape[0] for values in self._lists))
-        self._inputs = [*self._lists, rest, origins, mask, Grips() if grips is None else grips]
+        self._inputs = [*self._lists, rest, origins, mask]
         self._outputs = [d.qpos, d.qvel, d.qacc_warmstart, d.mocap_pos, d.mocap_quat, d.ctrl, d.act]
         self._outputs += [getattr(d, name, None) for name in ("history", "plastic")]  # not in all versions
         self._outputs.append(count)

@@ -139,8 +139,8 @@ LIMITS = {
     "program/checks/standing.py",  # the page on standing
     "program/starts.py",  # the page on starts
     "scene/parking.py",
-    "sim/grips.py",  # the page on starts
     "sim/replacing.py",  # the page on redraws
+    "sim/rest.py",  # the page on starts
 }
 ELSEWHERE = ("audit", "commands", "dataset", "pictures", "training", "importers")
 

@@ -1,6 +1,8 @@
-"""Controls at rest of delayed actuators: what they read from the past is what a reset gives them."""
+"""Controls at rest: those of delayed actuators, those with gains of their own, and of fingers that hold something."""
 
 from __future__ import annotations
+
+import copy
 
 import mujoco
 import mujoco_warp as mjw
@@ -8,14 +10,22 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.sim.batch import default_budget
+from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.rest import history_samples
+from sceniris_gym.sim.rest import GAINS, history_samples, launch_holding, rest_map
+from tests.layout.starting import HANDLE, HELD, LIFTED, SCENE, STANDING, reset_worlds, starting
 from tests.versions import since_4
 
 NROW = 4
+NWORLD = 6
+MASK = np.array([True, False, True, True, False, True])
+CLOSED = (STANDING, LIFTED, HELD, HANDLE)
 
 ARM = """
 <mujoco>
@@ -37,6 +47,23 @@ ARM = """
   <keyframe><key name="home" ctrl="0 0 0 0"/></keyframe>
 </mujoco>
 """
+GAINED = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body name="base" pos="0.1 0 0.3" euler="20 10 0"><joint name="turn" axis="0 0 1"/><geom size="0.1" pos="0.1 0 0"/>
+      <body name="arm" pos="0.3 0 0" euler="0 0 30"><joint name="lift" axis="0 1 0"/><geom size="0.05" pos="0.1 0.1 0"/>
+      </body></body>
+  </worldbody>
+  <actuator>
+    <position name="turn" joint="turn" kp="10" gear="2"/>
+    <general name="lift" joint="lift" gainprm="3" biastype="affine" biasprm="0.4 -5 -1" dyntype="filter" dynprm="0.1"
+      delay="0.01" nsample="3"/>
+    <motor name="motor" joint="turn"/>
+  </actuator>
+</mujoco>
+"""
+OLD_GAINED = GAINED.replace('\n      delay="0.01" nsample="3"', "")
 
 
 @pytest.fixture
@@ -121,3 +148,91 @@ def test_samples_are_found_where_mujoco_keeps_them():
         assert delayed[0] == 100.0 + i
     plain = mujoco.MjModel.from_xml_string("<mujoco/>")
     assert len(history_samples(plain)[0]) == 0
+
+
+def build() -> mujoco.MjModel:
+    """Return the model, without delays where MuJoCo does not know them."""
+    try:
+        return mujoco.MjModel.from_xml_string(GAINED)
+    except ValueError:
+        return mujoco.MjModel.from_xml_string(OLD_GAINED)
+
+
+def perturbed(mjm: mujoco.MjModel, seed: int) -> mujoco.MjModel:
+    """Return a copy of a model with gains of its own."""
+    rng, mjm = np.random.default_rng(seed), copy.copy(mjm)
+    for name in GAINS:
+        array = getattr(mjm, name)
+        array += rng.uniform(0.1, 0.4, array.shape) * (np.abs(array) + 0.01)
+    return mjm
+
+
+def test_controls_follow_gains_where_they_held_the_pose():
+    """No force at the present pose afterwards; a control that somebody else has set stays, and so do other worlds."""
+    mjm = build()
+    models = [perturbed(mjm, seed) for seed in range(NWORLD)]
+    with wp.ScopedDevice("cpu"):
+        m, d = mjw.put_model(mjm), mjw.make_data(mjm, NWORLD)
+        qpos = np.random.default_rng(0).uniform(-1.0, 1.0, (NWORLD, 2)).astype(np.float32)
+        d.qpos.assign(qpos)
+        rest = rest_map(mjm, np.zeros(mjm.nu), np.zeros(mjm.na), "cpu")
+        rest.law = wp.array(np.repeat(rest.law.numpy(), NWORLD, axis=0), dtype=wp.vec2, ndim=2)
+        everywhere = wp.ones(NWORLD, dtype=wp.bool)
+        held = np.stack([qpos[:, 0] * 2.0, (5.0 * qpos[:, 1] - 0.4) / 3.0, 0.0 * qpos[:, 0]], axis=1)
+        d.ctrl.assign(held)
+        d.act.assign(held[:, 1:2])
+        launch_holding(rest, m, d, everywhere)
+        np.testing.assert_allclose(d.ctrl.numpy(), held, atol=1e-6)
+        for name in GAINS:
+            array, rows = getattr(m, name), np.stack([getattr(each, name) for each in models])
+            setattr(m, name, wp.array(rows, dtype=array.dtype))
+        d.ctrl.numpy()[2, 0] = 7.0
+        before = d.ctrl.numpy().copy()
+        launch_holding(rest, m, d, wp.array(MASK, dtype=wp.bool))
+    ctrl, act = d.ctrl.numpy(), d.act.numpy()
+    np.testing.assert_array_equal(ctrl[~MASK], before[~MASK])
+    assert ctrl[2, 0] == 7.0
+    for world in np.flatnonzero(MASK):
+        data = mujoco.MjData(models[world])
+        data.qpos[:], data.ctrl[:], data.act[:] = qpos[world], ctrl[world], act[world]
+        mujoco.mj_forward(models[world], data)
+        assert abs(data.actuator("lift").force[0]) < 1e-5
+        if world != 2:
+            assert abs(data.actuator("turn").force[0]) < 1e-5
+
+
+def test_controls_close_the_gripper_and_hold_the_arm():
+    """The travel of a finger is the gripper's control, and angles are those of the joints."""
+    data, layouts = reset_worlds(starting(), 40)
+    qpos, ctrl, kinds = data.qpos.numpy(), data.ctrl.numpy(), layouts.start.numpy()
+    closed = np.isin(kinds, CLOSED)
+    assert (ctrl[closed, 7] == 0.0).all()
+    np.testing.assert_allclose(ctrl[~closed, 7], qpos[~closed, 7], atol=1e-7)
+    np.testing.assert_allclose(ctrl[:, :7], qpos[:, :7], atol=1e-6)
+
+
+def test_stored_layouts_have_the_controls_of_their_starts():
+    """Those of the row of each world, and none for bare states."""
+    compiled, table = starting(), make_table(starting(), 60, 4)
+    nconmax, njmax = default_budget(compiled.mjm)[:2]
+    data = mjw.make_data(compiled.mjm, nworld=3, nconmax=nconmax, njmax=njmax)
+    randomizer = ResetRandomizer(compiled, put_model(compiled, 3), data)
+    held, free = (int(np.flatnonzero(np.isin(table.start, CLOSED) == wanted)[0]) for wanted in (True, False))
+    randomizer.write(table, np.array([held, free, -1]))
+    assert data.ctrl.numpy()[0, 7] == 0.0
+    np.testing.assert_allclose(data.ctrl.numpy()[1, 7], table.qpos[free, 7], atol=1e-7)
+
+
+def test_a_gripper_without_a_position_actuator_is_refused():
+    """By the name of its robot, before anything falls."""
+    scene = {**SCENE, "start": SCENE["start"][:2], "bank": 1}
+    compiled = compile_scene({**scene, "start": [{"robot": "grasp", "of": "block"}]}, "cpu")
+    mjm = compiled.mjm
+    data = mjw.make_data(mjm, nworld=1, nconmax=64, njmax=256)
+    gain = mjm.actuator_biasprm[7].copy()
+    mjm.actuator_biasprm[7] = 0.0
+    try:
+        with pytest.raises(NotSupportedError, match="gripper of 'robot' has no position actuator"):
+            ResetRandomizer(compiled, put_model(compiled, 1), data)
+    finally:
+        mjm.actuator_biasprm[7] = gain

@@ -1,4 +1,7 @@
-"""Variants in the simulation: a world is, to the last bit, what a model of its own variants would be."""
+"""Variants in the simulation: a world is, to the last bit, what a model of its own variants would be.
+
+Read as a row of layouts it is the layout that it was reset to.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +26,15 @@ from sceniris_gym.sim.batch import Batch, default_budget
 from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
-from sceniris_gym.sim.variants import fields_of_variants
+from sceniris_gym.sim.variants import VariantReader, fields_of_variants
 from tests.layout.scenes import write_mjcf
 
 THINGS = ("can", "mug", "book", "brick")
 STANDS = ("tin", "bowl")
 NWORLD = 24
 BITS = "4024381cb35ab202"
+NREAD = 6
+HALF = np.arange(NREAD) % 2 == 0
 
 
 def words(target: dict[str, Any], stand: dict[str, Any]) -> dict[str, Any]:
@@ -369,3 +374,50 @@ def test_worlds_on_a_gpu_move_as_models_of_their_own_variants():
         rows = (drawn == pair).all(axis=1)
         spread = np.abs(runs[0][rows] - runs[1][rows]).max()
         assert np.abs(ours[rows] - runs[0][rows]).max() <= 4.0 * spread + 1e-6
+
+
+@pytest.fixture(scope="module")
+def mixed() -> CompiledScene:
+    """Things and fixtures with variants, between a fixture with drawers and a free object that may be absent."""
+    objects = {
+        "cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0.1, 0.4]}}},
+        "target": {"asset": ["can", "mug", "book"], "on": "floor"},
+        "stand": {"asset": ["tin", "bowl"], "kind": "fixture", "on": "floor"},
+        "apple": {"asset": "apple", "on": "floor"},
+    }
+    groups = {"some": {"of": ["apple"], "count": [0, 1]}}
+    return compile_scene({"floor": {"size": [1.5, 1.5]}, "objects": objects, "groups": groups, "bank": 4}, "cpu")
+
+
+@pytest.mark.parametrize("stored", [False, True])
+def test_worlds_are_read_as_the_layouts_that_were_written(mixed: CompiledScene, stored: bool):
+    """Presence and poses; absent variants are far away, and other worlds are not read."""
+    batch = Batch(mixed.scene, NREAD, "cpu")
+    randomizer = ResetRandomizer(mixed, batch.model, batch.data, seed=3)
+    randomizer.reset()
+    wanted = randomizer.layouts.present.numpy(), randomizer.layouts.qpos.numpy(), randomizer.layouts.mocap_pos.numpy()
+    apple = mixed.slots.index("apple")
+    if stored:  # presence of others than variants is that of the reset
+        table = make_table(mixed, NREAD, seed=40)
+        randomizer.write(table, np.arange(NREAD))
+        present = np.where(np.arange(len(mixed.slots)) == apple, wanted[0], table.present)
+        wanted = present, table.qpos.astype(np.float32), table.mocap_pos.astype(np.float32)
+    variants = randomizer._writer.variants
+    assert variants is not None
+    reader = VariantReader(batch.data, variants, randomizer.layouts.view)
+    reader.launch(wp.array(HALF, dtype=bool, device="cpu"))
+    found = [getattr(reader.state, name).numpy() for name in ("present", "qpos", "mocap_pos")]
+    assert not any(values[~HALF].any() for values in found)
+    np.testing.assert_array_equal(found[0][HALF], wanted[0][HALF])
+    mjm, members = mixed.mjm, [m for of in mixed.config.variants.values() for m in of]
+    for world in np.flatnonzero(HALF):
+        for body in range(1, mjm.nbody):
+            name, mocap = mjm.body(body).name, int(mjm.body_mocapid[body])
+            qpos = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq])) == body
+            read, layout = (
+                np.append(of[1][world, qpos], of[2][world, [mocap] * (mocap >= 0)]) for of in (found, wanted)
+            )
+            if name in members and not wanted[0][world, mixed.slots.index(name)]:
+                assert (read > 1e3).all()
+            else:
+                np.testing.assert_array_equal(read, layout)
