@@ -30,11 +30,10 @@ from benchmarks.timing import spread, wait
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.layouts import view_of
 from sceniris_gym.levels import Levels
 from sceniris_gym.levels.buffer import Episodes, create_buffer, launch_choose, launch_update
 from sceniris_gym.levels.refresh import launch_refresh
-from sceniris_gym.program.device import allocate
 from sceniris_gym.training.task_scenes import make_env, scene_of
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -64,10 +63,8 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
     """
     levels, rng = Levels("learnability", capacity=capacity), np.random.default_rng(0)
     with wp.ScopedDevice(device):
-        layouts = LayoutsView()
-        allocate(LayoutsView, layouts, num_envs, "next_seed next_episode")
-        allocate(LayoutsView, layouts, (num_envs, 4), "next_knob")
-        made = create_buffer(levels, layouts)
+        knobs = {"next_knob": np.zeros((num_envs, 4)), "default_knob": np.zeros(4)}
+        made = create_buffer(levels, view_of(num_envs, device, knobs))
         for name in ("seed", "episode"):
             getattr(made, name).assign(rng.integers(0, 1 << 31, capacity))
         made.value.assign(rng.random(capacity))

@@ -15,9 +15,9 @@ from sceniris_gym.audit.physics import equalities, without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
-from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
 from sceniris_gym.files import replacing
+from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table, read_rejected
@@ -118,8 +118,8 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
     """Write rows to an npz file, whole or not at all, with their scene and seeds."""
     parts = {"layouts": rows.table, "rejected": rows.rejected}
-    columns = {f"{part}_{name}": getattr(t, name) for part, t in parts.items() for name in COLUMNS}
-    columns |= {
+    arrays = {f"{part}_{name}": getattr(t, name) for part, t in parts.items() for name in COLUMNS}
+    arrays |= {
         "rejected_object": np.array(rows.names, str),
         "rejected_cause": np.array(["collision"] * len(rows.names), str),
         "hash": np.array(compiled.hash),
@@ -128,7 +128,7 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
         "seed": np.array(rows.seed % 2**64, np.uint64),
     }
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **columns)
+        np.savez(file, **arrays)
 
 
 def load_rows(compiled: CompiledScene, path: Path) -> Rows:
@@ -140,10 +140,10 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         UnknownNameError: The scene does not place a rejected object.
     """
     try:
-        columns = read_arrays(path)
-        found = str(columns["hash"])
-        table, rejected = (_table_of(columns, part, found) for part in ("layouts", "rejected"))
-        names, seed = columns["rejected_object"], int(columns["seed"])
+        arrays = read_arrays(path)
+        found = str(arrays["hash"])
+        table, rejected = (_table_of(arrays, part, found) for part in ("layouts", "rejected"))
+        names, seed = arrays["rejected_object"], int(arrays["seed"])
     except UNREADABLE as error:
         raise SceneFileError(
             f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
@@ -155,12 +155,11 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
     return Rows(table, rejected, names.tolist(), seed)
 
 
-def _table_of(columns: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
+def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
     """Return a part of a stored file as a table; older files know no starts and no keys of draws."""
-    no = np.zeros(len(columns[f"{part}_status"]), np.int32)
-    later = {"start": no - 1, "draw_seed": no.astype(np.uint64), "draw_episode": no - 1, "draw_stream": no}
-    later = {f"{part}_{name}": column for name, column in later.items()} | {f"{part}_knob": np.zeros((len(no), 0))}
-    rows: dict[str, Any] = {name: (later | columns)[f"{part}_{name}"] for name in COLUMNS}
+    nrow = len(arrays[f"{part}_status"])
+    later = {f"{part}_{name}": COLUMNS[name].blanks(nrow) for name in ("start", "knob", *columns("draw"))}
+    rows: dict[str, Any] = {name: (later | arrays)[f"{part}_{name}"] for name in COLUMNS}
     return LayoutTable(**rows, scene=scene)
 
 
@@ -168,8 +167,6 @@ def _check_columns(
     compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
 ) -> None:
     """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
-    row = np.zeros(1, DatasetPlan.of(compiled, 1, 0, "train").row)
-    bare = LayoutTable.from_states(row["qpos"], row["mocap_pos"], row["mocap_quat"], row["present"])
 
     def check(name: str, found: np.ndarray, shape: tuple[int, ...], dtype: Any) -> None:
         if found.shape != shape:
@@ -180,10 +177,9 @@ def _check_columns(
     check("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
     for part, rows in (("layouts", table), ("rejected", rejected)):
         n = len(np.atleast_1d(rows.valid))
-        for name in COLUMNS:
-            like = row[name] if name in (row.dtype.names or ()) else getattr(bare, name)
+        for name, (dtype, shape) in row_types(compiled).items():
             if rows is table or "grasp" not in name:  # nothing reads the grasps of candidates
-                check(f"{part}_{name}", getattr(rows, name), (n, *like.shape[1:]), like.dtype)
+                check(f"{part}_{name}", getattr(rows, name), (n, *shape), dtype)
     for name in names.tolist():
         if name not in compiled.placed:
             raise UnknownNameError("object", name, f"--rows {path}: rejected_object", compiled.placed)
@@ -193,8 +189,8 @@ def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     """Return masks of the layouts and candidates that are finite, and by column the rows that are not."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
-        columns = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}
-        finite = {name: column.all(axis=tuple(range(1, column.ndim))) for name, column in columns.items()}
+        known = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}
+        finite = {name: column.all(axis=tuple(range(1, column.ndim))) for name, column in known.items()}
         by |= {f"{part} {name}": f"rows {_runs(np.flatnonzero(~f))}" for name, f in finite.items() if not f.all()}
         found.append(np.all(list(finite.values()), axis=0))
     return found[0], found[1], by

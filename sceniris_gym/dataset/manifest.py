@@ -15,6 +15,7 @@ import numpy as np
 import sceniris_gym
 from sceniris_gym.errors import DatasetError
 from sceniris_gym.files import read_bytes
+from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 
 MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
@@ -67,7 +68,7 @@ class DatasetPlan:
             split: "train" or "eval".
             formats: Formats of parts beside `.npy`, in alphabetical order.
         """
-        columns = _columns(compiled)
+        forms = _columns(compiled)
         words = {
             "format": FORMAT,
             "scene": compiled.config.name,
@@ -76,7 +77,7 @@ class DatasetPlan:
             "seed": seed,
             "layouts": n,
             "rows_of_a_part": PART_ROWS,
-            "columns": {name: {"dtype": dtype, "shape": list(shape)} for name, (dtype, shape) in columns.items()},
+            "columns": {name: {"dtype": dtype, "shape": list(shape)} for name, (dtype, shape) in forms.items()},
             "object_names": list(compiled.object_names),
             "reachable_names": [] if compiled.reaching is None else list(compiled.reaching.names),
             "formats": list(formats),
@@ -124,31 +125,11 @@ def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:
 
 
 def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """Return type and shape of all columns, wide types first, so that a row has no gaps."""
-    mjm, reaching = compiled.mjm, compiled.reaching
-    draws = {"draw_seed": ("uint64", ()), "draw_episode": ("int32", ()), "draw_stream": ("int32", ())}
-    columns: dict[str, tuple[str, tuple[int, ...]]] = {
-        "seed": ("uint64", ()),
-        **(draws if compiled.scene.draws else {}),
-        "episode": ("int32", ()),
-        "qpos": ("float32", (mjm.nq,)),
-        "mocap_pos": ("float32", (mjm.nmocap, 3)),
-        "mocap_quat": ("float32", (mjm.nmocap, 4)),
-        "status": ("int32", ()),
-        "attempts": ("int32", ()),
-    }
-    if compiled.config.start:
-        columns["start"] = ("int32", ())
-    if reaching is not None:
-        nreach, njoint = len(reaching.targets), reaching.njoint
-        columns |= {
-            "grasp": ("int32", (nreach,)),
-            "grasp_pose": ("float32", (nreach, 7)),
-            "grasp_qpos": ("float32", (nreach, njoint)),
-            "pregrasp_qpos": ("float32", (nreach, njoint)),
-        }
-    present = ("bool", (len(compiled.slots),))
-    return columns | {"present": present, "valid": ("bool", ()), "first_pass_valid": ("bool", ())}
+    """Return type and shape of all columns that the layouts of a scene have."""
+    left_out = ["knob", *([] if compiled.config.start else ["start"])]
+    left_out += [] if compiled.scene.draws else columns("draw")
+    left_out += [] if compiled.reaching is not None else [*columns("grasp"), "grasp_pose"]
+    return {name: form for name, form in row_types(compiled).items() if name not in left_out}
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

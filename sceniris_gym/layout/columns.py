@@ -1,28 +1,36 @@
-"""`COLUMNS`: the columns of a layout, from which all that stores, copies or serves layouts takes its own.
+"""Columns of layouts by their parts, from which all that stores, copies or serves layouts takes its own.
 
-A column that another place lists by hand is a column that the next feature forgets.
+The fields of `LayoutTable` are the list. A column that another place lists by hand is a column that the next feature
+forgets.
 """
 
 from __future__ import annotations
 
-COLUMNS = {
-    "key": ("seed", "episode", "knob"),
-    "draw": ("draw_seed", "draw_episode", "draw_stream"),
-    "pose": ("qpos", "mocap_pos", "mocap_quat", "present", "start"),
-    "grasp": ("grasp", "grasp_qpos", "pregrasp_qpos"),
-    "count": ("status", "attempts", "first_pass_valid"),
-}
-"""Columns of `LayoutsView` by what they say: which layout it is, by which key its physics and looks are drawn, what is
-written into a world, what was found of the arms, and how it was made."""
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import COLUMNS
 
 NEXT = ("next_seed", "next_episode", "next_knob")
 """Columns of `LayoutsView` that say which layout a world gets next."""
 
 
 def columns(*parts: str) -> tuple[str, ...]:
-    """Return the names of the columns of these parts, or of all."""
-    return tuple(name for part in parts or COLUMNS for name in COLUMNS[part])
+    """Return the names of the columns of these parts, or of all that `Layouts` has."""
+    return tuple(name for name, c in COLUMNS.items() if (c.part in parts if parts else c.part != "table"))
 
 
 BANKED = ("seed", "episode", *columns("pose", "grasp"))
 """Columns of the bank. Its layouts are made with the knobs of the scene file, and drawn by their own key."""
+
+
+def row_types(compiled: CompiledScene, **widths: int) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Return type and shape of a row of each column of a table.
+
+    Args:
+        compiled: The scene.
+        **widths: Widths that differ from the scene's, or that it does not have, such as `nvalue`.
+    """
+    mjm, reaching = compiled.mjm, compiled.reaching
+    of_scene = {"nq": mjm.nq, "nmocap": mjm.nmocap, "nslot": len(compiled.slots)}
+    if reaching is not None:
+        of_scene |= {"nreach": len(reaching.targets), "njoint": reaching.njoint}
+    return {name: (column.dtype, column.row(of_scene | widths)) for name, column in COLUMNS.items()}

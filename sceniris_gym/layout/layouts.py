@@ -1,6 +1,6 @@
 """`Layouts`: the layout of each world, one per row, and counts of rejected candidates."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -11,11 +11,13 @@ import warp as wp
 
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.random import named_stream
+from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
-from sceniris_gym.program.device import Cause, allocate, repeat
+from sceniris_gym.program.device import Cause, allocate, fill_struct, repeat
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.scene.layout_table import COLUMNS
 from sceniris_gym.scene.poses import joint_address, pose_address
 
 LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -79,6 +81,29 @@ class LayoutsView:
     rejected_mocap_quat: wp.array2d[wp.quat]
 
 
+def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
+    """Return a view of some arrays. A kernel may read any other one, too: rows without a value, and of width 0.
+
+    Args:
+        nrow: Number of rows.
+        device: The device of the result.
+        arrays: Arrays by the names of fields: of NumPy, or of Warp, which are shared if they are on the device.
+    """
+    view = LayoutsView()
+    for name, variable in LayoutsView.vars.items():
+        if isinstance(arrays.get(name), wp.array):
+            setattr(view, name, arrays[name].to(device))
+        elif name in arrays:
+            fill_struct(LayoutsView, view, {name: arrays[name]}, device)
+        elif wp.types.is_array(variable.type):
+            shape = (0 if name.startswith("rejected") else nrow, 0, 0)[: variable.type.ndim]
+            setattr(view, name, wp.zeros(shape, dtype=variable.type.dtype, device=device))
+            column = COLUMNS.get(name.removeprefix("next_").removeprefix("pending_"))
+            if column is not None:
+                getattr(view, name).fill_(column.blank)
+    return view
+
+
 @wp.func
 def next_key(layouts: LayoutsView, worldid: int):
     """Return seed and episode of a world's next layout: what a reseed asked for, or else the next episode."""
@@ -125,12 +150,12 @@ def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int
     """Copy the element `i` of each part of a row's layout but its grasps: poses, start and present objects."""
     if i == 0:
         layouts.start[worldid] = source.start[row]
-    if i < layouts.qpos.shape[1]:
+    if i < source.qpos.shape[1]:
         layouts.qpos[worldid, i] = source.qpos[row, i]
     if i < source.mocap_pos.shape[1]:
         layouts.mocap_pos[worldid, i] = source.mocap_pos[row, i]
         layouts.mocap_quat[worldid, i] = source.mocap_quat[row, i]
-    if i < layouts.present.shape[1]:
+    if i < source.present.shape[1]:
         layouts.present[worldid, i] = source.present[row, i]
 
 
@@ -295,8 +320,9 @@ class Layouts(StaysHere):
         mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # for bodies that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
         nrow, nreach = nworld + rows, 0 if compiled.reaching is None else len(compiled.reaching.targets)
-        program, view, table = compiled.program, LayoutsView(), KnobTable(compiled, knobs)
+        program, table = compiled.program, KnobTable(compiled, knobs)
         own = np.tile(table.default, (nworld, 1))
+        view = view_of(nworld, device, {"knob": own, "next_knob": own, "default_knob": table.default})
         stands = {"place": program.home_place.numpy(), "bounds": program.home_bounds.numpy()}
         repeat(LayoutsView, view, nrow, {**compiled.home_state, **stands}, device)
         zeros = partial(allocate, LayoutsView, view)
@@ -305,20 +331,15 @@ class Layouts(StaysHere):
             mocap_pose = wp.array(np.tile(np.hstack([padding, mocap_pos, mocap_quat]), (nrow, 1, 1)), dtype=float)
             view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
-            zeros(nworld, "seed next_seed pending_seed draw_seed draw_stream status attempts first_pass_valid")
-            view.knob, view.next_knob = (wp.array(own, dtype=float, ndim=2) for _ in range(2))
-            view.default_knob = wp.array(table.default, dtype=float)
-            for name in ("episode", "next_episode", "pending_episode", "draw_episode"):
-                setattr(view, name, wp.full(nworld, -1, dtype=int))
-            view.start = wp.full(nrow, -1, dtype=int)
             counts = max(len(compiled.placed), 1), len(Cause)
             zeros(counts, "rejections")
             zeros((nrow, *counts), "row_rejections")
-            view.present = wp.ones((nrow, len(compiled.slots)), dtype=int)
             zeros((nrow, nreach), "variant")
-            view.grasp = wp.full((nrow if nreach else nworld, nreach), -1, dtype=int)
-            joints = nrow if nreach else nworld, nreach, MAX_JOINTS
-            view.grasp_qpos, view.pregrasp_qpos = (wp.full(joints, wp.nan, dtype=float) for _ in range(2))
+            for name, (_, shape) in row_types(compiled, njoint=MAX_JOINTS).items():
+                if name in columns("pose", "grasp") and name not in ("qpos", "mocap_pos", "mocap_quat"):
+                    full, dtype = (nworld if 0 in shape else nrow, *shape), LayoutsView.vars[name].type.dtype
+                    setattr(view, name, wp.full(full, COLUMNS[name].blank, dtype=dtype))
+            view.present.fill_(1)
             view.record_all, view.stream = int(every_cause), named_stream(split)
             allocate_record(view, rejected)
         return cls(compiled, view, mocap_pose, table)

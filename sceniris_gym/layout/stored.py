@@ -8,7 +8,7 @@ import warp as wp
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SceneMismatchError, check_type
-from sceniris_gym.layout.columns import columns
+from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import (
     LayoutKeys,
@@ -18,11 +18,11 @@ from sceniris_gym.layout.layouts import (
     copy_draws,
     copy_layout,
     layout_width,
+    view_of,
 )
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS, CompiledScene
-from sceniris_gym.program.device import fill_struct
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -149,21 +149,9 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _KINDS.get(name, "biuf")}
     mjm, nreach = compiled.mjm, (*shapes.get("grasp", ()), 0, 0)[1]
     nrow = (*shapes.get("qpos", ()), 0)[0]
-    known = 0 if compiled.reaching is None else len(compiled.reaching.targets)
-    joints = (*shapes.get("grasp_qpos", ()), -1, -1, -1)[2]
-    wanted = {
-        "qpos": (mjm.nq,),
-        "mocap_pos": (mjm.nmocap, 3),
-        "mocap_quat": (mjm.nmocap, 4),
-        "present": (len(compiled.slots),),
-        **dict.fromkeys(("seed", "episode", "start", "valid", *columns("draw", "count")), ()),
-        "grasp_pose": (nreach, 7),
-        "knob": shapes.get("knob", ())[1:2],
-        "grasp": (0 if nreach == 0 else known,),
-        "grasp_qpos": (nreach, min(joints, MAX_JOINTS)),
-        "pregrasp_qpos": (nreach, min(joints, MAX_JOINTS)),
-    }
-    for name, shape in wanted.items():
+    joints, nvalue = (*shapes.get("grasp_qpos", ()), 0, 0, 0)[2], (*shapes.get("knob", ()), 0, 0)[1]
+    widths = {"njoint": min(joints, MAX_JOINTS), "nvalue": nvalue} | ({} if nreach else {"nreach": 0})
+    for name, (_, shape) in row_types(compiled, **widths).items():
         found = shapes.get(name)
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
@@ -220,10 +208,8 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
 
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:
     """Return the columns that are served, with joints of grasps as wide as Layouts have them."""
-    view = LayoutsView()
     rows = {name: getattr(table, name) for name in ("knob", *columns("draw", "pose", "grasp"))}
     padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
     for name in ("grasp_qpos", "pregrasp_qpos"):
         rows[name] = np.pad(rows[name].astype(np.float32), padding, constant_values=np.nan)
-    fill_struct(LayoutsView, view, rows, device)
-    return view
+    return view_of(len(table), device, rows)

@@ -11,13 +11,13 @@ import warp as wp
 from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import check_type
-from sceniris_gym.layout.columns import columns
+from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 from sceniris_gym.scene.poses import body_poses, product, rotated
 
 CHUNK = 4096  # layouts that are made at once
@@ -32,20 +32,18 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     """
     check_type(generator, LayoutGenerator, "read_table: generator")
     nrow = nrow if nrow is None else as_count(nrow, "read_table: nrow", 0)
-    layouts, nmocap = generator.layouts, generator.compiled.mjm.nmocap
+    layouts = generator.layouts
+    types = row_types(generator.compiled, nvalue=layouts.knob.shape[1])
 
-    def read(array: wp.array) -> np.ndarray:
-        return array.numpy()[:nrow].copy()  # on a CPU `numpy()` is a view of what the next reset overwrites
+    def read(name: str) -> np.ndarray:
+        dtype, shape = types[name]  # on a CPU `numpy()` is a view of what the next reset overwrites
+        return getattr(layouts, name).numpy()[(slice(nrow), *map(slice, shape))].astype(dtype)
 
-    njoint = 0 if layouts.reaching is None else layouts.reaching.njoint
-    rows = {name: read(getattr(layouts, name)) for name in columns()}
-    rows |= {name: rows[name][:, :nmocap] for name in ("mocap_pos", "mocap_quat")}
-    rows |= {name: rows[name][:, :, :njoint] for name in ("grasp_qpos", "pregrasp_qpos")}
-    rows |= {name: rows[name] != 0 for name in ("present", "first_pass_valid")}
+    rows = {name: read(name) for name in columns()}
     table = LayoutTable(
         **rows,
         valid=rows["status"] == Status.VALID,
-        grasp_pose=np.zeros((0, 0, 7), np.float32),
+        grasp_pose=COLUMNS["grasp_pose"].blanks(0),
         scene=generator.compiled.hash,
         split=generator.split,
         knobs=layouts.knobs.names,

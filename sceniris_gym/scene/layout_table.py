@@ -5,10 +5,10 @@ It only knows MuJoCo states, so that code that judges layouts shares nothing wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any
+from typing import Annotated, Any, NamedTuple, get_origin, get_type_hints
 
 import mujoco
 import numpy as np
@@ -17,23 +17,48 @@ from sceniris_gym.config.messages import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type
 
 
-@dataclass(frozen=True)
-class LayoutTable:
-    """Layouts and how they were made, one row each.
+class Column(NamedTuple):
+    """The form of a column.
 
     Attributes:
+        part: What it says of a layout: its "key"; the key of its "draw"s of physics and looks; its "pose", which is
+            written into a world; its "grasp"s; a "count" of how it was made; or in a "table" what follows from others.
+        dtype: NumPy's name of its type.
+        shape: Shape of a row: numbers, and names of widths.
+        blank: Its value where nothing is known.
+    """
+
+    part: str
+    dtype: str
+    shape: tuple[str | int, ...] = ()
+    blank: float = 0
+
+    def row(self, widths: Mapping[str, int]) -> tuple[int, ...]:
+        """Return the shape of a row by the names of widths; a width without a number is 0."""
+        return tuple(widths.get(width, 0) if isinstance(width, str) else width for width in self.shape)
+
+    def blanks(self, nrow: int) -> np.ndarray:
+        """Return rows without a value."""
+        return np.full((nrow, *self.row({})), self.blank, self.dtype)
+
+
+@dataclass(frozen=True)
+class LayoutTable:
+    """Layouts and how they were made, one row each; its fields are the list of all columns of a layout.
+
+    Wide types come first, so that a row of a data set has no gaps.
+
+    Attributes:
+        seed: Seed of the world, shape (nrow,), uint64.
+        draw_seed, draw_episode, draw_stream: The key that physics and looks are drawn by, as in `Layouts`, shape
+            (nrow,), uint64 and int32; `draw_episode` is -1 where it is unknown.
+        episode: Episode of the world, -1 where it is unknown, shape (nrow,), int32.
         qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
         mocap_pos: Positions of the mocap bodies [m], world frame, shape (nrow, nmocap, 3).
         mocap_quat: Orientations of the mocap bodies, wxyz, shape (nrow, nmocap, 4).
-        present: Which objects are present rather than left out by their groups, shape (nrow, nslot), bool: the objects
-            in the order of the scene file, then the robot if there is one.
-        valid: Whether the layout is freshly made and valid, rather than taken from the bank, shape (nrow,), bool.
-        first_pass_valid: Whether it was valid without a restart, shape (nrow,), bool.
-        attempts: Candidates drawn for it, shape (nrow,), int32.
         status: Codes of `layout.layouts.Status`, shape (nrow,), int32.
+        attempts: Candidates drawn for it, shape (nrow,), int32.
         start: Number of the kind of start in the scene file, -1 where there is none, shape (nrow,), int32.
-        seed: Seed of the world, shape (nrow,), uint64.
-        episode: Episode of the world, -1 where it is unknown, shape (nrow,), int32.
         grasp: The accepted grasp of each reach target, as an index into its grasps, -1 where the object is absent,
             shape (nrow, nreach), int32.
         grasp_pose: Its TCP in the world frame, position [m] and orientation (wxyz), nan where there is none, shape
@@ -41,33 +66,35 @@ class LayoutTable:
         grasp_qpos: The arm's joints [rad or m] in that grasp, nan where the arm's map alone decided, shape (nrow,
             nreach, njoint), float32.
         pregrasp_qpos: The same for the pre-grasp, nan for tiers below `clear`.
-        draw_seed, draw_episode, draw_stream: The key that physics and looks are drawn by, as in `Layouts`, shape
-            (nrow,), uint64 and int32; `draw_episode` is -1 where it is unknown.
         knob: Numbers of the knobs, shape (nrow, nvalue), float32.
+        present: Which objects are present rather than left out by their groups, shape (nrow, nslot), bool: the objects
+            in the order of the scene file, then the robot if there is one.
+        valid: Whether the layout is freshly made and valid, rather than taken from the bank, shape (nrow,), bool.
+        first_pass_valid: Whether it was valid without a restart, shape (nrow,), bool.
         scene: Hash of the scene; empty if it is unknown, as of bare states.
         split: "train" or "eval", of seeds and episodes.
         knobs: Names of the knobs.
     """
 
-    qpos: np.ndarray
-    mocap_pos: np.ndarray
-    mocap_quat: np.ndarray
-    present: np.ndarray
-    valid: np.ndarray
-    first_pass_valid: np.ndarray
-    attempts: np.ndarray
-    status: np.ndarray
-    start: np.ndarray
-    seed: np.ndarray
-    episode: np.ndarray
-    grasp: np.ndarray
-    grasp_pose: np.ndarray
-    grasp_qpos: np.ndarray
-    pregrasp_qpos: np.ndarray
-    draw_seed: np.ndarray
-    draw_episode: np.ndarray
-    draw_stream: np.ndarray
-    knob: np.ndarray
+    seed: Annotated[np.ndarray, Column("key", "uint64")]
+    draw_seed: Annotated[np.ndarray, Column("draw", "uint64")]
+    draw_episode: Annotated[np.ndarray, Column("draw", "int32", blank=-1)]
+    draw_stream: Annotated[np.ndarray, Column("draw", "int32")]
+    episode: Annotated[np.ndarray, Column("key", "int32", blank=-1)]
+    qpos: Annotated[np.ndarray, Column("pose", "float32", ("nq",))]
+    mocap_pos: Annotated[np.ndarray, Column("pose", "float32", ("nmocap", 3))]
+    mocap_quat: Annotated[np.ndarray, Column("pose", "float32", ("nmocap", 4))]
+    status: Annotated[np.ndarray, Column("count", "int32")]
+    attempts: Annotated[np.ndarray, Column("count", "int32")]
+    start: Annotated[np.ndarray, Column("pose", "int32", blank=-1)]
+    grasp: Annotated[np.ndarray, Column("grasp", "int32", ("nreach",), blank=-1)]
+    grasp_pose: Annotated[np.ndarray, Column("table", "float32", ("nreach", 7))]
+    grasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
+    pregrasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
+    knob: Annotated[np.ndarray, Column("key", "float32", ("nvalue",))]
+    present: Annotated[np.ndarray, Column("pose", "bool", ("nslot",))]
+    valid: Annotated[np.ndarray, Column("table", "bool")]
+    first_pass_valid: Annotated[np.ndarray, Column("count", "bool")]
     scene: str = ""
     split: str = "train"
     knobs: tuple[str, ...] = ()
@@ -88,26 +115,8 @@ class LayoutTable:
                     f"LayoutTable.from_states: {name} should be a NumPy array with a row for each layout, "
                     f"got {type(array)}."
                 )
-        nrow = len(qpos)
-        no, zero, nothing = np.zeros(nrow, bool), np.zeros(nrow, np.int32), np.zeros((nrow, 0, 0), np.float32)
-        return cls(
-            **states,
-            valid=no,
-            first_pass_valid=no,
-            attempts=zero,
-            status=zero,
-            start=np.full(nrow, -1, np.int32),
-            seed=np.zeros(nrow, np.uint64),
-            episode=np.full(nrow, -1, np.int32),
-            grasp=np.zeros((nrow, 0), np.int32),
-            grasp_pose=np.zeros((nrow, 0, 7), np.float32),
-            grasp_qpos=nothing,
-            pregrasp_qpos=nothing,
-            draw_seed=np.zeros(nrow, np.uint64),
-            draw_episode=np.full(nrow, -1, np.int32),
-            draw_stream=zero,
-            knob=np.zeros((nrow, 0), np.float32),
-        )
+        blanks: dict[str, Any] = {name: column.blanks(len(qpos)) for name, column in COLUMNS.items()}
+        return cls(**blanks | states)
 
     @classmethod
     def concatenate(cls, tables: Sequence[LayoutTable]) -> LayoutTable:
@@ -159,8 +168,9 @@ class LayoutTable:
         data.mocap_quat[:] = self.mocap_quat[i]
 
 
-COLUMNS = tuple(f.name for f in fields(LayoutTable) if f.name not in ("scene", "split", "knobs"))
-"""Names of the arrays of a LayoutTable."""
+_HINTS = get_type_hints(LayoutTable, include_extras=True)
+COLUMNS: dict[str, Column] = {n: hint.__metadata__[0] for n, hint in _HINTS.items() if get_origin(hint) is Annotated}
+"""The columns of a LayoutTable by name."""
 
 
 def row_numbers(index: Any, nrow: int, name: str) -> np.ndarray:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+import warp as wp
 
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, layout_width, view_of
+from sceniris_gym.layout.stored import _serve
 from tests.layout.scenes import compiled_from
 from tests.scene.memory import NEAR, cubes_on, spec_of
 
@@ -83,3 +85,21 @@ def test_unknown_names_are_refused_with_those_that_are_known():
         layouts.pose("cube_7")
     with pytest.raises(UnknownNameError, match="slide"):
         layouts.joint("hinge")
+
+
+def test_a_kernel_may_read_what_a_view_was_not_given():
+    """Rows without a value are served from a view of two arrays; an array without memory ended the process."""
+    compiled = compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR))
+    layouts = Layouts.create(compiled, 2)
+    given = {"qpos": np.tile(np.arange(compiled.mjm.nq, dtype=np.float32), (3, 1)), "draw_seed": np.array([7, 8, 9])}
+    stored = view_of(3, "cpu", given)
+    arrays = {name: getattr(stored, name) for name, field in LayoutsView.vars.items() if wp.types.is_array(field.type)}
+    assert {name for name, array in arrays.items() if array.shape[0] != 3} == {
+        name
+        for name in LayoutsView.vars
+        if name.startswith("rejected")  # there is no record
+    }
+    wp.launch(_serve, 2, inputs=[stored, None, 1, layout_width(layouts.view)], outputs=[layouts.view], device="cpu")
+    np.testing.assert_array_equal(layouts.qpos.numpy(), given["qpos"][:2])
+    assert (layouts.draw_seed.numpy().tolist(), layouts.draw_episode.numpy().tolist()) == ([7, 7], [-1, -1])
+    assert (layouts.start.numpy().tolist(), stored.next_episode.numpy().tolist()) == ([-1, -1], [-1, -1, -1])

@@ -14,7 +14,7 @@ from sceniris_gym.device.random import named_stream
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, view_of
 from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, compiled_from
@@ -66,15 +66,10 @@ class Worlds:
 
     def uploaded(self) -> LayoutsView:
         """Return them as a redraw reads them."""
-        view = LayoutsView()
-        view.seed, view.episode = wp.array(self.seed, device="cpu"), wp.full(len(self.seed), 3, dtype=int, device="cpu")
-        view.draw_seed, view.draw_episode = view.seed, view.episode
-        view.draw_stream = wp.full(len(self.seed), named_stream("train"), dtype=int, device="cpu")
-        view.start = wp.full(len(self.seed), -1, dtype=int, device="cpu")
-        view.present, view.qpos = wp.array(self.present, device="cpu"), wp.array(self.qpos, device="cpu")
-        view.mocap_pos = wp.array(self.mocap_pos, dtype=wp.vec3, ndim=2, device="cpu")
-        view.mocap_quat = wp.array(self.mocap_quat, dtype=wp.quat, ndim=2, device="cpu")
-        return view
+        nworld = len(self.seed)
+        key = {"episode": np.full(nworld, 3), "draw_seed": self.seed, "draw_episode": np.full(nworld, 3)}
+        key |= {"draw_stream": np.full(nworld, named_stream("train"))}
+        return view_of(nworld, "cpu", vars(self) | key)
 
     def __getitem__(self, rows: np.ndarray) -> Worlds:
         return Worlds(*(getattr(self, name)[rows] for name in vars(self)))

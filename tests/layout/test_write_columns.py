@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.random import named_stream
-from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.layouts import view_of
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields
@@ -84,10 +84,16 @@ def drawn(scene: SceneModel, seeds: Any, *, mask: Any = None, episode: Any = 0, 
         fields = ModelFields(scene, mjw.put_model(scene.mjm), mjw.make_data(scene.mjm, nworld), grow=True)
         given = np.ones(nworld, bool) if mask is None else mask
         episodes = np.broadcast_to(episode, nworld).astype(np.int32)
+<<<<<<< HEAD:tests/layout/test_write_columns.py
         layouts = LayoutsView()
         layouts.draw_seed, layouts.draw_episode = wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
         layouts.draw_stream = wp.full(nworld, named_stream(split), dtype=int)
         fields.launch_draw(wp.array(given, dtype=wp.bool), layouts)
+=======
+        key = {"draw_seed": seeds, "draw_episode": episodes, "draw_stream": np.full(nworld, named_stream(split))}
+        layouts = view_of(nworld, "cpu", key)
+        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts, None)
+>>>>>>> dc9328b4 (layouts: one list of columns, the fields of LayoutTable):tests/layout/test_field_drawer.py
     return fields
 
 

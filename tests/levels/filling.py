@@ -5,23 +5,18 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.layouts import view_of
 from sceniris_gym.levels.buffer import Buffer, Episodes, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.refresh import launch_refresh
-from sceniris_gym.program.device import allocate
 
 NWORLD = 500
 
 
 def created(levels: Levels, nworld: int, nknob: int = 0) -> Buffer:
     """Return an empty buffer for so many worlds."""
-    layouts = LayoutsView()
-    with wp.ScopedDevice("cpu"):
-        allocate(LayoutsView, layouts, nworld, "next_seed next_episode")
-        allocate(LayoutsView, layouts, (nworld, nknob), "next_knob")
-        allocate(LayoutsView, layouts, nknob, "default_knob")
-    return create_buffer(levels, layouts)
+    knobs = {"next_knob": np.zeros((nworld, nknob)), "default_knob": np.zeros(nknob)}
+    return create_buffer(levels, view_of(nworld, "cpu", {"next_episode": np.zeros(nworld), **knobs}))
 
 
 def column(values: object, dtype: type) -> wp.array:
