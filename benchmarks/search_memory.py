@@ -14,6 +14,7 @@ import warp as wp
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.wave.search import GPU_SIZE, Search, create_search
+from sceniris_gym.layout.wave.sides import Regions, create_regions
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.build import build_model
 
@@ -41,8 +42,11 @@ def main() -> None:
     compiled = upload_scene(build_model(SceneConfig.load(words.scene)), "cpu")
     layouts = Layouts.create(compiled, words.worlds, rejected=0, rows=GPU_SIZE.rows)
     search = create_search(compiled, words.worlds, GPU_SIZE)
+    parts = [("layouts", LayoutsView, layouts.view), ("search", Search, search)]
+    if (regions := create_regions(compiled, search.cause.shape[0])) is not None:
+        parts.append(("regions", Regions, regions))
     total = 0
-    for part, declared, struct in (("layouts", LayoutsView, layouts.view), ("search", Search, search)):
+    for part, declared, struct in parts:
         for name, array in sorted(arrays(declared, struct), key=lambda item: -item[1].capacity):
             total += array.capacity
             if array.capacity >= 1_000_000:

@@ -31,6 +31,7 @@ PACKAGE = Package(read)
 MODULES = of_package()
 TITLES = {
     StructName("sceniris_gym.layout.wave.search", "Search"): "Search",
+    StructName("sceniris_gym.layout.wave.sides", "Regions"): "Regions",
     StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
     StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
     StructName("sceniris_gym.sim.derived_tables", "Derived"): "Derived",

@@ -110,16 +110,16 @@ def _forget(
 
 @wp.kernel
 def _serve(
-    # Layouts in: qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, draw_seed, draw_episode, draw_stream, pending_seed, pending_episode, next_knob, row_rejections
+    # Layouts in: draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos,
+    #   pregrasp_qpos, status, attempts, first_pass_valid, pending_seed, pending_episode, next_knob, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: draw_seed, draw_episode, draw_stream, rejections, pending_seed, pending_episode, next_knob,
+    # Layouts in: draw_seed, draw_episode, draw_stream, pending_seed, pending_episode, next_knob, rejections,
     #   row_rejections
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, attempts, first_pass_valid, start, present,
-    #   grasp, grasp_qpos, pregrasp_qpos, knob, draw_seed, draw_episode, draw_stream, rejections, next_episode
+    # Layouts out: seed, episode, knob, draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, start,
+    #   present, grasp, grasp_qpos, pregrasp_qpos, status, attempts, first_pass_valid, next_episode, rejections
     served: LayoutsView,
 ):
     worldid, i = wp.tid()

@@ -35,7 +35,7 @@ from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_me
 from sceniris_gym.layout.wave.rounds import launch_open_rows, launch_start
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.settle import launch_settle
-from sceniris_gym.layout.wave.sides import launch_build_sides
+from sceniris_gym.layout.wave.sides import create_regions, launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
 from sceniris_gym.layout.world_columns import search_columns
@@ -116,6 +116,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._usual_range = wp.clone(program.draw_range) if draws_joints else None
         self._boxes = self.layouts.knobs.boxes(compiled)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
+        self._regions = create_regions(compiled, search.cause.shape[0])
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
             program,
@@ -201,14 +202,14 @@ class LayoutGenerator(Fixed, LayoutSource):
     def _wave(self, staged: bool) -> None:
         """Draw candidates of all rows, test them, and accept the first of each row that passes."""
         work = self._work
-        launch_draw(work)
+        launch_draw(work, self._regions)
         if self._boxes is not None:
             launch_draw_in_boxes(work, self._boxes)
-        if work.related:
-            launch_build_sides(work)
-            launch_find_pieces(work)
-            launch_measure_pieces(work)
-            launch_draw_points(work)
+        if self._regions is not None:
+            launch_build_sides(work, self._regions)
+            launch_find_pieces(work, self._regions)
+            launch_measure_pieces(work, self._regions)
+            launch_draw_points(work, self._regions)
         if self._at_markers > 0:
             launch_put_at_markers(work, self._at_markers)
         launch_prefilter(work)

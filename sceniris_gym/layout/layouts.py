@@ -41,44 +41,57 @@ class Status(IntEnum):
 class LayoutsView:
     """The arrays of a `Layouts` as kernels take them."""
 
+    # Key
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
+    knob: wp.array2d[float]  # values of the knobs that the layout was made with
+    # Draws: the key that physics and looks are drawn by
+    draw_seed: wp.array[wp.uint64]
+    draw_episode: wp.array[int]  # -1 where it is unknown
+    draw_stream: wp.array[int]
+    # State
     qpos: wp.array2d[float]
     mocap_pos: wp.array2d[wp.vec3]
     mocap_quat: wp.array2d[wp.quat]
-    status: wp.array[int]
-    attempts: wp.array[int]
-    first_pass_valid: wp.array[int]
+    # Choices
     start: wp.array[int]
     present: wp.array2d[int]
+    # Grasps
     grasp: wp.array2d[int]
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
-    knob: wp.array2d[float]  # values of the knobs that the layout was made with
-    draw_seed: wp.array[wp.uint64]  # with draw_episode and draw_stream: the key that physics and looks are drawn by
-    draw_episode: wp.array[int]  # -1 where it is unknown
-    draw_stream: wp.array[int]
-    stream: int  # of draws, for layouts that are made
-    rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
-    next_seed: wp.array[wp.uint64]  # with next_episode: the layout that a reseed asked for
+    # Counts
+    status: wp.array[int]
+    attempts: wp.array[int]
+    first_pass_valid: wp.array[int]
+    # Next: the layout that a reseed asked for
+    next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]  # -1 for the next episode of the same seed
-    pending_seed: wp.array[wp.uint64]  # with pending_episode and next_knob: the layout that is being made
+    # Pending: the layout that is being made, with `next_knob`
+    pending_seed: wp.array[wp.uint64]
     pending_episode: wp.array[int]
+    # Making
+    stream: int  # of draws, for layouts that are made
     next_knob: wp.array2d[float]
     default_knob: wp.array[float]
+    rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
+    variant: wp.array2d[int]
+    # Places
     place: wp.array2d[wp.vec4]
     bounds: wp.array2d[wp.vec4]
-    variant: wp.array2d[int]
+    # Bodies
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
-    record_all: int
-    rejected_count: wp.array[int]
+    # Record
     rejected_cause: wp.array[int]
     rejected_object: wp.array[int]
     rejected_qpos: wp.array2d[float]
     rejected_mocap_pos: wp.array2d[wp.vec3]
     rejected_mocap_quat: wp.array2d[wp.quat]
+    # Recording
+    record_all: int
+    rejected_count: wp.array[int]
 
 
 def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
@@ -218,12 +231,14 @@ class Layouts(StaysHere):
         knobs: The knobs that the worlds have.
         seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
+        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
+        draw_seed: Seed that physics and looks are drawn by, shape (nworld,), uint64: of the row itself, or of a
+            fallback's layout in the bank.
+        draw_episode: The same of the episode, shape (nworld,), int32; -1 where it is unknown.
+        draw_stream: Random stream of these draws, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
         mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap).
         mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap).
-        status: A `Status` per world, shape (nworld,), int32.
-        attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
-        first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
         start: Number of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
         present: 1 where an object is present, 0 where its group left it out, shape (nworld, nslot), slots in the order
             of `CompiledScene.slots`.
@@ -232,11 +247,9 @@ class Layouts(StaysHere):
         grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
-        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
-        draw_seed: Seed that physics and looks are drawn by, shape (nworld,), uint64: of the row itself, or of a
-            fallback's layout in the bank.
-        draw_episode: The same of the episode, shape (nworld,), int32; -1 where it is unknown.
-        draw_stream: Random stream of these draws, shape (nworld,), int32.
+        status: A `Status` per world, shape (nworld,), int32.
+        attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
+        first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
         rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
             int64, shape (nobject, ncause), objects in placement order.
     """
@@ -248,10 +261,10 @@ class Layouts(StaysHere):
     mocap_pose: wp.array
     knobs: KnobTable
 
-    seed, episode, qpos, mocap_pos, mocap_quat = (_RowsOfWorlds() for _ in range(5))
-    status, attempts, first_pass_valid, start, present = (_RowsOfWorlds() for _ in range(5))
-    grasp, grasp_qpos, pregrasp_qpos, knob = (_RowsOfWorlds() for _ in range(4))
-    draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(3))
+    seed, episode, knob, draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(6))
+    qpos, mocap_pos, mocap_quat, start, present = (_RowsOfWorlds() for _ in range(5))
+    grasp, grasp_qpos, pregrasp_qpos = (_RowsOfWorlds() for _ in range(3))
+    status, attempts, first_pass_valid = (_RowsOfWorlds() for _ in range(3))
 
     def pose(self, name: str) -> Any:
         """Return the poses of an object as a torch tensor that shares memory with the layouts.

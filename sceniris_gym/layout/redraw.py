@@ -128,10 +128,10 @@ def _read_state(
     # In:
     number: wp.array[int],
     origins: wp.array[wp.vec3],
-    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, present, draw_seed, draw_episode, draw_stream
+    # Layouts in: seed, episode, draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, present
     state: LayoutsView,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, place, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, present, draw_seed, draw_episode, draw_stream, pending_seed,
+    # Layouts out: draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, present, pending_seed,
     #   pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
 ):
@@ -202,7 +202,7 @@ def _finish(
     # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present
     state: LayoutsView,
     # Layouts in: status
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, status, start, present
+    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, start, present, status
     layouts: LayoutsView,
     # Out:
     placed_out: wp.array[bool],

@@ -33,6 +33,7 @@ class Derived:
             behind it, shape (nworld, 2, nv, most degrees of freedom of a tree).
     """
 
+    # Tables
     body_end: wp.array[int]
     dof_block: wp.array[wp.vec2i]
     xpos: wp.array[wp.vec3]
@@ -40,7 +41,9 @@ class Derived:
     jacobian: wp.array2d[wp.vec3]
     moved: wp.array[wp.vec2i]
     geared: wp.array[int]
+    # Scratch memory
     inverse: wp.array4d[float]
+    # Fields
     body_simple: wp.array[int]
     dof_bodyid: wp.array[int]
     cam_bodyid: wp.array[int]
@@ -59,6 +62,7 @@ class Derived:
     cam_quat: wp.array2d[wp.quat]
     light_pos: wp.array2d[wp.vec3]
     light_dir: wp.array2d[wp.vec3]
+    # Following fields
     body_subtreemass: wp.array2d[float]
     body_invweight0: wp.array2d[wp.vec2]
     dof_invweight0: wp.array2d[float]

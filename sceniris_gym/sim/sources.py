@@ -11,14 +11,13 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchE
 from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, view_of
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import check_table
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import fill_struct
 from sceniris_gym.scene.layout_table import LayoutTable
 
 
@@ -106,11 +105,6 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
             f"layouts: were drawn with the knobs {list(knobs)}, and these worlds have {list(known)}. Make the "
             f"randomizer with knobs={list(knobs)}."
         )
-    view = LayoutsView()
-    for name in ("knob", *columns("draw", "pose")) if knobs == known else columns("draw", "pose"):
-        array = getattr(layouts, name)
-        if isinstance(array, wp.array):
-            setattr(view, name, array.to(device))
-        else:
-            fill_struct(LayoutsView, view, {name: array}, device)
-    return view
+    names = ("knob", *columns("draw", "pose")) if knobs == known else columns("draw", "pose")
+    rows = {name: getattr(layouts, name) for name in names}
+    return view_of(len(rows["qpos"]), device, rows)

@@ -84,16 +84,9 @@ def drawn(scene: SceneModel, seeds: Any, *, mask: Any = None, episode: Any = 0, 
         fields = ModelFields(scene, mjw.put_model(scene.mjm), mjw.make_data(scene.mjm, nworld), grow=True)
         given = np.ones(nworld, bool) if mask is None else mask
         episodes = np.broadcast_to(episode, nworld).astype(np.int32)
-<<<<<<< HEAD:tests/layout/test_write_columns.py
-        layouts = LayoutsView()
-        layouts.draw_seed, layouts.draw_episode = wp.array(seeds, dtype=wp.uint64), wp.array(episodes, dtype=int)
-        layouts.draw_stream = wp.full(nworld, named_stream(split), dtype=int)
-        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts)
-=======
         key = {"draw_seed": seeds, "draw_episode": episodes, "draw_stream": np.full(nworld, named_stream(split))}
         layouts = view_of(nworld, "cpu", key)
-        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts, None)
->>>>>>> dc9328b4 (layouts: one list of columns, the fields of LayoutTable):tests/layout/test_field_drawer.py
+        fields.launch_draw(wp.array(given, dtype=wp.bool), layouts)
     return fields
 
 

@@ -130,7 +130,7 @@ def _open_rows(
     # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos
     layouts: LayoutsView,
-    # Search in: ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
+    # Search in: ticket, best, row_world, row_restart, waiting, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: arm, tier, rows_left, source
@@ -289,7 +289,7 @@ def _accept(
     # Layouts in: present, grasp, row_rejections, variant, body_pos, body_quat
     # Layouts out: grasp, grasp_qpos, pregrasp_qpos, row_rejections
     layouts: LayoutsView,
-    # Search in: ticket, best, waiting, row_world, row_restart, row_free, restarts_at_once
+    # Search in: ticket, best, row_world, row_restart, waiting, row_free, restarts_at_once
     # Search out: best, waiting
     search: Search,
     # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,

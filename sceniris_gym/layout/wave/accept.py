@@ -185,13 +185,13 @@ def _accept(
     busy: int,
     blocks: int,
     # Layouts in: qpos, mocap_pos, mocap_quat, present, row_rejections, body_pos, body_quat, record_all, rejected_count
-    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, place, bounds, variant, body_pos, body_quat,
-    #   rejected_count, rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat
+    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, variant, place, bounds, body_pos, body_quat,
+    #   rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat, rejected_count
     layouts: LayoutsView,
-    # Search in: best, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts,
-    #   queue, rows_left, source, rows, rows_before, opened, cause, turn, surface, place, bounds, grasp, free, qpos,
+    # Search in: best, row_world, row_restart, row_object, row_trial, row_attempts, queue, row_first, row_trials,
+    #   row_ahead, rows_left, source, rows, rows_before, opened, cause, turn, surface, grasp, free, place, bounds, qpos,
     #   body_pos, body_quat
-    # Search out: best, waiting, row_object, row_trial, row_first, row_trials, row_ahead, row_attempts, row_free, queue,
+    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, row_first, row_trials, row_ahead,
     #   row_surface, row_variant, rows_left, opened, row, obj, trial
     search: Search,
 ):

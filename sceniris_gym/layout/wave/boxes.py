@@ -71,7 +71,7 @@ def _draw_in_boxes(
     layouts: LayoutsView,
     # Search in: row_world, row_restart, candidates, row, obj, trial, cause, turn, heading, point, qpos, body_pos,
     #   body_quat
-    # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
+    # Search out: cause, point, surface, grasp, place, bounds, covered, overhanging, body_pos, body_quat
     search: Search,
 ):
     polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)

@@ -21,6 +21,7 @@ from sceniris_gym.layout.wave.search import (
     stream_of,
     trial_of,
 )
+from sceniris_gym.layout.wave.sides import Regions
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
 from sceniris_gym.placement.measure import bounds_of, measure
 from sceniris_gym.placement.orientations import draw_variant, heading_of
@@ -142,21 +143,26 @@ def _draw(
     lanes: int,
     # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
     layouts: LayoutsView,
+    # Out, if there are regions that differ between worlds:
+    cuts: wp.array[int],
+    regions: wp.array[int],
     # Search in: row_world, row_restart, row_first, rows_left, source, rows, opened, row, obj, trial, cause, turn,
     #   heading, point, qpos, body_pos, body_quat
-    # Search out: rows_left, source, rows, rows_before, candidates, cuts, regions, narrow_pairs, hands, any_overflowed,
-    #   cause, turn, heading, point, surface, place, bounds, grasp, overflowed, covered, overhanging, qpos, body_pos,
-    #   body_quat
+    # Search out: rows_left, source, rows, rows_before, candidates, narrow_pairs, hands, any_overflowed, cause, turn,
+    #   heading, point, surface, grasp, overflowed, place, bounds, covered, overhanging, qpos, body_pos, body_quat
     search: Search,
 ):
     if wp.tid() == 0:
         begin_wave(search)
+        if cuts:
+            cuts[0] = 0
+            regions[0] = 0
     for c in range(wp.tid(), wp.min(search.opened[0], search.cause.shape[0]), lanes):
         if c >= search.row_first[search.row[c]]:  # others are drawn ahead
             draw_candidate(program, split, layouts, search, c)
 
 
-def launch_draw(work: Workspace) -> None:
+def launch_draw(work: Workspace, regions: "Regions | None") -> None:
     """Draw the candidates of this wave; for regions that differ between worlds, all but their points."""
-    lanes = work.size.lanes
-    work.launch(_draw, lanes, [work.program, work.split, lanes, work.layouts], work.search)
+    lanes, counts = work.size.lanes, [None, None] if regions is None else [regions.cuts, regions.regions]
+    work.launch(_draw, lanes, [work.program, work.split, lanes, work.layouts, *counts], work.search)

@@ -3,19 +3,24 @@
 Without relations the region is the same in every world, and its triangles are clipped once, on the host. With relations
 `region_pieces.py` clips them in each world. This module samples a piece by area in an exponential race, and draws a
 point of it; where the point fails the exact test of the relations, another race and another point follow.
+
+The race takes one pass and no sum. Each piece draws an arrival time at the rate of its area, and the least time wins:
+P(i) = area_i / total. P. Efraimidis, P. Spirakis, "Weighted random sampling with a reservoir", Information Processing
+Letters 97, 2006.
 """
 
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.device.angles import log_of
 from sceniris_gym.device.blocks import block_any
+from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.wave.exponential_race import NO_PIECE, first_arrival, piece_of, point_counter, point_uniforms
 from sceniris_gym.layout.wave.posing import heading_at, pose_candidate
 from sceniris_gym.layout.wave.region_pieces import cut_triangle, is_point, posed_triangle
-from sceniris_gym.layout.wave.search import Search, Workspace
-from sceniris_gym.layout.wave.sides import support_pose
+from sceniris_gym.layout.wave.search import Search, Workspace, stream_of, trial_of
+from sceniris_gym.layout.wave.sides import Regions, support_pose
 from sceniris_gym.placement.footprint import outline_distance
 from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
@@ -28,6 +33,81 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 # 1e-19. More redraws are needed where the support or another relation leaves little of a slice but the part outside of
 # the ring, and where distances are measured between bounds, which the circles around them describe poorly.
 _REDRAWS = wp.constant(64)
+# Draws of a trial from here on are those of the region: one block per redraw. The first draw of a block gives the
+# numbers of the point, each further one the numbers of four pieces.
+_FIRST_DRAW = wp.constant(1 << 16)
+_DRAWS = wp.constant(1 << 20)
+_HALF_STEP = wp.constant(2.0**-25)
+# Pieces below this area [m^2] are rounding errors: a line of 1 mm, drawn 40 um wide, has 4e-8.
+_LEAST_AREA = wp.constant(1.0e-10)
+NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+"""Sentinel: no piece has positive area."""
+
+
+@wp.struct
+class PointCounter:
+    """The key and counter of the random numbers behind a candidate's point, all but the number of the draw."""
+
+    seed: wp.uint64
+    episode: int
+    stream: wp.uint32
+    trial: int
+
+
+@wp.func
+def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int) -> PointCounter:
+    """Return the counter of a candidate's point."""
+    world = search.row_world[search.row[c]]
+    stream = stream_of(program, split, search.obj[c])
+    return PointCounter(
+        layouts.pending_seed[world], layouts.pending_episode[world], stream, trial_of(program, search, c)
+    )
+
+
+@wp.func
+def _point_uniforms(n: PointCounter, redraw: int) -> wp.vec4:
+    """Return the uniform numbers that place the point of a redraw inside its piece."""
+    return uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS)
+
+
+@wp.func
+def arrival_time(u: float, size: float) -> float:
+    """Return the arrival time of a piece of this area [m^2], from a uniform number.
+
+    The number 0 stands for all numbers below 2^-24 and is replaced by their midpoint: at time 0 the area would not
+    matter.
+    """
+    return wp.where(u == 0.0, _HALF_STEP, -log_of(1.0 - u)) / size
+
+
+@wp.func
+def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uint64:
+    """Return the key of a piece of this number and area [m^2] in the race of a redraw; the least key wins.
+
+    The upper word is the arrival time, since the bits of positive floats are ordered like the floats themselves. The
+    lower word is the number of the piece.
+    """
+    u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS + 1 + index // 4)
+    which = index % 4
+    own = wp.where(which < 2, wp.where(which == 0, u[0], u[1]), wp.where(which == 2, u[2], u[3]))
+    return (wp.uint64(wp.cast(arrival_time(own, size), wp.uint32)) << wp.uint64(32)) | wp.uint64(index)
+
+
+@wp.func
+def _first_arrival(regions: Regions, holder: int, n: PointCounter, redraw: int, lane: int, lanes: int) -> wp.uint64:
+    """Return the least arrival key among the pieces of a region: the share of lane `lane` of `lanes`."""
+    best = NO_PIECE
+    for k in range(lane, regions.pieces[holder], lanes):
+        size = regions.piece_area[holder, k]
+        if size > _LEAST_AREA:
+            best = wp.min(best, arrival_key(n, redraw, regions.piece[holder, k], size))
+    return best
+
+
+@wp.func
+def piece_of(key: wp.uint64) -> int:
+    """Return the number of the piece with an arrival key."""
+    return int(key & wp.uint64(0xFFFFFFFF))
 
 
 @wp.func
@@ -73,14 +153,21 @@ def _clears_outline(program: Program, obj: int, tri: int, frame: Pose, own: Plac
 
 @wp.func
 def _point_holds(
-    program: Program, layouts: LayoutsView, search: Search, c: int, tri: int, frame: Pose, own: Placed
+    program: Program,
+    layouts: LayoutsView,
+    search: Search,
+    regions: Regions,
+    c: int,
+    tri: int,
+    frame: Pose,
+    own: Placed,
 ) -> bool:
     """Return True if all relations hold exactly at the drawn point, and the pivot is far enough from the outline."""
     row = search.row[c]
     obj = search.obj[c]
     worldid = search.row_world[row]
     for i in range(program.obj_relnum[obj]):
-        resolved = search.relations[search.holder[c], i]
+        resolved = regions.relations[regions.holder[c], i]
         rel = program.obj_reladr[obj] + i
         if not relation_holds(program, worldid, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
             return False
@@ -100,7 +187,15 @@ def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, fr
 
 @wp.func
 def _draw_in_piece(
-    program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, index: int, u: wp.vec4
+    program: Program,
+    layouts: LayoutsView,
+    search: Search,
+    regions: Regions,
+    c: int,
+    row: int,
+    obj: int,
+    index: int,
+    u: wp.vec4,
 ) -> bool:
     """Draw a point of a piece from three uniform numbers; write it and return True if it passes the exact test."""
     frame = support_pose(program, layouts, row, obj)
@@ -111,10 +206,10 @@ def _draw_in_piece(
     at = t.a
     if not is_point(program, tri):
         polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
-        num = cut_triangle(program, search, search.holder[c], obj, index // triangles, t, polygon)
+        num = cut_triangle(program, regions, regions.holder[c], obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
     own = placed(at, heading_at(program, layouts, search, c, row, obj, at), turn.bounds)
-    if not _point_holds(program, layouts, search, c, tri, frame, own):
+    if not _point_holds(program, layouts, search, regions, c, tri, frame, own):
         return False
     _keep_point(program, search, c, obj, tri, frame, at)
     return True
@@ -122,7 +217,15 @@ def _draw_in_piece(
 
 @wp.func
 def _race(
-    program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int, lane: int, most: int, redraw: int
+    program: Program,
+    split: wp.uint32,
+    layouts: LayoutsView,
+    search: Search,
+    regions: Regions,
+    c: int,
+    lane: int,
+    most: int,
+    redraw: int,
 ) -> wp.uint64:
     """Return the arrival key that wins the race of a redraw for a lane's candidate, -1 for none.
 
@@ -134,8 +237,8 @@ def _race(
     for other in range(most):
         racing = wp.tile_extract(wanted, other)
         if racing >= 0:
-            numbers = point_counter(program, split, layouts, search, racing)
-            best = first_arrival(search, search.holder[racing], numbers, redraw, lane, wp.block_dim())
+            numbers = _point_counter(program, split, layouts, search, racing)
+            best = _first_arrival(regions, regions.holder[racing], numbers, redraw, lane, wp.block_dim())
             best = wp.tile_extract(wp.tile_min(wp.tile(best)), 0)
             if lane == other:
                 own = best
@@ -149,29 +252,30 @@ def _draw_points(
     blocks: int,
     # Layouts in: present, pending_seed, pending_episode, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, cuts, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat,
-    #   relations, sides, side_num, pieces, piece, piece_area, cut, holder
-    # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
+    # Search in: row_world, row_restart, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat
+    # Search out: cause, point, surface, grasp, place, bounds, covered, overhanging, body_pos, body_quat
     search: Search,
+    # Regions in: cuts, relations, sides, side_num, pieces, piece, piece_area, cut, holder
+    regions: Regions,
 ):
     block, lane = wp.tid()
-    num = search.cuts[0]
+    num = regions.cuts[0]
     # Few candidates: a block for each is faster. Many: a lane for each.
     most = wp.clamp((num + blocks - 1) // blocks, 1, wp.block_dim())
     for base in range(block * most, num, blocks * most):
         needs = wp.where(lane < wp.min(most, num - base), 1, 0)
-        c = search.cut[wp.min(base + lane, num - 1)]
+        c = regions.cut[wp.min(base + lane, num - 1)]
         row = search.row[c]
         obj = search.obj[c]
         redraw = int(0)
         while redraw < _REDRAWS and block_any(needs) != 0:
-            winner = _race(program, split, layouts, search, wp.where(needs != 0, c, -1), lane, most, redraw)
+            winner = _race(program, split, layouts, search, regions, wp.where(needs != 0, c, -1), lane, most, redraw)
             if winner == NO_PIECE and needs != 0:
                 search.cause[c] = Cause.EMPTY
                 needs = 0
             if needs != 0:
-                u = point_uniforms(point_counter(program, split, layouts, search, c), redraw)
-                if _draw_in_piece(program, layouts, search, c, row, obj, piece_of(winner), u):
+                u = _point_uniforms(_point_counter(program, split, layouts, search, c), redraw)
+                if _draw_in_piece(program, layouts, search, regions, c, row, obj, piece_of(winner), u):
                     needs = 0
                     pose_candidate(program, layouts, search, c, row, obj)
             redraw += 1
@@ -179,6 +283,7 @@ def _draw_points(
             search.cause[c] = Cause.REGION
 
 
-def launch_draw_points(work: Workspace) -> None:
+def launch_draw_points(work: Workspace, regions: Regions) -> None:
     """Draw the points of the listed candidates."""
-    work.launch_blocks(_draw_points, [work.program, work.split, work.size.blocks, work.layouts], work.search)
+    inputs = [work.program, work.split, work.size.blocks, work.layouts]
+    work.launch_blocks(_draw_points, inputs, work.search, regions)

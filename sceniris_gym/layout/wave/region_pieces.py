@@ -10,7 +10,7 @@ from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, lanes_for_each
-from sceniris_gym.layout.wave.sides import support_pose
+from sceniris_gym.layout.wave.sides import Regions, support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
 from sceniris_gym.program.device import Program
 
@@ -54,12 +54,12 @@ def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
 
 
 @wp.func
-def _is_out_of_reach(program: Program, search: Search, c: int, obj: int, t: Triangle) -> bool:
+def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Triangle) -> bool:
     """Return True if a triangle's bounding box lies outside of the circle around all pieces of one of the relations."""
     low = wp.min(wp.min(t.a, t.b), t.c)
     high = wp.max(wp.max(t.a, t.b), t.c)
     for i in range(program.obj_relnum[obj]):
-        resolved = search.relations[c, i]
+        resolved = regions.relations[c, i]
         if resolved.active:
             off = wp.max(wp.max(low - resolved.apex, resolved.apex - high), wp.vec2(0.0))
             if wp.length(off) > resolved.reach:
@@ -78,27 +78,27 @@ def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
 
 
 @wp.func
-def _is_surely_empty(program: Program, search: Search, c: int, obj: int, combination: int, t: Triangle) -> bool:
+def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle) -> bool:
     """Return True if a triangle lies outside of one half-plane of a combination: a cheap test that drops most."""
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
         piece = rest % program.rel_piecenum[rel]
         rest = rest // program.rel_piecenum[rel]
-        sides = search.side_num[c, i]
+        sides = regions.side_num[c, i]
         # a relation that is not active has one piece, the whole plane
         if sides < 0 and piece > 0:
             return True
         adr = program.rel_sideadr[rel] + piece * sides
         for k in range(adr, adr + sides):
-            if _depth(search.sides[c, k], t)[0] > _SURE:
+            if _depth(regions.sides[c, k], t)[0] > _SURE:
                 return True
     return False
 
 
 @wp.func
 def cut_triangle(
-    program: Program, search: Search, c: int, obj: int, combination: int, t: Triangle, polygon: wp.array[wp.vec2]
+    program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle, polygon: wp.array[wp.vec2]
 ) -> int:
     """Clip a triangle to a combination: write `polygon`, and return the number of its corners."""
     num = set_triangle(polygon, t.a, t.b, t.c)
@@ -107,10 +107,10 @@ def cut_triangle(
         rel = program.obj_reladr[obj] + i
         piece = rest % program.rel_piecenum[rel]
         rest = rest // program.rel_piecenum[rel]
-        sides = search.side_num[c, i]
+        sides = regions.side_num[c, i]
         adr = program.rel_sideadr[rel] + piece * sides
         for k in range(adr, adr + sides):
-            plane = search.sides[c, k]
+            plane = regions.sides[c, k]
             # a normal of zero stands for the whole plane
             if num > 0 and (plane.normal[0] != 0.0 or plane.normal[1] != 0.0):
                 if _depth(plane, t)[1] > -_SURE:
@@ -125,34 +125,36 @@ def _find_pieces(
     least_parts: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: regions, row, obj, turn, relations, sides, side_num, pieces, region
-    # Search out: pieces, piece
+    # Search in: row, obj, turn
     search: Search,
+    # Regions in: regions, relations, sides, side_num, pieces, region
+    # Regions out: pieces, piece
+    regions: Regions,
 ):
-    num = search.regions[0]
+    num = regions.regions[0]
     parts = lanes_for_each(lanes, num, least_parts)
     for i in range(wp.tid(), parts * num, lanes):
-        c = search.region[i // parts]
+        c = regions.region[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
         variant = search.turn[c].variant
         triangles = program.variant_trinum[variant]
         for tri in range(i % parts, triangles, parts):
             t = posed_triangle(program, program.variant_triadr[variant] + tri, frame)
-            if _is_out_of_reach(program, search, c, obj, t):
+            if _is_out_of_reach(program, regions, c, obj, t):
                 continue
             single = is_point(program, program.variant_triadr[variant] + tri)
             for combination in range(program.obj_cutnum[obj]):
-                if not _is_surely_empty(program, search, c, obj, combination, t):
-                    search.piece[c, wp.atomic_add(search.pieces, c, 1)] = combination * triangles + tri
+                if not _is_surely_empty(program, regions, c, obj, combination, t):
+                    regions.piece[c, wp.atomic_add(regions.pieces, c, 1)] = combination * triangles + tri
                     if single:  # counted once, even where two combinations meet
                         break
 
 
-def launch_find_pieces(work: Workspace) -> None:
+def launch_find_pieces(work: Workspace, regions: Regions) -> None:
     """List the pieces of all regions that may have positive area."""
-    size = work.size
-    work.launch(_find_pieces, size.lanes, [work.program, size.lanes, size.parts, work.layouts], work.search)
+    inputs = [work.program, work.size.lanes, work.size.parts, work.layouts]
+    work.launch(_find_pieces, work.size.lanes, inputs, work.search, regions)
 
 
 # A kernel of its own, so that the pieces found above are spread evenly over the lanes that clip them.
@@ -163,30 +165,32 @@ def _measure_pieces(
     least_parts: int,
     # Layouts in: body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: regions, row, obj, turn, sides, side_num, pieces, piece, region
-    # Search out: piece_area
+    # Search in: row, obj, turn
     search: Search,
+    # Regions in: regions, sides, side_num, pieces, piece, region
+    # Regions out: piece_area
+    regions: Regions,
 ):
-    num = search.regions[0]
+    num = regions.regions[0]
     parts = lanes_for_each(lanes, num, least_parts)
     polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
     for i in range(wp.tid(), parts * num, lanes):
-        c = search.region[i // parts]
+        c = regions.region[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
         variant = search.turn[c].variant
         triangles = program.variant_trinum[variant]
-        for k in range(i % parts, search.pieces[c], parts):
-            index = search.piece[c, k]
+        for k in range(i % parts, regions.pieces[c], parts):
+            index = regions.piece[c, k]
             tri = program.variant_triadr[variant] + index % triangles
             size = float(1.0)
             if not is_point(program, tri):
                 t = posed_triangle(program, tri, frame)
-                size = area(polygon, cut_triangle(program, search, c, obj, index // triangles, t, polygon))
-            search.piece_area[c, k] = size
+                size = area(polygon, cut_triangle(program, regions, c, obj, index // triangles, t, polygon))
+            regions.piece_area[c, k] = size
 
 
-def launch_measure_pieces(work: Workspace) -> None:
+def launch_measure_pieces(work: Workspace, regions: Regions) -> None:
     """Measure the area of the listed pieces."""
-    size = work.size
-    work.launch(_measure_pieces, size.lanes, [work.program, size.lanes, size.parts, work.layouts], work.search)
+    inputs = [work.program, work.size.lanes, work.size.parts, work.layouts]
+    work.launch(_measure_pieces, work.size.lanes, inputs, work.search, regions)

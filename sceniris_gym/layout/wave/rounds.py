@@ -49,8 +49,8 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, present, stream, next_seed, next_episode, pending_seed, pending_episode
-    # Layouts out: attempts, present, draw_seed, draw_episode, draw_stream, pending_seed, pending_episode,
+    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode, stream
+    # Layouts out: draw_seed, draw_episode, draw_stream, present, attempts, pending_seed, pending_episode,
     #   row_rejections
     layouts: LayoutsView,
     # Search in: worlds_left
@@ -133,8 +133,8 @@ def _open_rows(
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, row_trial, rows_left,
     #   restarts_at_once, source, rows, rows_before, opened
-    # Search out: best, waiting, row_world, row_restart, row_object, row_trial, row_first, row_trials, row_ahead,
-    #   row_attempts, queue, rows_left, opened, row, obj, trial
+    # Search out: best, row_world, row_restart, waiting, row_object, row_trial, row_attempts, queue, row_first,
+    #   row_trials, row_ahead, rows_left, opened, row, obj, trial
     search: Search,
 ):
     nworld = search.pending.shape[0]

@@ -14,13 +14,10 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_RELATIONS
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import CountError
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.placement.orientations import DrawnVariant
-from sceniris_gym.placement.polygons import HalfPlane
-from sceniris_gym.placement.relations import ResolvedRelation
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
 from sceniris_gym.program.device_bank import Bank
@@ -46,19 +43,21 @@ class Search:
     restart: wp.array[int]  # the next restart
     ticket: wp.array[int]  # its number among the pending worlds of this round, or of the next
     best: wp.array[int]  # the lowest restart of this round that is done
-    # Rows
-    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
+    # Restarts, each in a row
     row_world: wp.array[int]
     row_restart: wp.array[int]
+    # Rows
+    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
     row_object: wp.array[int]  # the object to place next; `nobject` once all are placed
     row_trial: wp.array[int]  # the next trial of that object, from 0
-    row_first: wp.array[int]  # the row's first candidate in this wave
-    row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
-    row_ahead: wp.array[int]  # in front of them, candidates of all objects before it, in the first wave of a round
     row_attempts: wp.array[int]  # candidates drawn in this restart
     row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
-    # Of each object that is placed, if objects may fall or start at markers
+    # Shares of rows in a wave
+    row_first: wp.array[int]  # the row's first candidate in this wave
+    row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
+    row_ahead: wp.array[int]  # in front of them, candidates of all objects before it, in the first wave of a round
+    # Placed: of each object that is placed, if objects may fall or start at markers
     row_surface: wp.array2d[int]
     row_variant: wp.array2d[int]
     # Counts
@@ -70,40 +69,34 @@ class Search:
     rows_before: wp.array[int]  # the same in the wave before
     opened: wp.array[int]  # number of candidates of the next wave
     candidates: wp.array[int]
-    cuts: wp.array[int]  # number of candidates in `cut`
-    regions: wp.array[int]  # number of candidates in `region`
     narrow_pairs: wp.array[int]
     hands: wp.array[int]  # number of entries in `hand`
     any_overflowed: wp.array[int]  # 1: at least one candidate has `overflowed` set
-    # Candidates
+    # Trials, each a candidate
     row: wp.array[int]
     obj: wp.array[int]
     trial: wp.array[int]  # number of the trial of its object in this restart, from 0
+    # Candidates
     cause: wp.array[int]
     turn: wp.array[DrawnVariant]
     heading: wp.array[float]
     point: wp.array[wp.vec3]  # under the pivot [m]
     surface: wp.array[int]
-    place: wp.array[wp.vec4]
-    bounds: wp.array[wp.vec4]
     grasp: wp.array[int]
     free: wp.array2d[bool]  # grasps that it leaves free, of those in `early_grasp`
     hand: wp.array[int]  # (candidate, grasp) that are near each other, as indices into `free`
     overflowed: wp.array[int]  # 1: a stack or queue had no room for all of its collision test; one lane repeats it
+    # Places of candidates
+    place: wp.array[wp.vec4]
+    bounds: wp.array[wp.vec4]
+    # Flags of the prefilter
     covered: wp.array[int]  # 1: an obstacle is above its point
     overhanging: wp.array[int]  # 1: part of its footprint lies off the support
+    # Poses of candidates
     qpos: wp.array2d[float]
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
-    relations: wp.array2d[ResolvedRelation]
-    sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of its relations
-    side_num: wp.array2d[int]  # number of half-planes of each piece of a relation; -1 if the relation is inactive
-    pieces: wp.array[int]  # number of pieces of its region that may have positive area
-    piece: wp.array2d[int]  # their numbers
-    piece_area: wp.array2d[float]  # [m^2]
-    cut: wp.array[int]  # candidates whose region differs from world to world
-    region: wp.array[int]  # those that regions are cut for, one for each region of a row
-    holder: wp.array[int]  # the one of these that has the candidate's region
+    # Narrow phase
     narrow_pair: wp.array[wp.vec4i]  # (candidate, pair, node of a, node of b)
 
 
@@ -175,8 +168,6 @@ def begin_wave(search: Search):
     search.rows[0] = search.rows_left[0]
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
-    search.cuts[0] = 0
-    search.regions[0] = 0
     search.narrow_pairs[0] = 0
     search.hands[0] = 0
     search.any_overflowed[0] = 0
@@ -334,7 +325,6 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
     if compiled.related:
         words = 5 * compiled.sides + 2 * compiled.pieces
         ncand = min(ncand, max(_MOST_WORDS // words, 1))
-    related = ncand if compiled.related else 0
     targets = () if compiled.reaching is None else compiled.reaching.targets
     early = sum(len(target.grasp_set.grasps) for target in targets if target.early)
     s = Search()
@@ -346,16 +336,12 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         kept = compiled.statics is not None or compiled.starts is not None
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
         zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
-        zeros(1, "opened candidates cuts regions narrow_pairs hands any_overflowed")
+        zeros(1, "opened candidates narrow_pairs hands any_overflowed")
         zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
         zeros((nrow, early), "row_free")
         zeros((ncand, early), "free")
         zeros(ncand * early, "hand")
-        zeros((related, MAX_RELATIONS), "relations side_num")
-        zeros((related, compiled.sides), "sides")
-        zeros((related, compiled.pieces), "piece piece_area")
-        zeros(related, "pieces cut region holder")
         zeros(0 if compiled.config.geometry == "visual" else size.narrow_pairs, "narrow_pair")
     return s

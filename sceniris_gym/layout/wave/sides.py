@@ -4,6 +4,8 @@ One lane works on one relation of one candidate. Candidates whose region differs
 candidates of a row have the same region, it is cut once, for the first of them: their *holder*.
 """
 
+from functools import partial
+
 import warp as wp
 
 from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
@@ -12,10 +14,46 @@ from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.placed import placed
-from sceniris_gym.placement.relations import depends_on_heading, resolve, side_num, write_sides
-from sceniris_gym.program.device import Cause, Measure, ObjectKind, Program
+from sceniris_gym.placement.polygons import HalfPlane
+from sceniris_gym.placement.relations import ResolvedRelation, depends_on_heading, resolve, side_num, write_sides
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Cause, Measure, ObjectKind, Program, allocate
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@wp.struct
+class Regions:
+    """The regions of a wave's candidates, in scenes in which relations make them differ from world to world."""
+
+    # Counts
+    cuts: wp.array[int]  # number of candidates in `cut`
+    regions: wp.array[int]  # number of candidates in `region`
+    # Candidates
+    relations: wp.array2d[ResolvedRelation]
+    sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of its relations
+    side_num: wp.array2d[int]  # number of half-planes of each piece of a relation; -1 if the relation is inactive
+    pieces: wp.array[int]  # number of pieces of its region that may have positive area
+    piece: wp.array2d[int]  # their numbers
+    piece_area: wp.array2d[float]  # [m^2]
+    cut: wp.array[int]  # candidates whose region differs from world to world
+    region: wp.array[int]  # those that regions are cut for, one for each region of a row
+    holder: wp.array[int]  # the one of these that has the candidate's region
+
+
+def create_regions(compiled: CompiledScene, ncand: int) -> "Regions | None":
+    """Allocate the regions of so many candidates; return None if they are the same in every world."""
+    if not compiled.related:
+        return None
+    regions = Regions()
+    zeros = partial(allocate, Regions, regions)
+    with wp.ScopedDevice(compiled.device):
+        zeros(1, "cuts regions")
+        zeros((ncand, MAX_RELATIONS), "relations side_num")
+        zeros((ncand, compiled.sides), "sides")
+        zeros((ncand, compiled.pieces), "piece piece_area")
+        zeros(ncand, "pieces cut region holder")
+    return regions
 
 
 @wp.func
@@ -29,7 +67,17 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 
 
 @wp.func
-def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: int, row: int, obj: int, frame: Pose):
+def _resolve(
+    program: Program,
+    layouts: LayoutsView,
+    search: Search,
+    regions: Regions,
+    c: int,
+    i: int,
+    row: int,
+    obj: int,
+    frame: Pose,
+):
     """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces."""
     rel = program.obj_reladr[obj] + i
     hull = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
@@ -44,9 +92,9 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, c: int, i: 
         layouts.present[row],
         hull,
     )
-    search.relations[c, i] = resolved
-    search.side_num[c, i] = side_num(resolved)
-    write_sides(program, rel, resolved, hull, search.sides[c], program.rel_sideadr[rel])
+    regions.relations[c, i] = resolved
+    regions.side_num[c, i] = side_num(resolved)
+    write_sides(program, rel, resolved, hull, regions.sides[c], program.rel_sideadr[rel])
 
 
 @wp.func
@@ -72,9 +120,12 @@ def _build_sides(
     lanes: int,
     # Layouts in: present, place, bounds, body_pos, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_first, candidates, cuts, regions, row, obj, cause, turn, heading
-    # Search out: cuts, regions, cause, relations, sides, side_num, pieces, cut, region, holder
+    # Search in: row_world, row_first, candidates, row, obj, cause, turn, heading
+    # Search out: cause
     search: Search,
+    # Regions in: cuts, regions
+    # Regions out: cuts, regions, relations, sides, side_num, pieces, cut, region, holder
+    regions: Regions,
 ):
     for k in range(wp.tid(), MAX_RELATIONS * candidate_num(search), lanes):
         c = k // MAX_RELATIONS
@@ -90,15 +141,16 @@ def _build_sides(
                 continue
             holder = _holder(program, search, c, row, obj)
             if i == 0:
-                search.cut[wp.atomic_add(search.cuts, 0, 1)] = c
-                search.holder[c] = holder
+                regions.cut[wp.atomic_add(regions.cuts, 0, 1)] = c
+                regions.holder[c] = holder
                 if holder == c:
-                    search.pieces[c] = 0
-                    search.region[wp.atomic_add(search.regions, 0, 1)] = c
+                    regions.pieces[c] = 0
+                    regions.region[wp.atomic_add(regions.regions, 0, 1)] = c
             if holder == c and program.obj_relnum[obj] > 0:
-                _resolve(program, layouts, search, c, i, row, obj, frame)
+                _resolve(program, layouts, search, regions, c, i, row, obj, frame)
 
 
-def launch_build_sides(work: Workspace) -> None:
+def launch_build_sides(work: Workspace, regions: Regions) -> None:
     """List the candidates of this wave whose region differs between worlds, and bound their regions by half-planes."""
-    work.launch(_build_sides, work.size.lanes, [work.program, work.size.lanes, work.layouts], work.search)
+    inputs = [work.program, work.size.lanes, work.layouts]
+    work.launch(_build_sides, work.size.lanes, inputs, work.search, regions)

@@ -76,7 +76,7 @@ def _put_at_markers(
     # Layouts in: start, present, place, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_surface, candidates, row, obj, turn, heading, point, qpos, body_pos, body_quat
-    # Search out: cause, point, surface, place, bounds, grasp, covered, overhanging, body_pos, body_quat
+    # Search out: cause, point, surface, grasp, place, bounds, covered, overhanging, body_pos, body_quat
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):

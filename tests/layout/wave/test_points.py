@@ -1,4 +1,7 @@
-"""Points of objects: uniform over the exact region that their relations leave, which differs from world to world."""
+"""Points of objects: uniform over the exact region that their relations leave, which differs from world to world.
+
+The exponential race chooses a piece of a region by area, also where a random number is 0.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+import warp as wp
 from scipy import stats
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.geometry import poses_of
 from sceniris_gym.layout.tables import make_table
+from sceniris_gym.layout.wave.points import NO_PIECE, PointCounter, arrival_key, arrival_time, piece_of
 from tests.layout.related import Shapes, scene
 from tests.oracle.regions import region
 from tests.oracle.uniformity import spread_p_value, turned_back
 
 N = 1200
 FLOOR_AREA = shapely.box(-1, -1, 1, 1)
+STEP = 2.0**-24  # of a uniform number
 
 
 @pytest.fixture(scope="module")
@@ -183,3 +189,63 @@ def test_points_are_uniform_in_a_box_in_space(shapes: Shapes):
     drawn = Drawn({"a": fixture(shapes.odd, 0.0, 0.0), "thing": {**thing, "relations": relations}})
     assert min(drawn.p_values("thing", shapely.box(-0.8, -0.8, 0.8, 0.8))) > 0.001
     assert stats.kstest((drawn.seen["thing"].pivot[:, 2] - 0.3) / 0.4, "uniform").pvalue > 0.001
+
+
+@wp.kernel(enable_backward=False)
+def _arrive(u: wp.array[float], size: wp.array[float], time_out: wp.array[float]):
+    i = wp.tid()
+    time_out[i] = arrival_time(u[i], size[i])
+
+
+def _times(u: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return the arrival times of pieces as their bits, by which the race compares them."""
+    inputs = [wp.array(a, dtype=float, device="cpu") for a in (u, size)]
+    out = wp.zeros(len(u), dtype=float, device="cpu")
+    wp.launch(_arrive, dim=len(u), inputs=inputs, outputs=[out], device="cpu")
+    return out.numpy().view(np.uint32)
+
+
+def test_zero_is_judged_by_area_like_its_neighbours():
+    """It neither wins over a piece many times as large nor loses to one that is smaller and later."""
+    u, size = np.array([0.0, STEP, 0.0, STEP, 0.5]), np.array([1e-6, 1.0, 1.0, 1.0, 1.0])
+    tiny, large, zero, first, late = _times(u, size).tolist()
+    assert large < tiny
+    assert zero < first < late
+
+
+def test_all_other_numbers_have_the_time_of_the_formula():
+    """By double precision, with two roundings to floats."""
+    rng = np.random.default_rng(0)
+    u = np.concatenate([rng.integers(1, 1 << 24, 100_000), [1, 2, 3, (1 << 24) - 1]]) * STEP
+    size = (10.0 ** rng.uniform(-9, 2, len(u))).astype(np.float32)
+    np.testing.assert_allclose(_times(u, size).view(np.float32), -np.log(1.0 - u) / size, rtol=1.3e-7)
+
+
+def test_zero_takes_its_share_of_the_race():
+    """Its time is the middle of those of numbers below the first step: half of that one's."""
+    zero, first = _times(np.array([0.0, STEP]), np.ones(2)).view(np.float32)
+    assert zero == first / 2
+
+
+@wp.kernel(enable_backward=False)
+def _finish(numbers: PointCounter, size: wp.array[float], key: wp.array[wp.uint64], index: wp.array[int]):
+    i = wp.tid()
+    key[i] = arrival_key(numbers, 2, i, size[i])
+    index[i] = piece_of(key[i])
+
+
+def test_the_least_key_is_that_of_the_first_to_finish():
+    """The upper word has the time and the lower the number; every piece precedes the sentinel."""
+    numbers = PointCounter()
+    numbers.seed, numbers.episode, numbers.stream, numbers.trial = wp.uint64(3), 1, wp.uint32(4), 5
+    size = np.tile(np.array([1e-9, 1e-3, 0.5, 2.0], np.float32), 5000)
+    inputs = [numbers, wp.array(size, dtype=float, device="cpu")]
+    key = wp.zeros(len(size), dtype=wp.uint64, device="cpu")
+    index = wp.zeros(len(size), dtype=int, device="cpu")
+    wp.launch(_finish, dim=len(size), inputs=inputs, outputs=[key, index], device="cpu")
+    assert (index.numpy() == np.arange(len(size))).all()
+    assert (key.numpy() < np.uint64(NO_PIECE)).all()
+    time = (key.numpy() >> np.uint64(32)).astype(np.uint32).view(np.float32)
+    assert (np.diff(time[np.argsort(key.numpy())]) >= 0.0).all()
+    means = (time * size).reshape(-1, 4).mean(0)
+    assert np.abs(means - 1.0).max() < 5 / np.sqrt(5000)

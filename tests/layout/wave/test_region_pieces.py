@@ -16,7 +16,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave import region_pieces
 from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
 from sceniris_gym.layout.wave.search import Search, default_size
-from sceniris_gym.layout.wave.sides import launch_build_sides, support_pose
+from sceniris_gym.layout.wave.sides import Regions, launch_build_sides, support_pose
 from sceniris_gym.placement.polygons import area
 from sceniris_gym.program.device import Program
 from tests.layout.related import Shapes, related, scene
@@ -29,6 +29,7 @@ def _cut_all(
     program: Program,
     layouts: LayoutsView,
     search: Search,
+    regions: Regions,
     obj: int,
     corner: wp.array3d[wp.vec2],
     out_of_reach: wp.array2d[bool],
@@ -42,11 +43,11 @@ def _cut_all(
     corner[c, k, 0] = t.a
     corner[c, k, 1] = t.b
     corner[c, k, 2] = t.c
-    out_of_reach[c, k] = region_pieces._is_out_of_reach(program, search, c, obj, t)
+    out_of_reach[c, k] = region_pieces._is_out_of_reach(program, regions, c, obj, t)
     polygon = wp.zeros(shape=(_CORNERS,), dtype=wp.vec2)
     for combination in range(program.obj_cutnum[obj]):
-        if not region_pieces._is_surely_empty(program, search, c, obj, combination, t):
-            num = region_pieces.cut_triangle(program, search, c, obj, combination, t, polygon)
+        if not region_pieces._is_surely_empty(program, regions, c, obj, combination, t):
+            num = region_pieces.cut_triangle(program, regions, c, obj, combination, t, polygon)
             left[c, k, combination] = area(polygon, num)
 
 
@@ -106,13 +107,14 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
     corner = wp.zeros((num, triangles, 3), dtype=wp.vec2, device="cpu")
     skipped = wp.zeros((num, triangles), dtype=bool, device="cpu")
     left = wp.zeros((num, triangles, cuts), dtype=float, device="cpu")
-    inputs = [program, generator.layouts.view, search, obj]
+    regions: Any = generator._regions
+    inputs = [program, generator.layouts.view, search, regions, obj]
     wp.launch(_cut_all, dim=(num, triangles), inputs=inputs, outputs=[corner, skipped, left], device="cpu")
 
     adr = int(program.obj_reladr.numpy()[obj])
     relations = range(adr, adr + int(program.obj_relnum.numpy()[obj]))
     pieces, side_adr = program.rel_piecenum.numpy(), program.rel_sideadr.numpy()
-    sides, resolved = search.sides.numpy(), search.relations.numpy()
+    sides, resolved = regions.sides.numpy(), regions.relations.numpy()
     expected = np.zeros((num, triangles, cuts))
     for c, k, combination in np.ndindex(*expected.shape):
         rest, shape = combination, shapely.Polygon(corner.numpy()[c, k].astype(float))
@@ -136,24 +138,25 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
 def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts: int, tmp_path: Path):
     """The same pieces with the same areas."""
     generator = _generated(name, tmp_path)
-    search = generator._work.search
+    search, regions = generator._work.search, generator._regions
+    assert regions is not None
     found: list[Any] = []
     for size in (default_size("cpu"), replace(default_size("cpu"), lanes=lanes, parts=parts)):
         search.cause.zero_()
-        search.cuts.zero_()
-        search.regions.zero_()
+        regions.cuts.zero_()
+        regions.regions.zero_()
         work = replace(generator._work, size=size)
         for launch in (launch_build_sides, launch_find_pieces, launch_measure_pieces):
-            launch(work)
-        listed = np.sort(search.cut.numpy()[: search.cuts.numpy()[0]])
-        pieces = [sorted(zip(*_listed(search, c), strict=True)) for c in listed]
+            launch(work, regions)
+        listed = np.sort(regions.cut.numpy()[: regions.cuts.numpy()[0]])
+        pieces = [sorted(zip(*_listed(regions, c), strict=True)) for c in listed]
         found.append((listed.tolist(), pieces))
     assert found[0] == found[1]
     assert len(found[0][0]) == 60
     assert any(found[0][1])
 
 
-def _listed(search: Search, candidate: int) -> tuple[list[int], list[float]]:
+def _listed(regions: Regions, candidate: int) -> tuple[list[int], list[float]]:
     """The numbers and areas of a candidate's pieces, in any order."""
-    num = search.pieces.numpy()[candidate]
-    return search.piece.numpy()[candidate, :num].tolist(), search.piece_area.numpy()[candidate, :num].tolist()
+    num = regions.pieces.numpy()[candidate]
+    return regions.piece.numpy()[candidate, :num].tolist(), regions.piece_area.numpy()[candidate, :num].tolist()

@@ -19,6 +19,7 @@ from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.reaching.search import ReachSearch
 from sceniris_gym.layout.wave.ahead import count_ahead
 from sceniris_gym.layout.wave.search import Search, SearchSize, create_search, default_size
+from sceniris_gym.layout.wave.sides import Regions, create_regions
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause, Program, copied
 from sceniris_gym.program.device_reach import Reach
@@ -143,9 +144,15 @@ def test_candidates_of_many_relations_fit_in_memory(tmp_path: Path):
     compiled = _groups(tmp_path, "cpu")
     assert compiled.related
     search = create_search(compiled, 4, replace(default_size("cpu"), candidates=1 << 24))
-    arrays = (search.sides, search.piece, search.piece_area)
+    regions: Any = create_regions(compiled, search.cause.shape[0])
+    arrays = (regions.sides, regions.piece, regions.piece_area)
     assert sum(a.capacity for a in arrays) <= 1 << 29
     assert 0 < search.cause.shape[0] < 1 << 24
+
+
+def test_only_scenes_with_relations_have_regions(compiled: CompiledScene):
+    """Generators of all others allocate none."""
+    assert (LayoutGenerator(compiled, 2)._regions is not None) == compiled.related
 
 
 def test_the_counts_of_a_search_are_back_at_zero_after_it(compiled: CompiledScene):
@@ -298,7 +305,7 @@ def test_a_size_that_would_never_end_is_refused(name: str):
         replace(default_size("cpu"), **{name: least - 1})
 
 
-@pytest.mark.parametrize("struct", [Program, Reach, Search, ReachSearch, LayoutsView])
+@pytest.mark.parametrize("struct", [Program, Reach, Search, Regions, ReachSearch, LayoutsView])
 def test_structs_are_small_enough_to_stay_where_kernels_get_them(struct: Any):
     """A larger one is copied into a lane's local memory wherever it is handed on: stack frames of 98 KB were seen."""
     assert ctypes.sizeof(struct.ctype) <= 8192

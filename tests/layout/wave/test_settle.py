@@ -1,16 +1,27 @@
-"""The end of a round: whose layout and whose counts a world takes, and which worlds go on."""
+"""The end of a round: whose layout and whose counts a world takes, and which worlds go on.
+
+Worlds out of restarts get an entry of the bank, each a valid layout, of their own split.
+"""
+
+from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
+from scipy import stats
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.wave.rounds import NEVER, launch_start
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.layout.wave.settle import launch_settle
-from tests.layout.scenes import box_mjcf, compile_on_cpu
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.device import Program, copied
+from sceniris_gym.program.device_bank import Bank
+from tests.layout.scenes import Rows, bank_rows, box_mjcf, compile_on_cpu, full_tray, make, posed, read
+from tests.oracle.solids import Solids
 
 RESTARTS = 5
 
@@ -48,3 +59,123 @@ def test_a_world_takes_the_lowest_restart_that_is_done(tmp_path: Path):
     assert search.pending.numpy().tolist() == [False, False, True, False]
     assert (search.restart.numpy()[2], search.best.numpy()[2]) == (4, NEVER)
     assert not search.waiting.numpy().any()
+
+
+@pytest.fixture(scope="module")
+def hard(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """A tray on which most worlds fall back."""
+    return full_tray(tmp_path_factory.mktemp("hard"))
+
+
+@pytest.mark.parametrize("split", ["train", "eval"])
+def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene, split: str):
+    """All entries are taken equally often, and the entry of a world depends on its seed and episode alone."""
+    bank = [row.tobytes() for row in hard.bank.qpos.numpy()[bank_rows(hard, split)]]
+    generator = LayoutGenerator(hard, 400, seed=0, split=split)
+    generator.generate()
+    rows = read(generator.layouts)
+    fallen = rows.status == Status.FALLBACK
+    assert 100 < fallen.sum() < 390
+    assert (fallen | (rows.status == Status.VALID)).all()
+    served = [bank.index(row.tobytes()) for row in rows.qpos[fallen]]
+    assert stats.chisquare(np.bincount(served, minlength=len(bank))).pvalue > 0.001
+    assert not any(row.tobytes() in bank for row in rows.qpos[~fallen])
+    assert (generator.layouts.first_pass_valid.numpy() == ~fallen).all()
+    for seed in np.flatnonzero(fallen)[:20].tolist():
+        assert make(hard, 1, seed=seed, split=split).bits() == rows[seed : seed + 1].bits()
+
+
+def test_no_row_of_an_evaluation_is_one_of_training(hard: CompiledScene):
+    """Though half of the worlds fall back: each split has a bank of its own, and both are full."""
+    made = {split: make(hard, 2000, split=split) for split in ("train", "eval")}
+    assert all((rows.status == Status.FALLBACK).mean() > 0.3 for rows in made.values())
+    seen = {row.tobytes() for row in made["train"].qpos}
+    assert not any(row.tobytes() in seen for row in made["eval"].qpos)
+    assert len(hard.bank.qpos.numpy()) == 2 * hard.config.bank
+
+
+def test_bank_entries_are_valid_layouts(hard: CompiledScene):
+    """They keep every clearance, by FCL, and they differ."""
+    qpos = hard.bank.qpos.numpy()
+    solids = Solids(hard.mjm, "physics")
+    rows = Rows(qpos, hard.bank.mocap_pos.numpy(), hard.bank.mocap_quat.numpy(), *[np.zeros(32)] * 2)
+    names = list(hard.object_names)
+    for data in posed(hard, rows):
+        for i, a in enumerate(names):
+            assert all(solids.distance(data, solids.geoms(a), solids.geoms(b)) >= 0.001 for b in names[:i])
+    assert len({row.tobytes() for row in qpos}) == 32
+
+
+def test_a_failed_world_does_not_touch_its_neighbours(hard: CompiledScene):
+    """Beside worlds that fall back, and with the same seeds alone, valid worlds are bit for bit the same."""
+    rows = make(hard, 60, seed=900)
+    keep = rows.status == Status.VALID
+    seeds = 900 + np.flatnonzero(keep)
+    assert 3 < len(seeds) < 57
+    assert make(hard, len(seeds), seed=seeds).bits() == rows[keep].bits()
+
+
+def test_every_object_is_in_every_row(hard: CompiledScene):
+    """Nothing is switched off or parked anywhere when placement fails: all crates lie on the floor."""
+    rows = make(hard, 200)
+    for i in range(3):
+        at = rows.qpos[:, 7 * i : 7 * i + 3]
+        assert (np.abs(at[:, :2]) <= 0.2).all()
+        np.testing.assert_allclose(at[:, 2], 0.0005, atol=1e-6)
+
+
+def test_a_scene_without_a_bank_serves_no_fallback(hard: CompiledScene):
+    """While the bank is being filled: a world that runs out of restarts holds no layout, and says so."""
+    bank = copied(Bank, hard.bank)
+    bank.ntrain = 0
+    rows, filled = make(replace(hard, bank=bank), 60, seed=900), make(hard, 60, seed=900)
+    assert set(rows.status.tolist()) == {Status.NONE, Status.VALID}
+    assert ((rows.status == Status.NONE) == (filled.status == Status.FALLBACK)).all()
+    assert rows[rows.status == Status.VALID].bits() == filled[filled.status == Status.VALID].bits()
+
+
+def mixed_tray(folder: Path) -> CompiledScene:
+    """Compile a tray with variants, a group and two kinds of starts, one attempt each: large variants fail most."""
+    on = {"on": "floor", "orientation": "fixed"}
+    things = {f"m{i}": {"asset": box_mjcf(folder, f"m{i}", 0.1, 0.1, 0.05), **on} for i in range(3)}
+    sizes = {"small": 0.05, "middle": 0.12, "large": 0.2}
+    variants = {name: {"asset": box_mjcf(folder, name, size, size, 0.05)} for name, size in sizes.items()}
+    placed = {"q": {"asset": box_mjcf(folder, "q", 0.03, 0.03, 0.03), **on}, "goal": {"kind": "marker", "on": "floor"}}
+    words = {"floor": {"size": [0.4, 0.4]}, "attempts": 1, "restarts": 0}
+    groups = {"g": {"of": [*things], "count": [0, 3]}}
+    start = [{}, {"place": {"q": "goal"}}]
+    objects = {"x": {"variants": variants, **on}, **things, **placed}
+    return compile_on_cpu({**words, "objects": objects, "groups": groups, "start": start}, bank=32)
+
+
+@pytest.mark.parametrize("split", ["train", "eval"])
+def test_a_fallback_is_nearest_to_what_was_drawn(tmp_path: Path, split: str):
+    """First the same kind of start, then the same variant, then the most members of a group; by seed and episode."""
+    compiled = mixed_tray(tmp_path)
+    usual, patient = LayoutGenerator(compiled, 600, split=split), copied(Program, compiled.program)
+    patient.attempts = 500  # makes all layouts, of the same choices
+    made = LayoutGenerator(replace(compiled, program=patient), 600, split=split)
+    usual.generate()
+    made.generate()
+    fell = (usual.layouts.status.numpy() == Status.FALLBACK) & (made.layouts.status.numpy() == Status.VALID)
+    assert 150 < fell.sum() < 500
+
+    variants = [compiled.slots.index(name) for name in compiled.config.variants["x"]]
+
+    def apart(world: int, present: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Return how far rows are from what a world drew."""
+        other = present != made.layouts.present.numpy()[world]
+        kind = start != made.layouts.start.numpy()[world]
+        return 1e6 * kind + 1e3 * other[:, variants].any(axis=1) + np.delete(other, variants, axis=1).sum(axis=1)
+
+    rows = bank_rows(compiled, split)
+    bank = [getattr(compiled.bank, name).numpy()[rows] for name in ("present", "start")]
+    states = [state.tobytes() for state in compiled.bank.qpos.numpy()[rows]]
+    for world in np.flatnonzero(fell).tolist():
+        served = [getattr(usual.layouts, name).numpy()[[world]] for name in ("present", "start")]
+        assert apart(world, *served) == apart(world, *bank).min()
+        assert usual.layouts.qpos.numpy()[world].tobytes() in states
+    for world in np.flatnonzero(fell)[:5].tolist():
+        assert make(compiled, 1, seed=world, split=split).qpos.tobytes() == usual.layouts.qpos.numpy()[world].tobytes()
+    ids = {usual.layouts.qpos.numpy()[world].tobytes() for world in np.flatnonzero(fell)}
+    assert len(ids) > len(states) // 2  # and many rows are served

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.wave.search import Search, Workspace, default_size
-from sceniris_gym.layout.wave.sides import launch_build_sides
+from sceniris_gym.layout.wave.search import Workspace, default_size
+from sceniris_gym.layout.wave.sides import Regions, launch_build_sides
 from sceniris_gym.program.device import Cause
 from tests.layout.related import Shapes, near_middle, related, scene
 from tests.layout.sizes import made
@@ -33,8 +33,10 @@ def generator(tmp_path: Path) -> LayoutGenerator:
     assert (search.obj.numpy() == compiled.placed.index("q")).all()
     search.candidates.fill_(N)  # the end of a wave sets it to 0
     search.cause.zero_()
-    search.cuts.zero_()
-    search.regions.zero_()
+    regions = generator._regions
+    assert regions is not None
+    regions.cuts.zero_()
+    regions.regions.zero_()
     return generator
 
 
@@ -43,8 +45,8 @@ def _with_lanes(generator: LayoutGenerator, lanes: int) -> Workspace:
     return replace(generator._work, size=replace(generator.size, lanes=lanes))
 
 
-def _listed(search: Search) -> list[int]:
-    return sorted(search.cut.numpy()[: search.cuts.numpy()[0]].tolist())
+def _listed(regions: Regions) -> list[int]:
+    return sorted(regions.cut.numpy()[: regions.cuts.numpy()[0]].tolist())
 
 
 @pytest.mark.parametrize("lanes", [1, 7, 1000])
@@ -58,19 +60,21 @@ def test_candidates_on_level_supports_are_listed(generator: LayoutGenerator, lan
     view.body_quat.assign(quats)
     failed = np.arange(N) % 5 == 0
     search.cause.assign(np.where(failed, Cause.COLLISION, Cause.NONE))
-    launch_build_sides(_with_lanes(generator, lanes))
+    regions: Any = generator._regions
+    launch_build_sides(_with_lanes(generator, lanes), regions)
     level = lean < np.radians(0.1)
-    assert _listed(search) == np.flatnonzero(level & ~failed).tolist()
+    assert _listed(regions) == np.flatnonzero(level & ~failed).tolist()
     expected = np.where(failed, Cause.COLLISION, np.where(level, Cause.NONE, Cause.EMPTY))
     assert (search.cause.numpy() == expected).all()
-    assert (search.pieces.numpy()[level & ~failed] == 0).all()
+    assert (regions.pieces.numpy()[level & ~failed] == 0).all()
 
 
 def test_half_planes_hold_the_region_of_each_world(generator: LayoutGenerator):
     """Points in the ring around a world's anchor are in at least one of the pieces, points far outside in none."""
     search, view, compiled = generator._work.search, generator.layouts.view, generator.compiled
-    launch_build_sides(_with_lanes(generator, 3))
-    assert _listed(search) == list(range(N))
+    regions: Any = generator._regions
+    launch_build_sides(_with_lanes(generator, 3), regions)
+    assert _listed(regions) == list(range(N))
     program, obj = compiled.program, compiled.placed.index("q")
     rel = int(program.obj_reladr.numpy()[obj])
     pieces, first = int(program.rel_piecenum.numpy()[rel]), int(program.rel_sideadr.numpy()[rel])
@@ -78,7 +82,7 @@ def test_half_planes_hold_the_region_of_each_world(generator: LayoutGenerator):
     assert np.ptp(anchors, axis=0).min() > 0.03
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 2))
     for c in range(N):
-        sides = search.sides.numpy()[c, first : first + pieces * search.side_num.numpy()[c, 0]].reshape(pieces, -1)
+        sides = regions.sides.numpy()[c, first : first + pieces * regions.side_num.numpy()[c, 0]].reshape(pieces, -1)
         inside = np.zeros(len(points), int)
         for piece in sides:
             along = (points[:, None] - piece["origin"]) * piece["normal"]
@@ -112,9 +116,9 @@ def test_candidates_of_a_row_share_only_the_region_that_each_would_have(name: st
     size = replace(default_size("cpu"), candidates=20 * N, busy=20 * N)
     by_region = []
 
-    def launch(work: Workspace) -> None:
-        launch_build_sides(work)
-        by_region.append(len(_listed(work.search)) / max(int(work.search.regions.numpy()[0]), 1))
+    def launch(work: Workspace, regions: Regions) -> None:
+        launch_build_sides(work, regions)
+        by_region.append(len(_listed(regions)) / max(int(regions.regions.numpy()[0]), 1))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sceniris_gym.layout.generate.launch_build_sides", launch)
