@@ -3,16 +3,20 @@
 An access belongs to a parameter of the kernel: to an array, or to a field of a struct. The size of an array is no read
 of it. An atomic operation and an augmented assignment both read and write. Anything that cannot be followed, such as an
 array handed to an unknown function, raises `UnclearError`, so that no access is missed in silence.
+
+`python -m tests.kernel_accesses --write` writes the comment lines of all kernels, which tests/test_kernels.py compares.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 import builtins
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -148,6 +152,19 @@ class Package:
         declared = [node for node in definition.body if isinstance(node, ast.AnnAssign)]
         return {ast.unparse(node.target): self.kind(module, node.annotation) for node in declared}
 
+    def groups(self, struct: StructName) -> dict[str, str]:
+        """Return the group of each field below a comment on a line of its own: its first word, in small letters."""
+        module = self.module(struct.module)
+        assert module is not None
+        definition, lines = module.definitions[struct.name], module.text.splitlines()
+        found, group = {}, ""
+        for node in (node for node in ast.walk(definition) if isinstance(node, ast.AnnAssign)):
+            row = node.lineno - 2
+            while lines[row].lstrip().startswith("#"):
+                group, row = lines[row].strip("# :").split()[0].strip(",:").lower(), row - 1
+            found[ast.unparse(node.target)] = group
+        return found
+
     def holds_arrays(self, kind: Kind) -> bool:
         """Return True for an array, and for a struct with an array in it."""
         if kind.ndim > 0:
@@ -187,14 +204,23 @@ class Package:
         found, accesses = {}, self.accesses(module, kernel)
         for name, kind in self.params(module, kernel).items():
             if kind.struct is not None and kind.struct in titles:
-                lines = []
-                for way, written in (("in", False), ("out", True)):
-                    names = [f for f in self.fields(kind.struct) if Access(name, f, written) in accesses]
-                    text = f"# {titles[kind.struct]} {way}: {', '.join(names)}"
-                    wrapped = textwrap.wrap(text, WIDTH - 4, subsequent_indent="#   ", break_long_words=False)
-                    lines += wrapped if names else []
-                found[name] = lines
+                read = {a.field for a in accesses if a.param == name and not a.written}
+                written = {a.field for a in accesses if a.param == name and a.written}
+                ways = {"in": read - written, "out": written - read, "both": read & written}
+                groups = {way: ", ".join(self._in_groups(kind.struct, names)) for way, names in ways.items() if names}
+                told = [f"{way}: {names}" for way, names in groups.items()]
+                text = f"# {titles[kind.struct]} {'; '.join(told)}"
+                found[name] = textwrap.wrap(text, WIDTH - 4, subsequent_indent="#   ", break_long_words=False)
+                found[name] *= bool(told)
         return found
+
+    def _in_groups(self, struct: StructName, names: Set[str | None]) -> list[str]:
+        """Return fields of a struct in their order, each group of which all are named as one, such as `rows*`."""
+        members: dict[str, list[str]] = {}
+        for name, group in self.groups(struct).items():
+            members.setdefault(group or name, []).append(name)
+        whole = {n: f"{group}*" for group, of in members.items() if len(of) > 1 and names >= {*of} for n in of}
+        return list(dict.fromkeys(whole.get(name, name) for name in self.fields(struct) if name in names))
 
 
 def comments_above(module: Module, arg: ast.arg) -> list[str]:
@@ -364,3 +390,61 @@ class _Body:
                 if access.param == param:
                     mode = "write" if access.written else "read"
                     self._record(Origin(origin.param, origin.field or access.field, origin.kind), mode)
+
+
+ROOT = Path(__file__).parents[1]
+TITLES = {
+    StructName("sceniris_gym.layout.wave.search", "Search"): "Search",
+    StructName("sceniris_gym.layout.wave.sides", "Regions"): "Regions",
+    StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
+    StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
+    StructName("sceniris_gym.sim.derived_tables", "Derived"): "Derived",
+    StructName("sceniris_gym.sim.write", "Poses"): "Poses",
+    StructName("sceniris_gym.levels.buffer", "Buffer"): "Buffer",
+}
+"""Structs whose accesses stand before a kernel, with their names there."""
+
+
+def path_of(name: str) -> Path:
+    """Return the file of a module of this repository."""
+    return ROOT / f"{name.replace('.', '/')}.py"
+
+
+def read(name: str) -> str | None:
+    """Return the text of a module of the package, or None."""
+    return path_of(name).read_text() if name.startswith("sceniris_gym.") and path_of(name).is_file() else None
+
+
+def of_package(package: Package) -> list[Module]:
+    """Return the modules of sceniris_gym with kernels."""
+    paths = [path for path in sorted((ROOT / "sceniris_gym").rglob("*.py")) if "@wp.kernel" in path.read_text()]
+    modules = [package.module(".".join(path.relative_to(ROOT).with_suffix("").parts)) for path in paths]
+    return [module for module in modules if module is not None]
+
+
+def with_comments(package: Package, module: Module, titles: Mapping[StructName, str]) -> str:
+    """Return the text of a module with the comment lines that belong above the parameters of its kernels."""
+    lines = module.text.splitlines()
+    args = [(arg, kernel) for kernel in module.kernels for arg in kernel.args.args]
+    for arg, kernel in sorted(args, key=lambda pair: -pair[0].lineno):
+        belongs = package.expected_comments(module, kernel, titles).get(arg.arg)
+        if belongs is not None:
+            row = arg.lineno - 1
+            lines[row - len(comments_above(module, arg)) : row] = [f"    {line}" for line in belongs]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Name the files whose comment lines differ, or write them."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--write", action="store_true", help="write the lines")
+    package, write = Package(read), parser.parse_args().write
+    for module in of_package(package):
+        if (text := with_comments(package, module, TITLES)) != module.text:
+            print(path_of(module.name).relative_to(ROOT))
+            if write:
+                path_of(module.name).write_text(text)
+
+
+if __name__ == "__main__":
+    main()

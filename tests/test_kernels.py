@@ -5,39 +5,26 @@ from __future__ import annotations
 import ast
 import importlib
 import re
-from pathlib import Path
 
 import pytest
 
-from tests.kernel_accesses import Access, Module, Package, StructName, UnclearError, comments_above, is_decorated
-
-ROOT = Path(__file__).parents[1]
-
-
-def read(name: str) -> str | None:
-    """Return the text of a module of this repository."""
-    path = ROOT / f"{name.replace('.', '/')}.py"
-    return path.read_text() if name.startswith("sceniris_gym.") and path.is_file() else None
-
-
-def of_package() -> list[Module]:
-    """Return the modules of the package with kernels."""
-    paths = [path for path in sorted((ROOT / "sceniris_gym").rglob("*.py")) if "@wp.kernel" in path.read_text()]
-    modules = [PACKAGE.module(".".join(path.relative_to(ROOT).with_suffix("").parts)) for path in paths]
-    return [module for module in modules if module is not None]
-
+from tests.kernel_accesses import (
+    ROOT,
+    TITLES,
+    Access,
+    Module,
+    Package,
+    StructName,
+    UnclearError,
+    comments_above,
+    is_decorated,
+    of_package,
+    read,
+    with_comments,
+)
 
 PACKAGE = Package(read)
-MODULES = of_package()
-TITLES = {
-    StructName("sceniris_gym.layout.wave.search", "Search"): "Search",
-    StructName("sceniris_gym.layout.wave.sides", "Regions"): "Regions",
-    StructName("sceniris_gym.layout.reaching.search", "ReachSearch"): "ReachSearch",
-    StructName("sceniris_gym.layout.layouts", "LayoutsView"): "Layouts",
-    StructName("sceniris_gym.sim.derived_tables", "Derived"): "Derived",
-    StructName("sceniris_gym.sim.write", "Poses"): "Poses",
-    StructName("sceniris_gym.levels.buffer", "Buffer"): "Buffer",
-}
+MODULES = of_package(PACKAGE)
 KERNELS = [
     pytest.param(module, kernel, id=f"{module.name.partition('.')[2]}.{kernel.name}")
     for module in MODULES
@@ -47,13 +34,14 @@ KERNELS = [
 
 @pytest.mark.parametrize(("module", "kernel"), KERNELS)
 def test_a_kernel_names_the_fields_that_it_reads_and_writes(module: Module, kernel: ast.FunctionDef):
-    """Directly above a struct: `# Search in: row, obj` and `# Search out: cause`, in the order of its fields."""
+    """Directly above a struct: `# Search in: row, obj; out: counts*; both: cause`, in the order of its fields."""
     expected = PACKAGE.expected_comments(module, kernel, TITLES)
     for arg in kernel.args.args:
         if arg.arg in expected:
             lines = expected[arg.arg]
             belongs = "\n".join(f"    {line}" for line in lines)
-            assert comments_above(module, arg) == lines, f"above '{arg.arg}' of {kernel.name} belongs\n{belongs}"
+            why = f"above '{arg.arg}' of {kernel.name} belongs (python -m tests.kernel_accesses --write)\n{belongs}"
+            assert comments_above(module, arg) == lines, why
 
 
 @pytest.mark.parametrize(("module", "kernel"), KERNELS)
@@ -163,6 +151,48 @@ def found_in(body: str, imports: str = "") -> set[str]:
 def test_reads_and_writes_are_seen(body: str, expected: str):
     """Through two levels of functions of other modules, under other names, and through rows of arrays."""
     assert found_in(body) == set(expected.split())
+
+
+GROUPED = """
+@wp.struct
+class State:
+    # Rows, of which some wait
+    # for another wave
+    row: wp.array[int]
+    trial: wp.array[int]
+    ahead: wp.array[int]  # drawn before
+
+    # Counts
+    count: wp.array[int]
+    # Poses
+    qpos: wp.array[float]
+    qvel: wp.array[float]
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        ("x = s.row[n] + s.trial[n] + s.ahead[n]", ["# State in: rows*"]),
+        ("x = s.row[n] + s.trial[n]", ["# State in: row, trial"]),
+        ("s.row[n] = s.trial[n] + s.ahead[n]", ["# State in: trial, ahead; out: row"]),
+        ("s.count[0] = 1\nx = s.qvel[n]\ns.qpos[n] += x * s.qvel[n]", ["# State in: qvel; out: count; both: qpos"]),
+        ("s.qvel[n] = s.qpos[n]\ns.qpos[n] += s.qvel[n]", ["# State both: poses*"]),
+        ("x = s.row.shape[0]", []),
+    ],
+)
+def test_a_group_is_named_where_all_of_it_is_touched(body: str, expected: list[str]):
+    """By the first word of the comment above its fields, and only if each is read, written, or both."""
+    head = "from pkg.structs import State\n@wp.kernel\ndef _kernel(\n"
+    args = "    # of another time\n    s: State,\n    n: int,\n):\n"
+    text = head + args + "".join(f"    {line}\n" for line in body.splitlines())
+    package = Package({"pkg.structs": GROUPED, "pkg.made_up": text}.get)
+    titles = {StructName("pkg.structs", "State"): "State"}
+    module = package.module("pkg.made_up")
+    assert module is not None
+    assert package.expected_comments(module, next(module.kernels), titles) == {"s": expected}
+    comments = "".join(f"    {line}\n" for line in expected)
+    assert with_comments(package, module, titles) == text.replace("    # of another time\n", comments)
 
 
 @pytest.mark.parametrize(

@@ -47,8 +47,7 @@ _READY = wp.constant(2)
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode, stream, next_seed, next_episode, next_knob
-    # Layouts out: draw_seed, draw_episode, draw_stream, pending_seed, pending_episode
+    # Layouts in: seed, episode, next*, stream, next_knob; out: draws*, pending*
     served: LayoutsView,
     # Layouts in: seed, episode, next_knob
     prepared: LayoutsView,
@@ -110,16 +109,13 @@ def _forget(
 
 @wp.kernel
 def _serve(
-    # Layouts in: draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, status, attempts, first_pass_valid, pending_seed, pending_episode, next_knob, row_rejections
+    # Layouts in: draws*, state*, choices*, grasps*, counts*, pending*, next_knob, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: draw_seed, draw_episode, draw_stream, pending_seed, pending_episode, next_knob, rejections,
-    #   row_rejections
-    # Layouts out: seed, episode, knob, draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, start,
-    #   present, grasp, grasp_qpos, pregrasp_qpos, status, attempts, first_pass_valid, next_episode, rejections
+    # Layouts in: pending*, next_knob, row_rejections; out: key*, state*, choices*, grasps*, counts*, next_episode;
+    #   both: draws*, rejections
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -168,14 +164,14 @@ def _decide(
 
 @wp.kernel
 def _begin(
-    # Layouts in: seed, episode, next_seed, next_episode, next_knob
+    # Layouts in: seed, episode, next*, next_knob
     served: LayoutsView,
     # In:
     begins: wp.array[int],
     # Out:
     stage: wp.array[int],
     being_made: wp.array[bool],
-    # Layouts out: next_seed, next_episode, next_knob
+    # Layouts out: next*, next_knob
     prepared: LayoutsView,
 ):
     worldid = wp.tid()

@@ -128,11 +128,9 @@ def _read_state(
     # In:
     number: wp.array[int],
     origins: wp.array[wp.vec3],
-    # Layouts in: seed, episode, draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, present
+    # Layouts in: seed, episode, draws*, state*, present
     state: LayoutsView,
-    # Layouts in: qpos, mocap_pos, mocap_quat, present, place, body_pos, body_quat
-    # Layouts out: draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, present, pending_seed,
-    #   pending_episode, place, bounds, body_pos, body_quat
+    # Layouts out: draws*, pending*, bounds; both: state*, present, place, bodies*
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
@@ -171,9 +169,9 @@ def _read_state(
 def _find_carriers(
     program: Program,
     mask: wp.array[bool],
-    # Layouts in: place, body_pos, body_quat
+    # Layouts in: place, bodies*
     layouts: LayoutsView,
-    # Search out: row_surface, row_variant
+    # Search out: placed*
     search: Search,
 ):
     worldid, obj = wp.tid()
@@ -199,10 +197,9 @@ def _find_carriers(
 def _finish(
     mask: wp.array[bool],
     width: int,
-    # Layouts in: seed, episode, qpos, mocap_pos, mocap_quat, start, present
+    # Layouts in: seed, episode, state*, choices*
     state: LayoutsView,
-    # Layouts in: status
-    # Layouts out: seed, episode, qpos, mocap_pos, mocap_quat, start, present, status
+    # Layouts out: seed, episode, state*, choices*; both: status
     layouts: LayoutsView,
     # Out:
     placed_out: wp.array[bool],

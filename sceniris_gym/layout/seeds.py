@@ -24,8 +24,7 @@ def _reseed(
     seeds: wp.array[wp.uint64],
     episodes: wp.array[int],
     mask: wp.array[bool],
-    # Layouts in: seed, episode, next_seed
-    # Layouts out: seed, next_seed, next_episode
+    # Layouts in: episode; out: next_episode; both: seed, next_seed
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
@@ -60,8 +59,7 @@ def launch_reseed(
 @wp.kernel
 def _open(
     mask: wp.array[bool],
-    # Layouts in: seed, episode, stream, next_seed, next_episode
-    # Layouts out: draw_seed, draw_episode, draw_stream, pending_seed, pending_episode
+    # Layouts in: seed, episode, next*, stream; out: draws*, pending*
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
@@ -88,9 +86,7 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 @wp.kernel
 def _close(
     mask: wp.array[bool],
-    # Layouts in: draw_seed, draw_episode, draw_stream, rejections, pending_seed, pending_episode, next_knob,
-    #   row_rejections
-    # Layouts out: seed, episode, knob, draw_seed, draw_episode, draw_stream, rejections, next_episode
+    # Layouts in: pending*, next_knob, row_rejections; out: key*, next_episode; both: draws*, rejections
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()

@@ -41,14 +41,11 @@ _MOST = (1 << 31) - 1
 
 @wp.kernel
 def _make(
-    # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos, knob, draw_seed,
-    #   draw_episode, draw_stream
+    # Layouts in: knob, draws*, state*, choices*, grasps*
     stored: LayoutsView,
     mask: wp.array[wp.bool],
     stride: int,
-    # Layouts in: pending_seed, pending_episode
-    # Layouts out: qpos, mocap_pos, mocap_quat, status, start, present, grasp, grasp_qpos, pregrasp_qpos, draw_seed,
-    #   draw_episode, draw_stream, next_knob
+    # Layouts in: pending*; out: draws*, state*, choices*, grasps*, status, next_knob
     layouts: LayoutsView,
 ):
     worldid, i = wp.tid()

@@ -207,7 +207,7 @@ def _write_columns(
     mask: wp.array[wp.bool],
     rows: wp.array[int],
     opens: bool,
-    # Layouts in: seed, episode, draw_seed, draw_episode, draw_stream, stream, next_seed, next_episode, default_knob
+    # Layouts in: seed, episode, draws*, next*, stream, default_knob
     layouts: LayoutsView,
     knob: wp.array2d[float],
     # Tables:

@@ -109,8 +109,8 @@ def _choose(
     mask: wp.array[bool],
     stream: wp.uint32,
     replay: float,
-    # Buffer in: seed, episode, cumulative, base, decision, next_level, next_probe, probes
-    # Buffer out: age, decision, level, next_level, next_seed, next_episode, probe, next_probe
+    # Buffer in: seed, episode, cumulative, base, probes; out: age, level, next_seed, next_episode, probe; both:
+    #   decision, next_level, next_probe
     buffer: Buffer,
 ):
     worldid = wp.tid()
@@ -191,8 +191,7 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None)
 @wp.kernel
 def _set_knobs(
     mask: wp.array[bool],
-    # Buffer in: knob, next_level, base_knob, next_probe, column, other, present, step, band
-    # Buffer out: next_knob
+    # Buffer in: knob, next_level, base_knob, next_probe, column, other, present, step, band; out: next_knob
     buffer: Buffer,
 ):
     worldid, k = wp.tid()
@@ -236,8 +235,7 @@ def _update(
     mask: wp.array[bool],
     status: wp.array[int],
     probe: wp.array[int],
-    # Buffer in: seed, episode, value, age, vacant, inserted, episodes, successes, score, rate
-    # Buffer out: seed, episode, value, age, knob, inserted, episodes, successes
+    # Buffer in: vacant, score, rate; out: knob; both: seed, episode, value, age, inserted, episodes, successes
     buffer: Buffer,
 ):
     row = wp.tid()

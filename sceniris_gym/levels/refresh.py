@@ -40,8 +40,7 @@ def _is_vacant(buffer: Buffer, b: int) -> bool:
 
 @wp.kernel
 def _count(
-    # Buffer in: value, age, count, ages, score
-    # Buffer out: count, ages
+    # Buffer in: value, age, score; both: count, ages
     buffer: Buffer,
 ):
     i = wp.tid()
@@ -55,8 +54,7 @@ def _count(
 def _weigh(
     rank_power: float,
     score_power: float,
-    # Buffer in: count, better, ages, total_weight, total_age
-    # Buffer out: weight, total_weight, total_age
+    # Buffer in: count, better, ages; out: weight; both: total_weight, total_age
     buffer: Buffer,
 ):
     b = wp.tid()
@@ -75,8 +73,7 @@ def _weigh(
 
 @wp.kernel
 def _mark_vacant(
-    # Buffer in: value, age, better, score
-    # Buffer out: cumulative
+    # Buffer in: value, age, better, score; out: cumulative
     buffer: Buffer,
 ):
     i = wp.tid()
@@ -86,8 +83,7 @@ def _mark_vacant(
 @wp.kernel
 def _fill(
     staleness: float,
-    # Buffer in: value, age, cumulative, better, weight, total_weight, total_age, score
-    # Buffer out: age, cumulative, vacant
+    # Buffer in: value, better, weight, total_weight, total_age, score; out: vacant; both: age, cumulative
     buffer: Buffer,
 ):
     i = wp.tid()
@@ -127,8 +123,7 @@ def _move(
     episodes: int,
     low: float,
     high: float,
-    # Buffer in: present, least, most, step, episodes, successes
-    # Buffer out: present, episodes, successes
+    # Buffer in: least, most, step; both: present, episodes, successes
     buffer: Buffer,
 ):
     i = wp.tid()

@@ -188,11 +188,7 @@ def _light(w: Derived, worldid: int, lightid: int):
 @wp.kernel
 def _derive(
     mask: wp.array[wp.bool],
-    # Derived in: body_end, dof_block, xpos, xmat, jacobian, moved, geared, inverse, body_simple, dof_bodyid,
-    #   cam_bodyid, cam_targetbodyid, light_bodyid, light_targetbodyid, body_mass, body_inertia, body_ipos, body_iquat,
-    #   dof_armature, tendon_armature, actuator_armature, actuator_gear, cam_pos, cam_quat, light_pos, light_dir
-    # Derived out: inverse, body_subtreemass, body_invweight0, dof_invweight0, tendon_invweight0, actuator_acc0,
-    #   cam_pos0, cam_poscom0, cam_mat0, light_pos0, light_poscom0, light_dir0
+    # Derived in: tables*, fields*; out: following*; both: inverse
     w: Derived,
 ):
     worldid, lane = wp.tid()

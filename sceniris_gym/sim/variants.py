@@ -255,7 +255,7 @@ def _read_worlds(
     # Poses in: qpos, mocap_pos, mocap_quat
     poses: Poses,
     mask: wp.array[wp.bool],
-    # Layouts out: qpos, mocap_pos, mocap_quat, present
+    # Layouts out: state*, present
     layouts_out: LayoutsView,
 ):
     worldid, lane = wp.tid()

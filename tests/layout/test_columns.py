@@ -16,11 +16,11 @@ from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.scene.layout_table import COLUMNS, Column
 from sceniris_gym.sim.write import Poses
 from sceniris_gym.vector.arguments import ChosenLayouts
-from tests.kernel_accesses import Kind, StructName
+from tests.kernel_accesses import Kind, Package, StructName, read
 from tests.layout.scenes import compiled_from
 from tests.scene.memory import NEAR, cubes_on, spec_of
-from tests.test_kernels import PACKAGE
 
+PACKAGE = Package(read)
 VIEW = StructName("sceniris_gym.layout.layouts", "LayoutsView")
 STATE = {*columns("pose")} - {"present", "start"}
 """Columns of the state of a world, which tables, audits and foreign libraries share."""

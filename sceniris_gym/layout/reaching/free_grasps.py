@@ -32,8 +32,7 @@ _SLACK = wp.constant(1.0e-3)
 def _pose_hands(
     program: Program,
     reach: Reach,
-    # ReachSearch in: hand_qpos, hand_pos, hand_quat
-    # ReachSearch out: hand_qpos, hand_pos, hand_quat
+    # ReachSearch both: hand_qpos, hand_pos, hand_quat
     reach_search: ReachSearch,
 ):
     early = wp.tid()
@@ -115,10 +114,9 @@ def _queue_hands(
     program: Program,
     reach: Reach,
     lanes: int,
-    # Layouts in: present, body_pos, body_quat
+    # Layouts in: present, bodies*
     layouts: LayoutsView,
-    # Search in: row_free, candidates, hands, row, obj, cause, turn, body_pos, body_quat
-    # Search out: hands, free, hand
+    # Search in: row_free, candidates, row, obj, cause, turn, body_pos, body_quat; out: free, hand; both: hands
     search: Search,
     # ReachSearch in: hand_pos, hand_quat
     reach_search: ReachSearch,
@@ -149,13 +147,11 @@ def _test_hands(
     program: Program,
     reach: Reach,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: hands, row, obj, hand, body_pos, body_quat
-    # Search out: free
+    # Search in: hands, row, obj, hand, body_pos, body_quat; out: free
     search: Search,
-    # ReachSearch in: body_pos, body_quat, hand_pos, hand_quat
-    # ReachSearch out: body_pos, body_quat
+    # ReachSearch in: hand_pos, hand_quat; both: body_pos, body_quat
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -193,8 +189,7 @@ def _reject_blocked(
     lanes: int,
     # Layouts in: present
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, free
-    # Search out: hands, cause
+    # Search in: candidates, row, obj, free; out: hands; both: cause
     search: Search,
 ):
     if wp.tid() == 0:

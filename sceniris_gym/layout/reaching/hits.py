@@ -41,10 +41,9 @@ def _test(
     first: int,
     last: int,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
-    # ReachSearch out: failed
+    # ReachSearch in: column, tier, candidates, row, start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -79,10 +78,9 @@ def _test_containment(
     first: int,
     last: int,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, start, failed, body_pos, body_quat
-    # ReachSearch out: failed
+    # ReachSearch in: column, tier, candidates, row, start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()

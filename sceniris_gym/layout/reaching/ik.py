@@ -78,12 +78,11 @@ def _choose_starts(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: qpos, pending_seed, pending_episode, body_pos, body_quat
+    # Layouts in: qpos, pending*, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_restart
+    # Search in: restarts*
     search: Search,
-    # ReachSearch in: column, tier, first, candidates, row, grasp, start, failed
-    # ReachSearch out: failed, grasp_qpos
+    # ReachSearch in: column, tier, first, candidates, row, grasp, start; out: grasp_qpos; both: failed
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
@@ -120,10 +119,9 @@ def _solve(
     reach: Reach,
     step: int,
     lanes: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, grasp, start, failed, grasp_qpos
-    # ReachSearch out: failed, grasp_qpos, pregrasp_qpos
+    # ReachSearch in: column, tier, candidates, row, grasp, start; out: pregrasp_qpos; both: failed, grasp_qpos
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):

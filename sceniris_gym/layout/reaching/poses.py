@@ -132,11 +132,10 @@ def _pose(
     step: int,
     at_once: int,
     lanes: int,
-    # Layouts in: qpos, body_pos, body_quat
+    # Layouts in: qpos, bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, failed, grasp_qpos,
-    #   pregrasp_qpos, qpos, body_pos, body_quat
-    # ReachSearch out: failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, grasp_qpos, pregrasp_qpos; both:
+    #   failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):

@@ -48,10 +48,9 @@ def _queue_starts(
     starts: Starts,
     # Layouts in: start, grasp
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, best, restarts_at_once
+    # Search in: worlds*, restarts_at_once
     search: Search,
-    # ReachSearch in: rows_left, source
-    # ReachSearch out: column, number, total, tried, tier, furthest, queue, rows_left
+    # ReachSearch in: source; out: column, number, total, tried, tier, furthest, queue; both: rows_left
     reach_search: ReachSearch,
 ):
     worldid = wp.tid()
@@ -130,13 +129,12 @@ def _pose(
     starts: Starts,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: qpos, start, grasp, grasp_qpos, pregrasp_qpos, pending_seed, pending_episode, variant, body_pos,
-    #   body_quat
+    # Layouts in: qpos, start, grasps*, pending*, variant, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_restart
+    # Search in: restarts*
     search: Search,
-    # ReachSearch in: column, number, first, rows_left, source, candidates, row, grasp, qpos, body_pos, body_quat
-    # ReachSearch out: rows_left, source, rows, grasp, failed, grasp_qpos, qpos, body_pos, body_quat
+    # ReachSearch in: column, number, first, candidates, row; out: rows, failed, grasp_qpos; both: rows_left, source,
+    #   grasp, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:
@@ -200,15 +198,12 @@ def _accept(
     program: Program,
     reach: Reach,
     lanes: int,
-    # Layouts in: row_rejections
-    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, grasp_qpos, pregrasp_qpos, row_rejections
+    # Layouts out: state*, grasps*; both: row_rejections
     layouts: LayoutsView,
-    # Search in: best, row_world
-    # Search out: best
+    # Search in: row_world; both: best
     search: Search,
-    # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
-    #   grasp, start, failed, grasp_qpos, pregrasp_qpos, qpos, body_pos, body_quat
-    # ReachSearch out: number, tried, furthest, queue, rows_left, candidates
+    # ReachSearch in: column, total, tier, first, trials, source, rows, grasp, start, failed, grasp_qpos, pregrasp_qpos,
+    #   qpos, body_pos, body_quat; out: candidates; both: number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:

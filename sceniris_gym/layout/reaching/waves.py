@@ -127,14 +127,11 @@ def _open_rows(
     program: Program,
     reach: Reach,
     starts: Starts,
-    # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, variant, body_pos, body_quat
-    # Layouts out: grasp, grasp_qpos, pregrasp_qpos
+    # Layouts in: state*, choices*, variant, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp
     layouts: LayoutsView,
-    # Search in: ticket, best, row_world, row_restart, waiting, row_free, restarts_at_once
-    # Search out: best, waiting
+    # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
     search: Search,
-    # ReachSearch in: arm, tier, rows_left, source
-    # ReachSearch out: arm, column, number, total, tried, tier, furthest, queue, rows_left, candidates
+    # ReachSearch in: source; out: column, number, total, tried, furthest, queue, candidates; both: arm, tier, rows_left
     reach_search: ReachSearch,
 ):
     row = wp.tid()
@@ -165,8 +162,8 @@ def _open_candidates(
     lanes: int,
     # Layouts in: grasp
     layouts: LayoutsView,
-    # ReachSearch in: column, number, total, tried, queue, rows_left, source, candidates
-    # ReachSearch out: first, trials, candidates, row, grasp, start, failed
+    # ReachSearch in: column, number, total, tried, queue, rows_left, source; out: first, trials, row, grasp, start,
+    #   failed; both: candidates
     reach_search: ReachSearch,
 ):
     rows = reach_search.rows_left[0]
@@ -197,12 +194,11 @@ def _look_up(
     reach: Reach,
     starts: Starts,
     lanes: int,
-    # Layouts in: start, body_pos, body_quat
+    # Layouts in: start, bodies*
     layouts: LayoutsView,
     # Search in: row_world
     search: Search,
-    # ReachSearch in: column, tier, rows_left, source, candidates, row, grasp, start, failed
-    # ReachSearch out: rows_left, source, rows, failed
+    # ReachSearch in: column, tier, candidates, row, grasp, start; out: rows; both: rows_left, source, failed
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:
@@ -286,15 +282,12 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
 def _accept(
     reach: Reach,
     lanes: int,
-    # Layouts in: present, grasp, row_rejections, variant, body_pos, body_quat
-    # Layouts out: grasp, grasp_qpos, pregrasp_qpos, row_rejections
+    # Layouts in: present, variant, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp, row_rejections
     layouts: LayoutsView,
-    # Search in: ticket, best, row_world, row_restart, waiting, row_free, restarts_at_once
-    # Search out: best, waiting
+    # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
     search: Search,
-    # ReachSearch in: column, number, total, tried, tier, furthest, first, trials, queue, rows_left, source, rows,
-    #   grasp, start, failed, grasp_qpos, pregrasp_qpos
-    # ReachSearch out: arm, column, number, total, tried, furthest, queue, rows_left, candidates
+    # ReachSearch in: tier, first, trials, source, rows, grasp, start, failed, grasp_qpos, pregrasp_qpos; out: arm,
+    #   candidates; both: column, number, total, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:

@@ -184,15 +184,11 @@ def _accept(
     staged: bool,
     busy: int,
     blocks: int,
-    # Layouts in: qpos, mocap_pos, mocap_quat, present, row_rejections, body_pos, body_quat, record_all, rejected_count
-    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, row_rejections, variant, place, bounds, body_pos, body_quat,
-    #   rejected_cause, rejected_object, rejected_qpos, rejected_mocap_pos, rejected_mocap_quat, rejected_count
+    # Layouts in: present, record_all; out: grasp, variant, places*, record*; both: state*, row_rejections, bodies*,
+    #   rejected_count
     layouts: LayoutsView,
-    # Search in: best, row_world, row_restart, row_object, row_trial, row_attempts, queue, row_first, row_trials,
-    #   row_ahead, rows_left, source, rows, rows_before, opened, cause, turn, surface, grasp, free, place, bounds, qpos,
-    #   body_pos, body_quat
-    # Search out: best, waiting, row_object, row_trial, row_attempts, row_free, queue, row_first, row_trials, row_ahead,
-    #   row_surface, row_variant, rows_left, opened, row, obj, trial
+    # Search in: restarts*, source, rows, rows_before, cause, turn, surface, grasp, free, places*, poses*; out: waiting,
+    #   row_free, placed*, trials*; both: best, row_object, row_trial, row_attempts, queue, shares*, rows_left, opened
     search: Search,
 ):
     block, lane = wp.tid()

@@ -41,13 +41,10 @@ def _draw_ahead(
     reach: Reach,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, grasp, variant, place, bounds, body_pos, body_quat
+    # Layouts in: present, pending*; out: state*, grasp, variant, bounds; both: place, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, queue, row_first, row_ahead, rows_left, source, row, obj, trial, cause, turn,
-    #   heading, point, surface, grasp, free, place, bounds, qpos, body_pos, body_quat
-    # Search out: row_free, row_surface, row_variant, cause, turn, heading, point, surface, grasp, overflowed, place,
-    #   bounds, covered, overhanging, qpos, body_pos, body_quat
+    # Search in: restarts*, queue, row_first, row_ahead, rows_left, source, trials*, free; out: row_free, placed*,
+    #   overflowed, flags*; both: cause, turn, heading, point, surface, grasp, places*, poses*
     search: Search,
 ):
     for i in range(wp.tid(), search.rows_left[0], lanes):

@@ -67,11 +67,10 @@ def _draw_in_boxes(
     split: wp.uint32,
     lanes: int,
     columns: wp.array[int],
-    # Layouts in: present, pending_seed, pending_episode, next_knob, default_knob, place, body_pos, body_quat
+    # Layouts in: present, pending*, next_knob, default_knob, place, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, candidates, row, obj, trial, cause, turn, heading, point, qpos, body_pos,
-    #   body_quat
-    # Search out: cause, point, surface, grasp, place, bounds, covered, overhanging, body_pos, body_quat
+    # Search in: restarts*, candidates, trials*, turn, heading, qpos; out: surface, grasp, places*, flags*; both: cause,
+    #   point, body_pos, body_quat
     search: Search,
 ):
     polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)

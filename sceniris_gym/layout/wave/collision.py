@@ -80,10 +80,10 @@ def _queue_narrow_pairs(
     program: Program,
     reach: Reach,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row_world, candidates, narrow_pairs, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
-    # Search out: narrow_pairs, any_overflowed, cause, overflowed, narrow_pair
+    # Search in: row_world, candidates, row, obj, grasp, flags*, body_pos, body_quat; out: any_overflowed, overflowed,
+    #   narrow_pair; both: narrow_pairs, cause
     search: Search,
 ):
     block, lane = wp.tid()
@@ -120,10 +120,9 @@ def _queue_narrow_pairs(
 def _test_inner_boxes(
     program: Program,
     lanes: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row_world, narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
-    # Search out: cause
+    # Search in: row_world, narrow_pairs, row, obj, body_pos, body_quat, narrow_pair; both: cause
     search: Search,
 ):
     for i in range(wp.tid(), narrow_pair_num(search), lanes):
@@ -140,10 +139,10 @@ def _test_inner_boxes(
 def _test_narrow_pairs(
     program: Program,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row_world, narrow_pairs, row, obj, cause, body_pos, body_quat, narrow_pair
-    # Search out: any_overflowed, cause, overflowed
+    # Search in: row_world, narrow_pairs, row, obj, body_pos, body_quat, narrow_pair; out: any_overflowed, overflowed;
+    #   both: cause
     search: Search,
 ):
     block, lane = wp.tid()
@@ -176,10 +175,10 @@ def _test_by_block(
     program: Program,
     reach: Reach,
     blocks: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row_world, candidates, row, obj, cause, grasp, covered, overhanging, body_pos, body_quat
-    # Search out: any_overflowed, cause, overflowed
+    # Search in: row_world, candidates, row, obj, grasp, flags*, body_pos, body_quat; out: any_overflowed, overflowed;
+    #   both: cause
     search: Search,
 ):
     block, lane = wp.tid()
@@ -210,11 +209,10 @@ def _test_alone(
     reach: Reach,
     lanes: int,
     tested_by_blocks: bool,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row_world, candidates, any_overflowed, row, obj, cause, grasp, overflowed, covered, overhanging,
-    #   body_pos, body_quat
-    # Search out: cause
+    # Search in: row_world, candidates, any_overflowed, row, obj, grasp, overflowed, flags*, body_pos, body_quat; both:
+    #   cause
     search: Search,
 ):
     if tested_by_blocks and search.any_overflowed[0] == 0:

@@ -16,10 +16,9 @@ def _test_containment(
     program: Program,
     lanes: int,
     parts: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, body_pos, body_quat
-    # Search out: cause
+    # Search in: candidates, row, obj, body_pos, body_quat; both: cause
     search: Search,
 ):
     for i in range(wp.tid(), parts * candidate_num(search), lanes):

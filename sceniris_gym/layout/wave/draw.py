@@ -141,15 +141,14 @@ def _draw(
     program: Program,
     split: wp.uint32,
     lanes: int,
-    # Layouts in: present, pending_seed, pending_episode, place, body_pos, body_quat
+    # Layouts in: present, pending*, place, bodies*
     layouts: LayoutsView,
     # Out, if there are regions that differ between worlds:
     cuts: wp.array[int],
     regions: wp.array[int],
-    # Search in: row_world, row_restart, row_first, rows_left, source, rows, opened, row, obj, trial, cause, turn,
-    #   heading, point, qpos, body_pos, body_quat
-    # Search out: rows_left, source, rows, rows_before, candidates, narrow_pairs, hands, any_overflowed, cause, turn,
-    #   heading, point, surface, grasp, overflowed, place, bounds, covered, overhanging, qpos, body_pos, body_quat
+    # Search in: restarts*, row_first, opened, trials*; out: rows_before, candidates, narrow_pairs, hands,
+    #   any_overflowed, surface, grasp, overflowed, places*, flags*; both: rows_left, source, rows, cause, turn,
+    #   heading, point, poses*
     search: Search,
 ):
     if wp.tid() == 0:

@@ -250,10 +250,10 @@ def _draw_points(
     program: Program,
     split: wp.uint32,
     blocks: int,
-    # Layouts in: present, pending_seed, pending_episode, place, bounds, body_pos, body_quat
+    # Layouts in: present, pending*, places*, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_restart, row, obj, trial, turn, heading, point, qpos, body_pos, body_quat
-    # Search out: cause, point, surface, grasp, place, bounds, covered, overhanging, body_pos, body_quat
+    # Search in: restarts*, trials*, turn, heading, qpos; out: cause, surface, grasp, places*, flags*; both: point,
+    #   body_pos, body_quat
     search: Search,
     # Regions in: cuts, relations, sides, side_num, pieces, piece, piece_area, cut, holder
     regions: Regions,

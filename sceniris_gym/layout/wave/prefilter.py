@@ -107,10 +107,10 @@ def _prefilter(
     reach: Reach,
     lanes: int,
     least_parts: int,
-    # Layouts in: present, variant, body_pos, body_quat
+    # Layouts in: present, variant, bodies*
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, turn, point, surface, grasp, covered, overhanging, body_pos, body_quat
-    # Search out: opened, grasp, covered, overhanging
+    # Search in: candidates, row, obj, cause, turn, point, surface, body_pos, body_quat; out: opened; both: grasp,
+    #   flags*
     search: Search,
 ):
     if wp.tid() == 0:
@@ -140,10 +140,9 @@ def _prefilter_by_map(
     reach: Reach,
     lanes: int,
     least_parts: int,
-    # Layouts in: present, variant, body_pos, body_quat
+    # Layouts in: present, variant, bodies*
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, turn, grasp, body_pos, body_quat
-    # Search out: grasp
+    # Search in: candidates, row, obj, cause, turn, body_pos, body_quat; both: grasp
     search: Search,
 ):
     num = candidate_num(search)

@@ -123,12 +123,11 @@ def _find_pieces(
     program: Program,
     lanes: int,
     least_parts: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
     # Search in: row, obj, turn
     search: Search,
-    # Regions in: regions, relations, sides, side_num, pieces, region
-    # Regions out: pieces, piece
+    # Regions in: regions, relations, sides, side_num, region; out: piece; both: pieces
     regions: Regions,
 ):
     num = regions.regions[0]
@@ -163,12 +162,11 @@ def _measure_pieces(
     program: Program,
     lanes: int,
     least_parts: int,
-    # Layouts in: body_pos, body_quat
+    # Layouts in: bodies*
     layouts: LayoutsView,
     # Search in: row, obj, turn
     search: Search,
-    # Regions in: regions, sides, side_num, pieces, piece, region
-    # Regions out: piece_area
+    # Regions in: regions, sides, side_num, pieces, piece, region; out: piece_area
     regions: Regions,
 ):
     num = regions.regions[0]

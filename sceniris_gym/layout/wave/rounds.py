@@ -49,12 +49,9 @@ def _start(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Layouts in: seed, episode, present, next_seed, next_episode, pending_seed, pending_episode, stream
-    # Layouts out: draw_seed, draw_episode, draw_stream, present, attempts, pending_seed, pending_episode,
-    #   row_rejections
+    # Layouts in: seed, episode, next*, stream; out: draws*, attempts, row_rejections; both: present, pending*
     layouts: LayoutsView,
-    # Search in: worlds_left
-    # Search out: pending, restart, ticket, best, waiting, worlds_left, rows_left, restarts_at_once, opened
+    # Search out: worlds*, waiting, rows_left, restarts_at_once, opened; both: worlds_left
     search: Search,
 ):
     worldid = wp.tid()
@@ -98,8 +95,7 @@ def _plan_round(
     program: Program,
     staged: bool,
     busy: int,
-    # Search in: worlds_left, restarts_at_once
-    # Search out: worlds_left, restarts_at_once, rows
+    # Search out: rows; both: worlds_left, restarts_at_once
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
@@ -127,14 +123,10 @@ def _open_rows(
     ahead: int,
     busy: int,
     lanes: int,
-    # Layouts in: qpos, start, present, body_pos, body_quat
-    # Layouts out: qpos, mocap_pos, mocap_quat, start, present, grasp, row_rejections, place, bounds, body_pos,
-    #   body_quat
+    # Layouts out: mocap_pos, mocap_quat, grasp, row_rejections, places*; both: qpos, choices*, bodies*
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, best, row_world, row_restart, row_object, row_trial, rows_left,
-    #   restarts_at_once, source, rows, rows_before, opened
-    # Search out: best, row_world, row_restart, waiting, row_object, row_trial, row_attempts, queue, row_first,
-    #   row_trials, row_ahead, rows_left, opened, row, obj, trial
+    # Search in: pending, restart, ticket, restarts_at_once, source, rows, rows_before; out: waiting, row_attempts,
+    #   queue, shares*, trials*; both: best, restarts*, row_object, row_trial, rows_left, opened
     search: Search,
 ):
     nworld = search.pending.shape[0]

@@ -116,13 +116,10 @@ def _settle(
     split: wp.uint32,
     width: int,
     blocks: int,
-    # Layouts in: qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos, pregrasp_qpos, attempts, pending_seed,
-    #   pending_episode, stream, row_rejections, variant, place, bounds, body_pos, body_quat
-    # Layouts out: draw_seed, draw_episode, draw_stream, qpos, mocap_pos, mocap_quat, start, present, grasp, grasp_qpos,
-    #   pregrasp_qpos, status, attempts, first_pass_valid, row_rejections, variant, place, bounds, body_pos, body_quat
+    # Layouts in: pending*, stream; out: draws*, status, first_pass_valid; both: state*, choices*, grasps*, attempts,
+    #   row_rejections, variant, places*, bodies*
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, best, row_attempts, worlds_left, restarts_at_once
-    # Search out: pending, restart, ticket, best, waiting, worlds_left
+    # Search in: row_attempts, restarts_at_once; out: waiting; both: worlds*, worlds_left
     search: Search,
 ):
     block, lane = wp.tid()

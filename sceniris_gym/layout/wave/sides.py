@@ -118,13 +118,11 @@ def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int
 def _build_sides(
     program: Program,
     lanes: int,
-    # Layouts in: present, place, bounds, body_pos, body_quat
+    # Layouts in: present, places*, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_first, candidates, row, obj, cause, turn, heading
-    # Search out: cause
+    # Search in: row_world, row_first, candidates, row, obj, turn, heading; both: cause
     search: Search,
-    # Regions in: cuts, regions
-    # Regions out: cuts, regions, relations, sides, side_num, pieces, cut, region, holder
+    # Regions out: relations, sides, side_num, pieces, cut, region, holder; both: counts*
     regions: Regions,
 ):
     for k in range(wp.tid(), MAX_RELATIONS * candidate_num(search), lanes):

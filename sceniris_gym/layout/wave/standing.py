@@ -94,11 +94,9 @@ def _test_standing(
     program: Program,
     statics: Statics,
     lanes: int,
-    # Layouts in: present, place, body_pos, body_quat
+    # Layouts in: present, place, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_surface, row_variant, candidates, row, obj, cause, turn, surface, place, body_pos,
-    #   body_quat
-    # Search out: cause
+    # Search in: row_world, placed*, candidates, row, obj, turn, surface, place, body_pos, body_quat; both: cause
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):

@@ -29,8 +29,7 @@ def _draw_kinds(
     mask: wp.array[bool],
     split: wp.uint32,
     column: int,
-    # Layouts in: pending_seed, pending_episode, next_knob
-    # Layouts out: start
+    # Layouts in: pending*, next_knob; out: start
     layouts: LayoutsView,
     # Out, by world:
     draw_range: wp.array2d[wp.vec2],
@@ -73,10 +72,10 @@ def _put_at_markers(
     starts: Starts,
     end: int,
     lanes: int,
-    # Layouts in: start, present, place, body_quat
+    # Layouts in: choices*, place, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_surface, candidates, row, obj, turn, heading, point, qpos, body_pos, body_quat
-    # Search out: cause, point, surface, grasp, place, bounds, covered, overhanging, body_pos, body_quat
+    # Search in: row_world, row_surface, candidates, row, obj, turn, heading, qpos; out: cause, surface, grasp, places*,
+    #   flags*; both: point, body_pos, body_quat
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
