@@ -31,7 +31,7 @@ from sceniris_gym.layout.wave.containment import launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
-from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
+from sceniris_gym.layout.wave.region_pieces import launch_cut_regions
 from sceniris_gym.layout.wave.rounds import launch_open_rows, launch_start
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.settle import launch_settle
@@ -207,8 +207,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             launch_draw_in_boxes(work, self._boxes)
         if self._regions is not None:
             launch_build_sides(work, self._regions)
-            launch_find_pieces(work, self._regions)
-            launch_measure_pieces(work, self._regions)
+            launch_cut_regions(work, self._regions)
             launch_draw_points(work, self._regions)
         if self._at_markers > 0:
             launch_put_at_markers(work, self._at_markers)

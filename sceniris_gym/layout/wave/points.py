@@ -153,14 +153,7 @@ def _clears_outline(program: Program, obj: int, tri: int, frame: Pose, own: Plac
 
 @wp.func
 def _point_holds(
-    program: Program,
-    layouts: LayoutsView,
-    search: Search,
-    regions: Regions,
-    c: int,
-    tri: int,
-    frame: Pose,
-    own: Placed,
+    program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, tri: int, frame: Pose, own: Placed
 ) -> bool:
     """Return True if all relations hold exactly at the drawn point, and the pivot is far enough from the outline."""
     row = search.row[c]
@@ -187,17 +180,11 @@ def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, fr
 
 @wp.func
 def _draw_in_piece(
-    program: Program,
-    layouts: LayoutsView,
-    search: Search,
-    regions: Regions,
-    c: int,
-    row: int,
-    obj: int,
-    index: int,
-    u: wp.vec4,
+    program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, index: int, u: wp.vec4
 ) -> bool:
     """Draw a point of a piece from three uniform numbers; write it and return True if it passes the exact test."""
+    row = search.row[c]
+    obj = search.obj[c]
     frame = support_pose(program, layouts, row, obj)
     turn = search.turn[c]
     triangles = program.variant_trinum[turn.variant]
@@ -265,8 +252,6 @@ def _draw_points(
     for base in range(block * most, num, blocks * most):
         needs = wp.where(lane < wp.min(most, num - base), 1, 0)
         c = regions.cut[wp.min(base + lane, num - 1)]
-        row = search.row[c]
-        obj = search.obj[c]
         redraw = int(0)
         while redraw < _REDRAWS and block_any(needs) != 0:
             winner = _race(program, split, layouts, search, regions, wp.where(needs != 0, c, -1), lane, most, redraw)
@@ -275,9 +260,9 @@ def _draw_points(
                 needs = 0
             if needs != 0:
                 u = _point_uniforms(_point_counter(program, split, layouts, search, c), redraw)
-                if _draw_in_piece(program, layouts, search, regions, c, row, obj, piece_of(winner), u):
+                if _draw_in_piece(program, layouts, search, regions, c, piece_of(winner), u):
                     needs = 0
-                    pose_candidate(program, layouts, search, c, row, obj)
+                    pose_candidate(program, layouts, search, c, search.row[c], search.obj[c])
             redraw += 1
         if needs != 0:
             search.cause[c] = Cause.REGION

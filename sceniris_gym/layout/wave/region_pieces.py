@@ -150,12 +150,6 @@ def _find_pieces(
                         break
 
 
-def launch_find_pieces(work: Workspace, regions: Regions) -> None:
-    """List the pieces of all regions that may have positive area."""
-    inputs = [work.program, work.size.lanes, work.size.parts, work.layouts]
-    work.launch(_find_pieces, work.size.lanes, inputs, work.search, regions)
-
-
 # A kernel of its own, so that the pieces found above are spread evenly over the lanes that clip them.
 @wp.kernel(grid_stride=False)
 def _measure_pieces(
@@ -188,7 +182,8 @@ def _measure_pieces(
             regions.piece_area[c, k] = size
 
 
-def launch_measure_pieces(work: Workspace, regions: Regions) -> None:
-    """Measure the area of the listed pieces."""
+def launch_cut_regions(work: Workspace, regions: Regions) -> None:
+    """List the pieces of all regions that may have positive area, and measure them."""
     inputs = [work.program, work.size.lanes, work.size.parts, work.layouts]
-    work.launch(_measure_pieces, work.size.lanes, inputs, work.search, regions)
+    for kernel in (_find_pieces, _measure_pieces):
+        work.launch(kernel, work.size.lanes, inputs, work.search, regions)

@@ -67,19 +67,10 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 
 
 @wp.func
-def _resolve(
-    program: Program,
-    layouts: LayoutsView,
-    search: Search,
-    regions: Regions,
-    c: int,
-    i: int,
-    row: int,
-    obj: int,
-    frame: Pose,
-):
+def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, i: int, frame: Pose):
     """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces."""
-    rel = program.obj_reladr[obj] + i
+    row = search.row[c]
+    rel = program.obj_reladr[search.obj[c]] + i
     hull = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
     resolved = resolve(
         program,
@@ -145,7 +136,7 @@ def _build_sides(
                     regions.pieces[c] = 0
                     regions.region[wp.atomic_add(regions.regions, 0, 1)] = c
             if holder == c and program.obj_relnum[obj] > 0:
-                _resolve(program, layouts, search, regions, c, i, row, obj, frame)
+                _resolve(program, layouts, search, regions, c, i, frame)
 
 
 def launch_build_sides(work: Workspace, regions: Regions) -> None:

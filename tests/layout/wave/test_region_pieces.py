@@ -14,7 +14,7 @@ from sceniris_gym.config.limits import MAX_CORNERS
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave import region_pieces
-from sceniris_gym.layout.wave.region_pieces import launch_find_pieces, launch_measure_pieces
+from sceniris_gym.layout.wave.region_pieces import launch_cut_regions
 from sceniris_gym.layout.wave.search import Search, default_size
 from sceniris_gym.layout.wave.sides import Regions, launch_build_sides, support_pose
 from sceniris_gym.placement.polygons import area
@@ -146,7 +146,7 @@ def test_any_number_of_lanes_finds_the_same_pieces(name: str, lanes: int, parts:
         regions.cuts.zero_()
         regions.regions.zero_()
         work = replace(generator._work, size=size)
-        for launch in (launch_build_sides, launch_find_pieces, launch_measure_pieces):
+        for launch in (launch_build_sides, launch_cut_regions):
             launch(work, regions)
         listed = np.sort(regions.cut.numpy()[: regions.cuts.numpy()[0]])
         pieces = [sorted(zip(*_listed(regions, c), strict=True)) for c in listed]
