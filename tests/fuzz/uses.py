@@ -170,7 +170,7 @@ def _id(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
 def _table(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
     generator().generate()
     table = read_table(generator())
-    name = COLUMNS[int(draws.integers(len(COLUMNS)))]
+    name = list(COLUMNS)[int(draws.integers(len(COLUMNS)))]
     table = replace(table, **{name: spoiled_array(getattr(table, name), draws)})
     if draws.random() < 0.5:
         envs.randomizer.write(table, spoiled([0, 1, 2, -1], draws) if draws.random() < 0.2 else [0, 1, 2, -1])

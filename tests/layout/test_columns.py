@@ -9,8 +9,8 @@ import pytest
 
 from sceniris_gym.layout.columns import BANKED, NEXT, columns, row_types
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
-from sceniris_gym.layout.requested import PARTS
 from sceniris_gym.layout.stored import INTEGERS
+from sceniris_gym.layout.tables import PARTS
 from sceniris_gym.levels.buffer import Buffer, Episodes
 from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.scene.layout_table import COLUMNS, Column
@@ -68,15 +68,19 @@ def test_a_copied_row_has_all_columns_of_its_parts(function: str, parts: list[st
     assert [wanted ^ found for found in copied_by(function)] == [set(), set()]
 
 
-@pytest.mark.parametrize("module", ["stored", "prepared"])
-def test_a_layout_that_is_served_has_all_columns(module: str):
-    """The kernels that serve layouts write each of them; a stored one is not made, so nothing is counted."""
+def written_by(module: str, name: str) -> set[str | None]:
+    """Return the columns of layouts that a kernel writes."""
     found = PACKAGE.module(f"sceniris_gym.layout.{module}")
     assert found is not None
-    kernel = next(kernel for kernel in found.kernels if kernel.name == "_serve")
-    written = {access.field for access in PACKAGE.accesses(found, kernel) if access.written}
-    left_out = {"attempts", "first_pass_valid"} if module == "stored" else set()
-    assert {*columns()} - left_out ^ written & {*columns()} == set()
+    kernel = next(kernel for kernel in found.kernels if kernel.name == name)
+    return {access.field for access in PACKAGE.accesses(found, kernel) if access.written} & {*columns()}
+
+
+def test_a_layout_that_is_served_has_all_columns():
+    """The kernels that serve layouts write each of them; a stored one is not made, so nothing is counted."""
+    assert written_by("ahead", "_serve") ^ {*columns()} == set()
+    stored = written_by("stored", "_make") | written_by("seeds", "_close")
+    assert stored ^ {*columns()} == {"attempts", "first_pass_valid"}
 
 
 def test_public_layouts_have_all_columns_and_the_bank_no_others():

@@ -10,7 +10,8 @@ import warp as wp
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, layout_width, view_of
-from sceniris_gym.layout.stored import _serve
+from sceniris_gym.layout.seeds import launch_open
+from sceniris_gym.layout.stored import _make
 from tests.layout.scenes import compiled_from
 from tests.scene.memory import NEAR, cubes_on, spec_of
 
@@ -99,7 +100,9 @@ def test_a_kernel_may_read_what_a_view_was_not_given():
         for name in LayoutsView.vars
         if name.startswith("rejected")  # there is no record
     }
-    wp.launch(_serve, 2, inputs=[stored, None, 1, layout_width(layouts.view)], outputs=[layouts.view], device="cpu")
+    launch_open(layouts.view, None)
+    dim = 2, layout_width(layouts.view)
+    wp.launch(_make, dim, inputs=[stored, None, 1], outputs=[layouts.view], device="cpu")
     np.testing.assert_array_equal(layouts.qpos.numpy(), given["qpos"][:2])
     assert (layouts.draw_seed.numpy().tolist(), layouts.draw_episode.numpy().tolist()) == ([7, 7], [-1, -1])
     assert (layouts.start.numpy().tolist(), stored.next_episode.numpy().tolist()) == ([-1, -1], [-1, -1, -1])

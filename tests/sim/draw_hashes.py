@@ -61,7 +61,7 @@ def _narrow(set_knobs: Callable[..., None], knobs: Mapping[str, Any]) -> None:
 def _reset_some(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
     """Reset all worlds, then every second, the knobs narrowed in between; return what they have drawn."""
     randomizer.reset()
-    _narrow(randomizer.layout_source.set_knobs, randomizer.layouts.knobs.knobs)
+    _narrow(randomizer.pipeline.set_knobs, randomizer.layouts.knobs.knobs)
     randomizer.reset(np.arange(NWORLD) % 2 == 0)
     return _drawn(randomizer)
 
