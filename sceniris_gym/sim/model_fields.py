@@ -133,7 +133,8 @@ class ModelFields:
             where: The caller, for errors.
 
         Raises:
-            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors or a mask of another shape.
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors or a mask of another shape; or
+                a first call with these names inside of a capture.
         """
         if self.ask(name, of, where=where).dtype in (wp.int32, wp.bool):
             raise ArgumentError(f"{where}: '{name}' has no numbers to scale. Write into model_field('{name}').")

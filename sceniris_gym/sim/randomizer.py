@@ -279,7 +279,8 @@ class ResetRandomizer(Fixed, StaysHere):
             factor: Factors of the model's values, a torch, numpy or Warp array, shape (nworld,), float32.
 
         Raises:
-            UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`; or factors of another shape.
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`; or factors of another shape, or a
+                first call with these names inside of a capture.
         """
         self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 

@@ -179,6 +179,22 @@ def test_factors_of_another_shape_or_of_no_numbers_are_errors(make):
         randomizer.scale_field("geom_matid", "block", ones)
 
 
+def test_a_capture_follows_a_first_call_with_the_same_names(make, small_scene):
+    """The first call prepares it; a graph reads the factors of the moment."""
+    randomizer, block = make("body_mass"), small_scene.mjm.body("block").id
+    randomizer.reset()
+    factors = wp.ones(NWORLD, dtype=float, device="cpu")
+    with pytest.raises(ArgumentError, match="'body_mass' of 'block' should be scaled once"), wp.ScopedCapture("cpu"):
+        randomizer.scale_field("body_mass", "block", factors)
+    randomizer.scale_field("body_mass", "block", factors)
+    with wp.ScopedCapture("cpu") as capture:
+        randomizer.scale_field("body_mass", "block", factors)
+    factors.fill_(3.0)
+    wp.capture_launch(capture.graph)
+    mass = randomizer.model.body_mass.numpy()[:, block]
+    np.testing.assert_allclose(mass, np.full(NWORLD, 3.0 * small_scene.mjm.body_mass[block]), rtol=1e-6)
+
+
 def test_fields_of_the_options_have_rows_too(make):
     """Gravity of each world."""
     randomizer = make("gravity", needs=("dynamics",))
