@@ -6,7 +6,7 @@ import difflib
 import importlib
 import inspect
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
@@ -49,14 +49,7 @@ class NotSupportedError(ScenirisError):
 
 
 class UnknownNameError(ScenirisError):
-    """A name of a body, joint, object, asset or scene that does not exist.
-
-    Args:
-        kind: The kind of thing that the name should refer to, e.g. "body".
-        name: The unknown name.
-        where: File and key path, or the function, in which it was found.
-        valid: The names that exist there.
-    """
+    """A name of a body, joint, object, asset or scene that does not exist; `valid` are those that do."""
 
     def __init__(self, kind: str, name: str, where: str, valid: Iterable[str]) -> None:
         self.kind, self.name, self.where, self.valid = kind, name, where, sorted(valid)
@@ -65,21 +58,11 @@ class UnknownNameError(ScenirisError):
 
 
 class NoSupportError(ScenirisError):
-    """A support that has no surface to place objects on."""
-
-
-class ErodedSupportError(ScenirisError):
-    """A support of which cropping to a region, or erosion by `ratio_on_support`, leaves nothing."""
+    """A support without a surface for objects, or of which cropping to a region or erosion leaves none."""
 
 
 class CycleError(ScenirisError):
-    """Names that depend on each other in a cycle: supports of objects, or bases of scene files.
-
-    Args:
-        where: The file or scene in which the cycle was found.
-        names: The names along the cycle, each depending on the next, the last one on the first.
-        what: What depends on what, e.g. "objects are supported by each other".
-    """
+    """Names that depend on each other in a cycle, each on the next: supports of objects, or bases of scene files."""
 
     def __init__(self, where: str, names: Iterable[str], what: str) -> None:
         self.where, self.names, self.what = where, list(names), what
@@ -91,53 +74,30 @@ class HeapError(ScenirisError):
     """A container that does not hold the things of a heap, or rows of settled heaps that do not fit the scene."""
 
 
+MeshReason = Literal["empty", "flat", "open", "large", "not finite", "sliver", "size", "parts", "refused"]
+"""Why a mesh cannot be used: it has no faces, no volume, holes that are too large, too many faces, or vertices that are
+not finite; it is too thin and light for MuJoCo, or under 1 mm or over 50 m long; no convex parts stay near its surface;
+or MuJoCo refuses it."""
+
+
 class MeshError(ScenirisError):
-    """A mesh that cannot be used for collision: it is open, flat, or has no faces."""
+    """A mesh that cannot be used.
 
+    Args:
+        text: The message.
+        reason: Its fault, by a word of `MeshReason`.
+    """
 
-class EmptyMeshError(MeshError):
-    """A file without a single face."""
-
-
-class FlatMeshError(MeshError):
-    """A mesh that encloses nothing: all of it lies in a plane or on a line."""
-
-
-class OpenMeshError(MeshError):
-    """A mesh with holes so large that its inside is anyone's guess."""
-
-
-class LargeMeshError(MeshError):
-    """A mesh with more faces than any use of it needs."""
-
-
-class PartsError(MeshError):
-    """A mesh without convex parts that stay near its surface."""
-
-
-class SliverError(MeshError):
-    """A body so thin and light that its moments of inertia are too small for MuJoCo."""
-
-
-class SizeError(MeshError):
-    """A thing smaller than 1 mm or larger than 50 m: its file is most likely in another unit."""
-
-
-class MissingMeshError(SceneFileError):
-    """A description of a thing that refers to files which do not exist."""
-
-
-class InstancesError(NotSupportedError):
-    """A stage of USD in which one prim stands for many copies."""
+    def __init__(self, text: str, reason: MeshReason) -> None:
+        super().__init__(text)
+        self.text = text
+        self.reason: MeshReason = reason
 
 
 class GraspError(ScenirisError):
-    """An object that the gripper cannot grasp: none of its grasps fits the gripper.
+    """An object that the gripper cannot grasp: the least opening `needed` [m] is more than its widest `opening` [m].
 
-    Args:
-        where: The scene and the object.
-        needed: The smallest opening that any grasp needs [m]; None if no grasp has anything between the fingers.
-        opening: The widest opening of the gripper [m].
+    `needed` is None if no grasp has anything between the fingers.
     """
 
     def __init__(self, where: str, needed: float | None, opening: float) -> None:
@@ -229,22 +189,12 @@ class ArmError(ScenirisError):
     """Bodies and joints that do not form a serial arm, or not a supported one."""
 
 
-class PosesError(ScenirisError, ValueError):
-    """A file of TCP poses that is missing or holds something else."""
-
-
 class MapError(ScenirisError):
     """A reachability map that is missing, unreadable, or made for another arm."""
 
 
 class ContactBudgetError(ScenirisError):
-    """More contacts or constraint rows than a batch of worlds has room for.
-
-    Args:
-        budget: The argument that sets the limit, "nconmax" or "njmax".
-        room: Its value [per world].
-        wanted: The least that was needed [per world].
-    """
+    """More contacts or constraint rows than a batch has room for: `budget`, "nconmax" or "njmax", per world."""
 
     def __init__(self, budget: str, room: int, wanted: int) -> None:
         self.budget, self.room, self.wanted = budget, room, wanted
@@ -271,11 +221,7 @@ class SeedError(ScenirisError, ValueError):
 
 
 class BusyError(ScenirisError, RuntimeError):
-    """An object that another thread uses at this moment.
-
-    Args:
-        what: The object.
-    """
+    """An object that another thread uses at this moment."""
 
     def __init__(self, what: str) -> None:
         self.what = what
@@ -286,13 +232,7 @@ class BusyError(ScenirisError, RuntimeError):
 
 
 class FixedError(ScenirisError, AttributeError):
-    """Raised on assignment to an attribute that captured graphs already use.
-
-    Args:
-        what: The class of the object.
-        name: The attribute.
-        cure: What to do instead; by default, to make another object.
-    """
+    """Raised on assignment to an attribute `name` of a class `what` that captured graphs already use."""
 
     def __init__(self, what: str, name: str, cure: str | None = None) -> None:
         self.what, self.cure = what, cure
@@ -304,14 +244,7 @@ class FixedError(ScenirisError, AttributeError):
 
 
 class TaskError(ScenirisError, TypeError):
-    """A method of a task returned something of the wrong type or form.
-
-    Args:
-        task: Name of the task's class.
-        method: The method.
-        got: What it returned.
-        form: What it should return.
-    """
+    """A method of a task returned `got`, which is of the wrong type or form."""
 
     def __init__(self, task: str, method: str, got: str, form: str) -> None:
         self.task, self.method, self.got, self.form = task, method, got, form
@@ -335,12 +268,7 @@ class ArgumentTypeError(ArgumentError, TypeError):
 
 
 def check_type(value: object, kind: type, name: str) -> None:
-    """Refuse an argument of another type than it should have.
-
-    Args:
-        value: The argument.
-        kind: Its type.
-        name: Its name in messages: the function and the argument.
+    """Refuse an argument that is not of a type; `name` names the function and the argument.
 
     Raises:
         ArgumentTypeError: It is of another type.
@@ -350,11 +278,7 @@ def check_type(value: object, kind: type, name: str) -> None:
 
 
 def as_names(value: Any, name: str) -> tuple[str, ...]:
-    """Return names that are given as a single one or as several.
-
-    Args:
-        value: The argument.
-        name: Its name in messages.
+    """Return names that are given as a single one or as several; `name` is that of the argument.
 
     Raises:
         ArgumentTypeError: Anything else.
@@ -374,9 +298,9 @@ class FallbackWarning(ScenirisWarning):
         where: The scene.
         share: Share of the layouts made for the bank that ran out of restarts.
         name: The object with the most rejections.
-        cause: The most frequent cause of them.
-        cures: What to write in the scene file, e.g. "'restarts' above 8".
-        held: The number of layouts in the smaller of the two banks, and the number wanted, if fewer were found.
+        cause: Their most frequent cause.
+        cures: Words of the scene file that would help.
+        held: Layouts in the smaller of the two banks, and the number wanted, if fewer were found.
     """
 
     def __init__(
@@ -392,12 +316,7 @@ class FallbackWarning(ScenirisWarning):
 
 
 class AttemptsWarning(ScenirisWarning):
-    """`attempts: auto` reached the largest number of attempts, and worlds still run out of them.
-
-    Args:
-        where: The scene.
-        attempts: That number.
-    """
+    """`attempts: auto` reached the largest number of attempts, and worlds still run out of them."""
 
     def __init__(self, where: str, attempts: int) -> None:
         self.where, self.attempts = where, attempts
@@ -417,12 +336,7 @@ class ModelWarning(ScenirisWarning):
 
 
 class OutputError(ScenirisError, OSError):
-    """A file that cannot be written.
-
-    Args:
-        path: The file.
-        reason: Why.
-    """
+    """A file that cannot be written."""
 
     def __init__(self, path: str, reason: str) -> None:
         self.path, self.reason = path, reason
@@ -430,15 +344,7 @@ class OutputError(ScenirisError, OSError):
 
 
 class MemoryLimitError(ScenirisError, MemoryError):
-    """Something that does not fit into the memory that is free.
-
-    Args:
-        what: The thing to be made.
-        needed: The bytes that it takes at least.
-        free: The bytes that are free.
-        device: The device.
-        cure: The remedy.
-    """
+    """Something that takes at least `needed` bytes, more than are `free` on a device."""
 
     def __init__(self, what: str, needed: int, free: int, device: str, cure: str) -> None:
         self.what, self.needed, self.free, self.device, self.cure = what, needed, free, device, cure
@@ -453,12 +359,7 @@ class DatasetError(ScenirisError):
 
 
 class MissingExtraError(ScenirisError, ImportError):
-    """A library that is not installed, and that an extra of this package installs.
-
-    Args:
-        package: The missing library.
-        extra: The extra of this package that installs it.
-    """
+    """A library that is not installed, and that an extra of this package installs."""
 
     def __init__(self, package: str, extra: str) -> None:
         self.package, self.extra = package, extra

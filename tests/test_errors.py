@@ -19,6 +19,7 @@ from sceniris_gym.errors import (
     GraspError,
     InfeasibleSceneError,
     MemoryLimitError,
+    MeshError,
     MissingExtraError,
     OutputError,
     ScenirisError,
@@ -52,6 +53,7 @@ EXAMPLES: dict[type, Exception] = {
             "scene.yaml", 0.45, "can", "blocked", ["'restarts' above 8", "a larger region for 'can'"], (4, 64)
         ),
         AttemptsWarning("scene.yaml", 10_000),
+        MeshError("scan.stl: it is flat.", "flat"),
     )
 }
 
@@ -77,7 +79,7 @@ def test_an_error_is_the_same_after_pickling_and_copying(kind: type[Exception]):
         ("MaskError", ValueError),
         ("SeedError", ValueError),
         ("CountError", ValueError),
-        ("PosesError", ValueError),
+        ("ArgumentError", ValueError),
         ("SceneMismatchError", ValueError),
     ],
 )

@@ -17,7 +17,14 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_array
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import MapError, NotSupportedError, PosesError, ReachWarning, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import (
+    ArgumentError,
+    MapError,
+    NotSupportedError,
+    ReachWarning,
+    SceneKeyError,
+    UnknownNameError,
+)
 from sceniris_gym.files import check_picture, no_file, replacing
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.compile import compile_scene, device_name
@@ -224,17 +231,17 @@ def read_poses(path: Path) -> np.ndarray:
     """Read TCP poses in the arm's base frame from a .npy file, shape (N, 4, 4).
 
     Raises:
-        PosesError: The file is missing or holds something else.
+        ArgumentError: The file is missing or holds something else.
     """
     form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
     if not path.is_file():
-        raise PosesError(f"--poses {path}: {no_file(path)}. It {form}.")
+        raise ArgumentError(f"--poses {path}: {no_file(path)}. It {form}.")
     try:
         poses = read_array(path)
     except UNREADABLE as error:
-        raise PosesError(f"--poses {path}: NumPy cannot read it ({error}). It {form}.") from error
+        raise ArgumentError(f"--poses {path}: NumPy cannot read it ({error}). It {form}.") from error
     if poses.ndim != 3 or poses.shape[1:] != (4, 4) or poses.dtype.kind not in "fiu":
-        raise PosesError(f"--poses {path}: holds {poses.dtype} of shape {poses.shape}. It {form}.")
+        raise ArgumentError(f"--poses {path}: holds {poses.dtype} of shape {poses.shape}. It {form}.")
     poses = poses.astype(np.float64)
     turns = poses[:, :3, :3]
     with np.errstate(invalid="ignore"):  # NaN compares as false
@@ -242,7 +249,7 @@ def read_poses(path: Path) -> np.ndarray:
         rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
     rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
     if not rigid.all():
-        raise PosesError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
+        raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
     return poses
 
 

@@ -147,11 +147,13 @@ def extract_pieces(
         visible = mjm.geom_group[geom] in _VISIBLE_GROUPS and mjm.geom_rgba[geom][3] > 0.0
         plane = mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         if rules.collides(geom) if geometry == "physics" or plane else visible:
+            place = (where or {}).get(int(mjm.geom_bodyid[geom]))
             try:
                 pieces.append(_piece(mjm, geom, geometry, int(rules.classes[geom])))
-            except (MeshError, NotSupportedError) as error:
-                place = (where or {}).get(int(mjm.geom_bodyid[geom]))
-                raise type(error)(f"{place}: {error}" if place else str(error)) from None
+            except MeshError as error:
+                raise MeshError(f"{place}: {error}" if place else str(error), error.reason) from None
+            except NotSupportedError as error:
+                raise NotSupportedError(f"{place}: {error}" if place else str(error)) from None
     return pieces
 
 
@@ -257,7 +259,9 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
     try:
         return np.asarray(convex_hull(vertices).vertices)
     except ValueError as error:  # qhull rejects flat input
-        raise MeshError(f"mesh of geom '{name}' has no volume. It should have four points not in one plane.") from error
+        raise MeshError(
+            f"mesh of geom '{name}' has no volume. It should have four points not in one plane.", "flat"
+        ) from error
 
 
 def flat_faces(triangles: np.ndarray) -> np.ndarray:
@@ -270,7 +274,9 @@ def flat_faces(triangles: np.ndarray) -> np.ndarray:
 def _surface(mjm: mujoco.MjModel, mesh: int, name: str) -> trimesh.Trimesh:
     """Return the triangles of a mesh in the geom's frame, after a check that they form a closed surface."""
     if mjm.mesh_facenum[mesh] == 0:
-        raise MeshError(f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.")
+        raise MeshError(
+            f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.", "empty"
+        )
     surface = mesh_surface(mjm, mesh)
     surface.merge_vertices(merge_tex=True, merge_norm=True)
     if not surface.is_watertight:  # a face without area may close a surface; a superfluous one does not open it
@@ -280,7 +286,8 @@ def _surface(mjm: mujoco.MjModel, mesh: int, name: str) -> trimesh.Trimesh:
     if not surface.is_watertight:
         raise MeshError(
             f"mesh of geom '{name}' is open, so it has no inside. Close it, or use `geometry: physics`, which takes "
-            "convex hulls."
+            "convex hulls.",
+            "open",
         )
     if surface.volume < 0.0:
         surface.invert()

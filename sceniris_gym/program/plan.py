@@ -114,8 +114,7 @@ def build_plan(scene: SceneModel) -> Plan:
         CycleError: Objects that refer to each other.
         HeapError: A heap without settled rows.
         MeshError, NotSupportedError: A geom that cannot be an obstacle.
-        NoSupportError: A support without any level surface.
-        ErodedSupportError: Nothing is left of a support after its erosion and region.
+        NoSupportError: A support without any level surface, or nothing is left of it after its erosion and region.
         SceneKeyError: An object without a stable pose.
     """
     pieces, heaps = obstacles(scene), heap_poses(scene)

@@ -48,8 +48,7 @@ def surfaces_of(
         edges: The least shorter edge of the bounds [m] for each variant, which `ratio_on_support` erodes by.
 
     Raises:
-        NoSupportError: A support without any level surface.
-        ErodedSupportError: Nothing is left of the support after its erosion and region.
+        NoSupportError: A support without any level surface, or nothing is left of it after its erosion and region.
     """
     config, support = o.config, o.support
     if config.support is None or support is None:

@@ -339,5 +339,7 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     except ValueError as error:
         text = " ".join(str(error).removeprefix("Error: ").split())
         if "vertices" in text:
-            raise MeshError(f"{where}: MuJoCo cannot use a mesh: {text}. It should be a closed surface.") from None
+            raise MeshError(
+                f"{where}: MuJoCo cannot use a mesh: {text}. It should be a closed surface.", "refused"
+            ) from None
         raise SceneFileError(f"{where}: MuJoCo cannot compile this: {text}") from None

@@ -18,10 +18,10 @@ from sceniris_gym.commands import reach
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import (
+    ArgumentError,
     ArmError,
     MapError,
     NotSupportedError,
-    PosesError,
     ReachWarning,
     SceneKeyError,
     UnknownNameError,
@@ -158,15 +158,15 @@ def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
 )
 def test_a_file_that_holds_no_poses_is_refused(arm: Path, tmp_path: Path, made: np.ndarray, words: str):
     """The form that is right is named."""
-    with pytest.raises(PosesError, match=words):
+    with pytest.raises(ArgumentError, match=words):
         reach.read_poses(asked(tmp_path, made))
-    with pytest.raises(PosesError, match="no such file"):
+    with pytest.raises(ArgumentError, match="no such file"):
         reach.read_poses(tmp_path / "none.npy")
     os.mkfifo(tmp_path / "pipe.npy")
-    with pytest.raises(PosesError, match="a pipe or a device, not a file"):
+    with pytest.raises(ArgumentError, match="a pipe or a device, not a file"):
         reach.read_poses(tmp_path / "pipe.npy")
     (tmp_path / "text.npy").write_text("no array")
-    with pytest.raises(PosesError, match="cannot read"):
+    with pytest.raises(ArgumentError, match="cannot read"):
         reach.read_poses(tmp_path / "text.npy")
 
 
@@ -214,7 +214,7 @@ def test_positions_that_are_no_numbers_are_refused(tmp_path: Path, number: float
     """A rotation alone is no pose."""
     made = np.tile(np.eye(4), (3, 1, 1))
     made[2, 1, 3] = number
-    with pytest.raises(PosesError, match="pose 2 is not a rotation and a position"):
+    with pytest.raises(ArgumentError, match="pose 2 is not a rotation and a position"):
         reach.read_poses(asked(tmp_path, made))
 
 

@@ -131,7 +131,7 @@ def _texts(*nodes: ast.AST) -> str:
     return " ... ".join(n.value for n in found if isinstance(n.value, str))
 
 
-OF_MODELS = {"ArmError", "ErodedSupportError", "MeshError", "NoSupportError", "NotSupportedError"}
+OF_MODELS = {"ArmError", "MeshError", "NoSupportError", "NotSupportedError"}
 OWN_WORDS = {"GraspError", "InfeasibleSceneError"}  # made in errors.py
 LIMITS = {
     "program/checks/places.py",

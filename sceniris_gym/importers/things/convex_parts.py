@@ -16,7 +16,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull
 
-from sceniris_gym.errors import PartsError, SliverError, import_extra
+from sceniris_gym.errors import MeshError, import_extra
 from sceniris_gym.importers.things import splitting
 from sceniris_gym.importers.things.fit import Distances, Fit, Measure, are_near, tolerance_of
 from sceniris_gym.importers.things.repair import Solid
@@ -78,7 +78,7 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         tolerance: In metres; by default 2 mm or 2% of its longest edge, whichever is larger.
 
     Raises:
-        PartsError: Not even the finest parts stay within the tolerance.
+        MeshError: Not even the finest parts stay within the tolerance.
         MissingExtraError: It is not convex, and CoACD is not installed.
     """
     allowed = tolerance_of(solid.mesh) if tolerance is None else tolerance
@@ -99,10 +99,11 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
     else:
         parts, fit = _merged(found, Measure(solid.mesh, allowed).beyond, exact, allowed)
     if fit.error > allowed or len(parts) > MOST_PARTS:
-        raise PartsError(
+        raise MeshError(
             f"{where}: its best convex parts, {len(parts)} by {method}, are {1000.0 * fit.error:.2g} mm off its "
             f"surface; at most {1000.0 * allowed:.2g} mm and {MOST_PARTS} parts are allowed. Allow more with "
-            "--tolerance, or model thin and fine structures thicker."
+            "--tolerance, or model thin and fine structures thicker.",
+            "parts",
         )
     return Parts(tuple(parts), fit, allowed, method)
 
@@ -120,7 +121,7 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
         where: The beginning of errors.
 
     Raises:
-        SliverError: Its moments are too small for MuJoCo.
+        MeshError: Its moments are too small for MuJoCo.
     """
     mesh = solid.mesh
     alone = solid.closed and mesh.is_watertight and mesh.body_count == 1
@@ -129,10 +130,11 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
     full = density * np.asarray(mesh.moment_inertia)
     found = Inertia(density * float(mesh.volume), np.asarray(mesh.center_mass), full)
     if (least := found.least) <= LEAST_MOMENT:
-        raise SliverError(
+        raise MeshError(
             f"{where}: it is a sliver of {1e6 * found.mass:.2g} mg, and its least moment of inertia is {least:.1g} "
             f"kg m^2. It should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo. Leave it out, or give it a thickness; "
-            "if it should be larger, give its --scale."
+            "if it should be larger, give its --scale.",
+            "sliver",
         )
     return found
 

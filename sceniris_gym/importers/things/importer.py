@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sceniris_gym.errors import ArgumentError, FlatMeshError, NotSupportedError, SceneFileError, import_extra
+from sceniris_gym.errors import ArgumentError, MeshError, NotSupportedError, SceneFileError, import_extra
 from sceniris_gym.files import no_file
 from sceniris_gym.importers.things import meshes
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
@@ -95,7 +95,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     touched = {link.name: link.touched for link in thing.links if link.touched}
     solids = {name: repair(some, f"{where}: {name}", shell=options.shell) for name, some in touched.items()}
     if not solids:
-        raise FlatMeshError(f"{where}: nothing of it has a volume.")
+        raise MeshError(f"{where}: nothing of it has a volume.", "flat")
     cut = {name: convex_parts(solid, where, options.tolerance) for name, solid in solids.items()}
     patched = [
         replace(link, surfaces=(*link.surfaces, *solids[link.name].patches))

@@ -41,7 +41,7 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
         loaded = trimesh.load_scene(path, resolver=beside, process=False).geometry.values()
         raw = [mesh for mesh in loaded if isinstance(mesh, trimesh.Trimesh)]
         if not all(np.isfinite(mesh.vertices).all() for mesh in raw):
-            raise MeshError(f"{path}: it has vertices that are not finite. Export it again.")
+            raise MeshError(f"{path}: it has vertices that are not finite. Export it again.", "not finite")
         scene = trimesh.load_scene(path, resolver=beside)
         found = []
         for node in scene.graph.nodes_geometry:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from sceniris_gym.errors import EmptyMeshError, FlatMeshError, LargeMeshError, MeshError, OpenMeshError
+from sceniris_gym.errors import MeshError
 from sceniris_gym.geometry.pieces import convex_hull
 from sceniris_gym.importers.things.fit import Measure, tolerance_of
 from sceniris_gym.importers.things.thing import Surface
@@ -44,18 +44,19 @@ def check_faces(surfaces: Sequence[Surface], where: str) -> None:
     """Refuse surfaces without faces, with too many of them, or with numbers that are not finite.
 
     Raises:
-        EmptyMeshError, LargeMeshError, MeshError: See above.
+        MeshError: See above.
     """
     count = sum(len(surface.faces) for surface in surfaces)
     if count == 0:
-        raise EmptyMeshError(f"{where}: it has no faces. Export the object as a mesh of triangles or polygons.")
+        raise MeshError(f"{where}: it has no faces. Export the object as a mesh of triangles or polygons.", "empty")
     if count > MOST_FACES:
-        raise LargeMeshError(
+        raise MeshError(
             f"{where}: it has {count:,} faces, and should have {MOST_FACES:,} at most. Reduce it, e.g. with Blender's "
-            "modifier Decimate: 10,000 are plenty."
+            "modifier Decimate: 10,000 are plenty.",
+            "large",
         )
     if not all(np.isfinite(surface.vertices).all() for surface in surfaces):
-        raise MeshError(f"{where}: it has vertices that are not finite. Export it again.")
+        raise MeshError(f"{where}: it has vertices that are not finite. Export it again.", "not finite")
 
 
 def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> Solid:
@@ -67,8 +68,7 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
         shell: The surface is a sheet that encloses nothing: holes stay as they are.
 
     Raises:
-        FlatMeshError: It lies in a plane.
-        OpenMeshError: Too much of it is missing.
+        MeshError: It lies in a plane, or too much of it is missing.
     """
     mesh = _joined(surfaces)
     size = float(mesh.extents.max()) if len(mesh.faces) else 0.0
@@ -81,7 +81,7 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     if not len(mesh.faces) or float(np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)[2]) <= (
         _FLAT * size * np.sqrt(len(mesh.vertices))
     ):
-        raise FlatMeshError(f"{where}: it is flat and has no volume. Give it a thickness, or leave it out.")
+        raise MeshError(f"{where}: it is flat and has no volume. Give it a thickness, or leave it out.", "flat")
     if not mesh.is_winding_consistent:
         trimesh.repair.fix_winding(mesh)
         report.append("its faces were turned to agree with each other")
@@ -96,10 +96,11 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
             if Measure(mesh, allowed).fit([hull]).error <= allowed:  # then solid and sheet are the same
                 told = f"{missing:.0%} of its surface is missing: taken as its convex hull"
                 return Solid(hull, True, (*report, f"{told}, which is as near to the surface as parts have to be"))
-            raise OpenMeshError(
+            raise MeshError(
                 f"{where}: it is open along {sum(map(len, loops))} edges. What is missing is {missing:.0%} of "
                 f"what is there, {max(shares):.0%} in the largest hole. Close it (in Blender: Mesh, Clean Up, Fill "
-                "Holes), or import it with --shell if it is a sheet without inside."
+                "Holes), or import it with --shell if it is a sheet without inside.",
+                "open",
             )
         mesh, patches = _capped(mesh, loops, surfaces[0].rgba)
         report.append(f"{len(loops)} holes, {missing:.2%} of its surface, were closed")
@@ -107,7 +108,7 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
         mesh.invert()
         report.append("it was inside out")
     if mesh.volume < _EMPTY * size**3:
-        raise FlatMeshError(f"{where}: it encloses no volume. Give it a thickness, or import it with --shell.")
+        raise MeshError(f"{where}: it encloses no volume. Give it a thickness, or import it with --shell.", "flat")
     return Solid(mesh, True, tuple(report), patches)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sceniris_gym.errors import ArgumentError, SizeError
+from sceniris_gym.errors import ArgumentError, MeshError
 from sceniris_gym.importers.things.thing import Thing
 
 LEAST_SIZE, MOST_SIZE = 0.001, 50.0
@@ -61,7 +61,7 @@ def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> 
     A given scale takes precedence over that of the file; without either, metres are assumed if they make sense.
 
     Raises:
-        SizeError: The thing would be smaller than 1 mm or larger than 50 m, and nobody can be asked.
+        MeshError: The thing would be smaller than 1 mm or larger than 50 m, and nobody can be asked.
         ArgumentError: The scale, or the answer, is no scale.
     """
     size = float(thing.extents().max())
@@ -78,10 +78,10 @@ def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> 
     choices = _choices(size)
     problem = f"{where}: it would be {size * factor:.4g} m long, and should be from 1 mm to 50 m"
     if ask is None or size == 0.0:
-        raise SizeError(f"{problem}. {choices}.")
+        raise MeshError(f"{problem}. {choices}.", "size")
     factor = parse_scale(ask(f"{problem}. {choices}. Scale?"))
     if not LEAST_SIZE <= size * factor <= MOST_SIZE:
-        raise SizeError(f"{where}: it would be {size * factor:.4g} m long. {choices}.")
+        raise MeshError(f"{where}: it would be {size * factor:.4g} m long. {choices}.", "size")
     return factor, "as answered"
 
 

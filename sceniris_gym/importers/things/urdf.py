@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import trimesh
 
-from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError, UnknownNameError
+from sceniris_gym.errors import NotSupportedError, SceneFileError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix, of_angles
 from sceniris_gym.importers.things.meshes import read_surfaces
 from sceniris_gym.importers.things.thing import GREY, LEAST_MOMENT, Inertia, Joint, Link, Surface, Thing
@@ -26,8 +26,7 @@ def read_urdf(path: Path) -> Thing:
     Meshes are found beside the file, or, with `package://`, in a folder above it.
 
     Raises:
-        SceneFileError: It is no URDF, or its links are no tree.
-        MissingMeshError: Meshes do not exist; all of them are named.
+        SceneFileError: It is no URDF, its links are no tree, or meshes do not exist: all of them are named.
         NotSupportedError: It has a floating or planar joint.
     """
     try:
@@ -40,7 +39,7 @@ def read_urdf(path: Path) -> Thing:
     meshes = {mesh.get("filename", ""): file_of(mesh.get("filename", ""), folder) for mesh in robot.iter("mesh")}
     missing = [name for name, found in meshes.items() if found is None]
     if missing:
-        raise MissingMeshError(
+        raise SceneFileError(
             f"{path}: it refers to {len(missing)} files that do not exist, or are none: {', '.join(missing[:5])}"
             f"{', ...' if len(missing) > 5 else ''}. Put them where the file says, relative to it or below a folder "
             "of the package's name."

@@ -12,7 +12,7 @@ import trimesh
 from PIL import Image
 from pxr import Ar, Tf, Usd, UsdGeom, UsdShade
 
-from sceniris_gym.errors import InstancesError, SceneFileError
+from sceniris_gym.errors import NotSupportedError, SceneFileError
 from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
 
 
@@ -23,7 +23,7 @@ def read_usd(path: Path) -> Thing:
 
     Raises:
         SceneFileError: The file cannot be read, or refers to a file that does not exist.
-        InstancesError: It has a PointInstancer.
+        NotSupportedError: It has a PointInstancer.
     """
     try:
         stage = Usd.Stage.Open(str(path))
@@ -38,7 +38,7 @@ def read_usd(path: Path) -> Thing:
     poses = UsdGeom.XformCache(time)
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if prim.IsA(UsdGeom.PointInstancer):
-            raise InstancesError(
+            raise NotSupportedError(
                 f"{path}: '{prim.GetPath()}' is a PointInstancer, which is a scene rather than a thing. Import its "
                 "prototype as a file of its own, and place it as often as you like in a scene file."
             )

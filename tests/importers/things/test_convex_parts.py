@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from sceniris_gym.errors import PartsError
+from sceniris_gym.errors import MeshError
 from sceniris_gym.importers.things.convex_parts import _simpler, convex_parts, inertia_of, merge
 from sceniris_gym.importers.things.fit import Fit, Measure, tolerance_of
 from sceniris_gym.importers.things.repair import Solid, repair
@@ -77,8 +77,10 @@ def test_where_nothing_fits_the_best_is_told(monkeypatch: pytest.MonkeyPatch):
     """With how far it is off."""
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts.splitting.split", lambda parts, *arguments: parts)
-    with pytest.raises(PartsError, match=r"cup: its best convex parts, 1 by 1 x hull, are 3\d mm off.*--tolerance"):
+    said = r"cup: its best convex parts, 1 by 1 x hull, are 3\d mm off.*--tolerance"
+    with pytest.raises(MeshError, match=said) as refused:
         convex_parts(repair([surface(cup())], "cup"), "cup")
+    assert refused.value.reason == "parts"
 
 
 def test_a_cut_of_a_sheet_that_brings_nothing_is_followed_by_a_finer_one(monkeypatch: pytest.MonkeyPatch):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sceniris_gym.errors import LargeMeshError, SceneFileError
+from sceniris_gym.errors import MeshError, SceneFileError
 from sceniris_gym.importers.things import folder as module
 from sceniris_gym.importers.things.folder import Outcome, import_folder, things_in
 from tests.importers.things.shapes import box, write
@@ -64,7 +64,7 @@ def test_a_process_that_ends_is_told_with_its_status(tmp_path: Path, monkeypatch
 
 
 def test_errors_come_back_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """With their class."""
+    """With their class and reason."""
     sent: list[object] = []
 
     class Far:
@@ -72,8 +72,9 @@ def test_errors_come_back_as_they_are(tmp_path: Path, monkeypatch: pytest.Monkey
             sent.append(answer)
 
     def refuse(*arguments: object) -> None:
-        raise LargeMeshError("scan.stl: too many")
+        raise MeshError("scan.stl: too many", "large")
 
     monkeypatch.setattr(module, "import_thing", refuse)
     module._work(Far(), tmp_path / "scan.stl", tmp_path / "scan.xml", module.Options())  # type: ignore[arg-type]
-    assert isinstance(sent[0], LargeMeshError)
+    assert isinstance(sent[0], MeshError)
+    assert sent[0].reason == "large"

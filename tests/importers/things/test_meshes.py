@@ -58,8 +58,9 @@ def test_vertices_that_are_not_finite_are_no_holes(suffix: str, value: float, tm
     bad = trimesh.Trimesh(vertices, box().faces, process=False)
     with np.errstate(invalid="ignore"):
         path = write(bad, tmp_path / f"bad{suffix}")
-    with pytest.raises(MeshError, match=r"it has vertices that are not finite\. Export it again"):
+    with pytest.raises(MeshError, match=r"it has vertices that are not finite\. Export it again") as refused:
         read_mesh(path)
+    assert refused.value.reason == "not finite"
 
 
 def test_a_file_of_something_else_is_refused(tmp_path: Path):

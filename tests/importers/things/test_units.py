@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import ArgumentError, SizeError
+from sceniris_gym.errors import ArgumentError, MeshError
 from sceniris_gym.importers.things.thing import Link, Thing
 from sceniris_gym.importers.things.units import UPRIGHT, find_scale, find_up, parse_scale
 from tests.importers.things.shapes import box, surface
@@ -27,7 +27,7 @@ def test_what_the_user_says_wins_then_what_the_file_says_then_metres():
 @pytest.mark.parametrize("size", [0.0005, 80.0])
 def test_a_size_that_makes_no_sense_is_refused_where_nobody_can_be_asked(size: float):
     """With the units in which it would make sense."""
-    with pytest.raises(SizeError, match=r"from 1 mm to 50 m.*--scale"):
+    with pytest.raises(MeshError, match=r"from 1 mm to 50 m.*--scale"):
         find_scale(thing(size), None, None, "cube.stl")
 
 
@@ -42,10 +42,11 @@ def test_a_remedy_is_one_that_helps():
     assert "export it again" in str(refused(0.0))
 
 
-def refused(size: float, scale: str | None = None) -> SizeError:
+def refused(size: float, scale: str | None = None) -> MeshError:
     """Return the error about a size that nobody can be asked about."""
-    with pytest.raises(SizeError) as raised:
+    with pytest.raises(MeshError) as raised:
         find_scale(thing(size), scale, None, "cube.stl")
+    assert raised.value.reason == "size"
     return raised.value
 
 
@@ -62,7 +63,7 @@ def test_it_is_asked_for_where_somebody_is_there():
 
     assert find_scale(thing(80.0), None, answer("mm"), "cube.stl") == (0.001, "as answered")
     assert "--scale mm makes it 0.08 m" in questions[0]
-    with pytest.raises(SizeError):
+    with pytest.raises(MeshError):
         find_scale(thing(80.0), None, answer("m"), "cube.stl")
 
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import MissingMeshError, NotSupportedError, SceneFileError, UnknownNameError
+from sceniris_gym.errors import NotSupportedError, SceneFileError, UnknownNameError
 from sceniris_gym.importers.things.importer import import_thing
 from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.scene.model_files import file_of
@@ -70,7 +70,7 @@ def test_missing_meshes_are_all_named(door: Path):
     """So that they can be put in place at once."""
     (door.parents[1] / "meshes" / "door.stl").unlink()
     with pytest.raises(
-        MissingMeshError, match=r"1 files that do not exist, or are none: package://cupboard/meshes/door\.stl"
+        SceneFileError, match=r"1 files that do not exist, or are none: package://cupboard/meshes/door\.stl"
     ):
         read_urdf(door)
     assert file_of("file:///nowhere.stl", door.parent) is None

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import InstancesError, SceneFileError
+from sceniris_gym.errors import NotSupportedError, SceneFileError
 
 pxr = pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
 from sceniris_gym.importers.things.usd import read_usd  # noqa: E402
@@ -67,7 +67,7 @@ def test_instances_of_a_prototype_are_read_as_often_as_they_stand_there(tmp_path
 
 def test_a_point_instancer_is_refused(tmp_path: Path):
     """It is named, with the remedy."""
-    with pytest.raises(InstancesError, match=r"'/many' is a PointInstancer.*place it as often as you like"):
+    with pytest.raises(NotSupportedError, match=r"'/many' is a PointInstancer.*place it as often as you like"):
         read_usd(stage(tmp_path / "many.usda", 'def PointInstancer "many"\n{\n}\n'))
 
 
