@@ -12,6 +12,7 @@ PACKAGE = ROOT / "sceniris_gym"
 SOURCES = tuple(
     path for path in sorted(PACKAGE.rglob("*.py")) if path.relative_to(PACKAGE).parts[0] not in ("envs", "assets")
 )
+MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in SOURCES}
 
 
 @cache
@@ -22,7 +23,9 @@ def tree_of(path: Path) -> ast.Module:
 
 @cache
 def imports(path: Path) -> tuple[str, ...]:
-    """Return the full names of all modules a file imports, those inside of functions too."""
+    """Return the full names of all modules a file imports, also inside of functions, or has as a string: it may import
+    such a module by its name.
+    """
     return tuple(_imports(path))
 
 
@@ -34,3 +37,7 @@ def _imports(path: Path) -> Iterator[str]:
             assert node.level == 0, f"{path}: relative import"
             yield str(node.module)
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            name = node.value.partition(":")[0]  # as in "module:Class"
+            if name in MODULES - {"sceniris_gym"}:
+                yield name

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
+from importlib.metadata import entry_points
 from typing import Any
 
 import mujoco_warp as mjw
 import numpy as np
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.pictures.camera import Cameras
@@ -19,6 +19,8 @@ from sceniris_gym.vector.arguments import as_size
 
 RENDER_MODES = ["rgb_array", "human"]
 """Values of `render_mode` besides None."""
+PAGES = "sceniris_gym.pages"
+"""Entry points of installed packages that open the page of mode "human"; the viewer registers its own."""
 _LOOKS = Looks(shadows=True)
 
 
@@ -57,13 +59,15 @@ class Rendering:
         return tuple(self._camera.images[self.camera]["rgb"].numpy())
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
-        """Bring the page up to date in mode "human", so many seconds after the last call. Waits for the device."""
+        """Bring the page up to date in mode "human", so many seconds after the last call. Waits for the device.
+
+        Raises:
+            MissingExtraError: No installed package opens such a page.
+        """
         if self.mode != "human":
             return
         if self._window is None:
-            # by its name, as the viewer imports the environments
-            viewer: Any = importlib.import_module("sceniris_gym.viewer.window")
-            self._window = viewer.Window(batch.full_scene, self.worlds)
+            self._window = _page()(batch.full_scene, self.worlds)
         self._window.show(batch, layouts, seconds)
 
     def close(self) -> None:
@@ -72,3 +76,10 @@ class Rendering:
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+def _page() -> Any:
+    found = tuple(entry_points(group=PAGES, name="human"))
+    if not found:
+        raise MissingExtraError("the viewer of this package", "viewer")
+    return found[0].load()

@@ -20,7 +20,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer.plots import Plots
 from sceniris_gym.viewer.policies import GROUP, Policy
 from sceniris_gym.viewer.server import Requests
-from sceniris_gym.viewer.window import Window
+from sceniris_gym.viewer.worlds import Window
 
 _IDLE = 0.25  # s
 _LOOK = 1.0  # s at the end of all episodes, before the next ones begin

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import ScenirisError
+from sceniris_gym.errors import MissingExtraError, ScenirisError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector import rendering
 from sceniris_gym.vector.rendering import Rendering
+from sceniris_gym.viewer.worlds import Window
 
 
 class _Page:
@@ -49,7 +50,7 @@ def test_a_page_is_opened_when_it_is_first_needed_and_closed(monkeypatch: pytest
         opened.append(_Page(scene, num))
         return opened[-1]
 
-    monkeypatch.setattr(rendering.importlib, "import_module", lambda name: SimpleNamespace(Window=open_page))
+    monkeypatch.setattr(rendering, "entry_points", lambda **_: [SimpleNamespace(load=lambda: open_page)])
     batch: Any = SimpleNamespace(full_scene=None)
     layouts: Any = None
     for mode, pages in (("rgb_array", 0), (None, 0), ("human", 1)):
@@ -59,6 +60,19 @@ def test_a_page_is_opened_when_it_is_first_needed_and_closed(monkeypatch: pytest
         assert len(opened) == pages
         looked.close()
     assert (opened[0].num, opened[0].shown, opened[0].closed) == (2, 2, True)
+
+
+def test_the_viewer_registers_its_page():
+    """As an entry point of the installed package, so `make_vec` with render_mode="human" is all that a user calls."""
+    assert rendering._page() is Window
+
+
+def test_a_page_that_nobody_registers_names_the_extra(monkeypatch: pytest.MonkeyPatch):
+    """As after an installation of part of the package."""
+    monkeypatch.setattr(rendering, "PAGES", "sceniris_gym.pages_that_are_not_there")
+    looked, batch, layouts = Rendering("human", 2, None, (8, 8), "overview"), cast(Any, None), cast(Any, None)
+    with pytest.raises(MissingExtraError, match=r"sceniris-gym\[viewer\]"):
+        looked.show(batch, layouts, 0.0)
 
 
 class FakeWindow:
@@ -85,7 +99,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[FakeWindow]:
         pages.append(FakeWindow(scene, num))
         return pages[-1]
 
-    monkeypatch.setattr(rendering.importlib, "import_module", lambda name: SimpleNamespace(Window=make))
+    monkeypatch.setattr(rendering, "entry_points", lambda **_: [SimpleNamespace(load=lambda: make)])
     return pages
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import time
+from types import SimpleNamespace
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
+import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from sceniris_gym.viewer.shown import ShownWorld
-from sceniris_gym.viewer.worlds import Worlds, body_mesh, drawn_model, grid_origins, view_direction
+from sceniris_gym.viewer.worlds import Window, Worlds, body_mesh, drawn_model, grid_origins, view_direction
 from tests.viewer.pages import page
-from tests.viewer.worlds_on_show import compiled_scene
+from tests.viewer.worlds_on_show import compiled_scene, world_of
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
 
@@ -118,3 +123,29 @@ def test_bodies_have_the_mesh_that_is_seen():
     assert mesh is not None
     assert 0.04 < np.ptp(mesh[0], axis=0).max() < 0.12
     assert body_mesh(mjm, geoms[mjm.geom_group[geoms] == 3]) is None
+
+
+def test_the_page_of_an_environment_keeps_to_real_time():
+    """It shows poses of the first 64 worlds at most; absent objects are not seen; five steps of 40 ms take 0.2 s."""
+    world = world_of("mid")
+    scene = world.compiled.scene
+    xpos, xmat = world.data.xpos[None].repeat(70, axis=0), world.data.xmat.reshape(-1, 3, 3)[None].repeat(70, axis=0)
+    quat = world.data.mocap_quat[None].repeat(70, axis=0)
+    present = np.ones((70, 3), int)
+    present[1, world.compiled.slots.index("apple")] = 0
+    states = {"xpos": (xpos, wp.vec3), "xmat": (xmat, wp.mat33), "mocap_quat": (quat, wp.quat)}
+    data = {name: wp.array(values, dtype=dtype, device="cpu") for name, (values, dtype) in states.items()}
+    batch: Any = SimpleNamespace(data=SimpleNamespace(**data))
+    layouts: Any = SimpleNamespace(present=wp.array(present, dtype=int, device="cpu"))
+    with page() as server:
+        window = Window(scene, 70, server)
+        assert window.num == 64
+        window.show(batch, layouts, 0.0)
+        worlds = window._worlds
+        apple = scene.bodies["apple"]
+        assert worlds._xpos[0, apple] == pytest.approx(world.data.xpos[apple] + worlds.origins[0])
+        assert worlds._xpos[1, apple, 2] < -1.0e4
+        began = time.monotonic()
+        for _ in range(5):
+            window.show(batch, layouts, 0.04)
+        assert time.monotonic() - began > 0.15
