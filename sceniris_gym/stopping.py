@@ -11,22 +11,21 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
-
-Made = TypeVar("Made", bound=Hashable)
+from typing import Any
 
 _PATIENCE = 2.0  # [s] for a file system, or a reader of standard error, that does not answer
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
-_temporary: dict[Hashable, Callable[[Any], object]] = {}
+# These two belong to the process, as signals do: the thread that answers one has to find whatever is there.
+_temporary: dict[Any, Callable[[Any], object]] = {}
 _making = threading.Lock()
 """Held while something temporary is made or removed. The thread that answers a signal takes it and never returns it."""
 
 
 @contextmanager
-def temporary(make: Callable[[], Made], remove: Callable[[Made], object]) -> Iterator[Made]:
+def temporary(make: Callable[[], Any], remove: Callable[[Any], object]) -> Iterator[Any]:
     """Yield the result of `make` and `remove` it in the end, also when a signal ends the program.
 
     Raises:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import shutil
 import sys
 import tempfile
 import time
@@ -27,7 +26,6 @@ from sceniris_gym.commands.bench import faces
 from sceniris_gym.layout.compile import device_name
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.stopping import temporary
 
 _EMPTY_SIZES = (1024, LARGEST, PRESSURE)
 _PACKAGES = ("warp-lang", "mujoco", "numpy", "python-fcl")
@@ -60,7 +58,7 @@ def run(
         synthesizer.check_installed()
     name = device_name(device)
     rows: list[Row] = []
-    with temporary(tempfile.mkdtemp, shutil.rmtree) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         bench = Bench(name, Extent.of(name, quick), scenes.compiled_scene(scenes.MID, name), Path(folder))
         for row in _rows(bench, peers):
             rows.append(row)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,7 +23,6 @@ from sceniris_gym.audit.geometry import Form, solids_of
 from sceniris_gym.errors import MissingExtraError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.stopping import temporary
 
 _OBJECTS = ("cabinet", "apple", "banana")
 _JOINTS = ("upper", "lower")
@@ -53,7 +51,7 @@ def measure(compiled: CompiledScene, seconds: float, processes: int) -> tuple[di
         mean time of a scene in a process; `made`; `valid`, the share of scenes in which everything could be placed;
         `valid_per_s`, of all processes together, loading not counted. And the valid scenes, as rows of our model.
     """
-    with temporary(tempfile.mkdtemp, shutil.rmtree) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         words = _words(compiled, Path(folder)) | {"seconds": seconds}
         start = time.perf_counter()
         running = [_start(words | {"seed": seed}) for seed in range(processes)]
