@@ -11,6 +11,7 @@ Progress = Callable[[str, int, int], object]
 """Called with the name of the work, the number of its parts that are done, and the number of all."""
 
 _SOON = 1.0  # s, in which most work is over and needs no bar
+# Of the thread: an argument would pass through every function between the work and its listener.
 _listener: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 

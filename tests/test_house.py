@@ -14,6 +14,18 @@ DEEPEST_LOOPS = 3
 DOCUMENTED = ("sceniris_gym", "envs", "examples", "assets", "benchmarks", "docs", "tests")
 PROBES = {"isinstance", "issubclass", "getattr", "hasattr", "type"}
 PARTS = {"source", "layout_source", "maker", "generator", "pipeline", "ahead", "chooser", "sampler", "levels"}
+STATE = {  # names of modules that hold state, each with its reason beside it
+    "config/messages.py: where_now",
+    "device/kernel_log.py: _told",
+    "device/launch_lock.py: _LAUNCH_LOCK",
+    "layout/ahead.py: _kept_longer",
+    "program/notices.py: _noted",
+    "progress.py: _listener",
+    "stopping.py: _making",
+    "stopping.py: _temporary",
+}
+HOLDERS = {"ContextVar", "Lock", "RLock", "Event", "Condition", "local", "count", "deque", "defaultdict", "Counter"}
+CHANGES = {"add", "append", "clear", "discard", "extend", "insert", "pop", "popitem", "remove", "setdefault", "update"}
 CLAUSES = {"What", "Where", "Whether", "How", "Who", "That", "Which"}
 
 
@@ -43,6 +55,25 @@ def left_alone(path: Path) -> Iterator[str]:
     yield from (f"{name} is never launched" for name in kernels)
 
 
+def state(path: Path) -> Iterator[str]:
+    """Yield the names of a module that its functions change, or that are made to be changed, such as locks."""
+    nodes, changed = list(ast.walk(tree_of(path))), set[str]()
+    for node in nodes:
+        if isinstance(node, ast.Global):
+            yield from node.names
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in CHANGES:
+            changed.add(ast.unparse(node.func.value))
+        elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del):
+            changed.add(ast.unparse(node.value))
+    for node in tree_of(path).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            names = {
+                ast.unparse(target) for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+            }
+            made = ast.unparse(node.value.func).split(".")[-1] if isinstance(node.value, ast.Call) else ""
+            yield from names if made in HOLDERS else names & changed
+
+
 def loops(node: ast.AST) -> int:
     """Return how many loops stand inside one another, those of functions inside not counted."""
     inside = [loops(child) for child in ast.iter_child_nodes(node) if not isinstance(child, ast.FunctionDef)]
@@ -66,6 +97,12 @@ def test_functions_are_short_and_flat():
 def test_kernels_are_private_and_their_launcher_follows():
     """The function or class after a kernel, or after several, launches it, or them one by one."""
     assert [f"{path}: {wrong}" for path in MODULES for wrong in left_alone(path)] == []
+
+
+def test_modules_hold_no_state():
+    """Objects do; but for the few names of `STATE`, whose reasons stand beside them."""
+    found = {f"{path.relative_to(PACKAGE)}: {name}" for path in SOURCES for name in state(path)}
+    assert found == STATE
 
 
 def test_contributing_names_every_room():

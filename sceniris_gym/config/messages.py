@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 
 from sceniris_gym.errors import SceneKeyError, did_you_mean
 
+# Of the thread: pydantic hands its validators no argument of ours.
 where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
 """The file or the class that is being read, or None while nothing is."""
 

@@ -6,6 +6,7 @@ import sys
 
 import warp as wp
 
+# The kernels belong to the process, and so does the line about them: generators do not know of each other.
 _told: set[str] = set()
 
 

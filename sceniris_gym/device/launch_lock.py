@@ -9,6 +9,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from sceniris_gym.errors import BusyError
 
+# One for the process, as Warp's stream and capture are.
 _LAUNCH_LOCK = threading.RLock()
 
 _P = ParamSpec("_P")

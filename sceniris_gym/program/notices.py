@@ -12,6 +12,7 @@ from contextvars import ContextVar
 from sceniris_gym import errors
 
 _PACKAGE = os.path.join(os.path.dirname(errors.__file__), "")
+# Of the thread: a warning is noted far below the compilation that keeps it.
 _noted: ContextVar[list[UserWarning] | None] = ContextVar("noted", default=None)
 
 
