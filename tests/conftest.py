@@ -12,7 +12,6 @@ import signal
 import tempfile
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,6 +19,8 @@ CACHE = "SCENIRIS_GYM_CACHE"
 HERE = Path(__file__).parent
 # Tests in these folders check the compiling itself, so they compile every scene anew.
 COMPILING = {"collide", "config", "device", "geometry", "grasping", "layout", "placement", "program", "reach", "scene"}
+# The files that two workers begin with in turn: one compiles the kernels of MuJoCo-Warp, the other needs none of them.
+FIRST = ["test_examples.py", "layout/test_many_objects.py", "docs/test_guides.py", "assets/test_assets.py"]
 
 # Processes that tests start hear Ctrl-C, also where a shell runs the tests in the background, with SIGINT ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -35,9 +36,10 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give each worker one OpenMP thread: more threads than cores mostly wait for each other."""
+    """Give each worker one OpenMP thread, as more mostly wait for each other, and files in the order of this file."""
     if config.getoption("numprocesses", None):
         os.environ.setdefault("OMP_NUM_THREADS", "1")
+        config.option.loadscopereorder = False
 
 
 def pytest_collection_finish() -> None:
@@ -47,20 +49,6 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(5_000)
 
 
-def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Tell the seconds that each folder of tests took, where durations are asked for: a folder that grows is seen."""
-    if terminalreporter.config.option.durations is None:
-        return
-    seconds: Counter[str] = Counter()
-    for reports in terminalreporter.stats.values():
-        for report in reports:
-            if hasattr(report, "duration"):
-                seconds[report.nodeid.split("::")[0].rpartition("/")[0]] += report.duration
-    terminalreporter.write_sep("=", "seconds by folder")
-    for folder, duration in seconds.most_common():
-        terminalreporter.write_line(f"{duration:7.1f} {folder}")
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Share compiled scenes between tests, except where a test checks the compiling."""
@@ -68,8 +56,33 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     os.environ[CACHE] = "off" if compiling else os.environ["SCENIRIS_GYM_TEST_SCENES"]
 
 
+def order_files(items: list[pytest.Item]) -> None:
+    """Put first the files named above, then those with slow tests: short files at the end let workers end together."""
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    tests = Counter(item.path for item in items)
+    first = {HERE / name: place for place, name in enumerate(FIRST)}
+    items.sort(key=lambda i: (first.get(i.path, len(first)), -slow[i.path], -tests[i.path], i.path))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print the seconds and the number of tests of each folder, where the longest tests are asked for."""
+    if config.getoption("durations") is None:
+        return
+    seconds, tests = Counter[str](), Counter[str]()
+    for report in (r for found in terminalreporter.stats.values() for r in found if hasattr(r, "duration")):
+        parts = Path(report.nodeid.partition("::")[0]).parts
+        folder = "/".join(parts[1:2] if len(parts) > 2 else parts[:1])
+        seconds[folder] += report.duration
+        tests[folder] += report.when == "call"
+    terminalreporter.section("seconds by folder")
+    for folder, spent in seconds.most_common():
+        terminalreporter.write_line(f"{spent:7.1f} s  {tests[folder]:5d} tests  {folder}")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip the tests marked `cuda` where Warp finds no GPU, and say so."""
+    """Begin with the longest files where there are workers; skip the tests marked `cuda` where Warp finds no GPU."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        order_files(items)
     marked = [item for item in items if item.get_closest_marker("cuda")]
     if not marked:
         return
