@@ -6,8 +6,8 @@ from functools import cache
 
 import pytest
 
-from tests.oracle.hostile_features import FEATURES
-from tests.oracle.hostile_models import make
+from tests.generators.hostile_features import FEATURES
+from tests.generators.hostile_models import make
 from tests.stress.hostile import try_model
 from tests.versions import OLD
 

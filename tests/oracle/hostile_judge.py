@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from tests.oracle.hostile_words import Conflict, Home, Served, Thing, home_state
+from tests.generators.hostile_words import Conflict, Home, Served, Thing, home_state
 
 DEEPER = 1e-5
 """How much deeper [m] than at home a pair may be that touches at home, and how deep anything may be in its support."""

@@ -30,8 +30,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import fromstring
 
-from tests.oracle.hostile_features import FEATURES, wanted_features
-from tests.oracle.hostile_models import HostileModel, make
+from tests.generators.hostile_features import FEATURES, wanted_features
+from tests.generators.hostile_models import HostileModel, make
 from tests.stress.workers import try_all
 
 

@@ -16,7 +16,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.rest import affine_law, rest_map
-from tests.oracle.hostile_words import Served
+from tests.generators.hostile_words import Served
 
 
 def serve(scene: Mapping[str, Any], nworld: int, device: str | None) -> tuple[mujoco.MjModel, Served]:

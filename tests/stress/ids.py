@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.oracle.mixed_scenes import make
+from tests.generators.mixed_scenes import make
 from tests.stress.id_ways import BACK, WORLDS, Rows, Served
 from tests.stress.mixed import MOST_SECONDS, STATUS
 from tests.stress.workers import try_all

@@ -31,8 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.oracle.mixed_scenes import make
-from tests.oracle.mixed_things import SHIPPED
+from tests.generators.mixed_scenes import make
+from tests.generators.mixed_things import SHIPPED
 from tests.stress.hostile import pattern
 from tests.stress.workers import try_all
 

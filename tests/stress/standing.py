@@ -26,9 +26,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.generators.stack_models import StackScene, make
+from tests.generators.stack_table import table
 from tests.oracle.stack_judge import STILL, StackJudge
-from tests.oracle.stack_models import StackScene, make
-from tests.oracle.stack_table import table
 
 MOST_MOVED = 1e-3
 """Share of layouts in which something may move."""

@@ -16,8 +16,8 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
-from tests.oracle.mixed_scenes import CARRIERS, make
-from tests.oracle.mixed_things import CURVED, JOINTED
+from tests.generators.mixed_scenes import CARRIERS, make
+from tests.generators.mixed_things import CURVED, JOINTED
 from tests.oracle.world_judge import WorldJudge
 from tests.stress.mixed import Outcome, Task, main, report, try_worlds
 from tests.stress.workers import try_all

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.generators.stack_models import CARRIERS, SHAPES, make
+from tests.generators.stack_table import table
 from tests.oracle.stack_judge import StackJudge
-from tests.oracle.stack_models import CARRIERS, SHAPES, make
-from tests.oracle.stack_table import table
 from tests.stress.standing import MOST_MOVED, Outcome, main, report, try_scene
 
 SEEDS = range(100)

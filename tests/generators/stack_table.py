@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tests.oracle.stack_models import StackScene
+from tests.generators.stack_models import StackScene
 
 _ON_FLOOR = {"on": "floor"}
 _CUBE = '<geom name="{name}" type="box" size=".025 .025 .025"/>'

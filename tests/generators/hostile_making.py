@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from tests.oracle.hostile_bodies import Parts, add_body, add_joint, text
-from tests.oracle.hostile_couplings import add_actuator
-from tests.oracle.hostile_words import Thing
+from tests.generators.hostile_bodies import Parts, add_body, add_joint, text
+from tests.generators.hostile_couplings import add_actuator
+from tests.generators.hostile_words import Thing
 
 
 @dataclass

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.oracle import stack_models
-from tests.oracle.mixed_things import SHIPPED, MixedThing, ThingMaker
-from tests.oracle.stack_models import Maker
+from tests.generators import stack_models
+from tests.generators.mixed_things import SHIPPED, MixedThing, ThingMaker
+from tests.generators.stack_models import Maker
 
 HELD = ("apple", "banana", "block", "bottle", "brick", "can", "glass", "lemon", "mug", "orange", "pear", "peg")
 CARRIERS: dict[str, tuple[dict[str, Any], tuple[dict[str, Any], ...]]] = {

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import SubElement
 
 import numpy as np
 
-from tests.oracle.hostile_bodies import Joint, Parts, text
+from tests.generators.hostile_bodies import Joint, Parts, text
 
 
 def add_contact_rules(parts: Parts, objects: list[str]) -> None:

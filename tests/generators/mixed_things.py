@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.oracle.stack_models import Maker, box_geom
+from tests.generators.stack_models import Maker, box_geom
 
 SHIPPED = (
     *("apple", "banana", "block", "book", "bottle", "bowl", "brick", "can", "cereal_box", "glass", "lemon", "mug"),

@@ -7,9 +7,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from tests.oracle.hostile_bodies import add_body, add_geom, add_tree
-from tests.oracle.hostile_making import Making
-from tests.oracle.hostile_words import Thing
+from tests.generators.hostile_bodies import add_body, add_geom, add_tree
+from tests.generators.hostile_making import Making
+from tests.generators.hostile_words import Thing
 
 
 def add_object(making: Making, name: str) -> None:

@@ -14,13 +14,13 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import mujoco
 import numpy as np
 
-from tests.oracle import hostile_couplings as couplings
-from tests.oracle.hostile_bodies import Parts, text
-from tests.oracle.hostile_features import stream, wanted_features
-from tests.oracle.hostile_making import Making
-from tests.oracle.hostile_objects import add_object, draw_joints
-from tests.oracle.hostile_surroundings import add_arm, add_doors, add_surroundings, make_robot, start
-from tests.oracle.hostile_words import Home, Thing, home_state
+from tests.generators import hostile_couplings as couplings
+from tests.generators.hostile_bodies import Parts, text
+from tests.generators.hostile_features import stream, wanted_features
+from tests.generators.hostile_making import Making
+from tests.generators.hostile_objects import add_object, draw_joints
+from tests.generators.hostile_surroundings import add_arm, add_doors, add_surroundings, make_robot, start
+from tests.generators.hostile_words import Home, Thing, home_state
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.oracle.hostile_features import FEATURES, wanted_features
+from tests.generators.hostile_features import FEATURES, wanted_features
+from tests.generators.hostile_models import HostileModel, make
+from tests.generators.hostile_words import Home, Served, Thing
 from tests.oracle.hostile_judge import Judge
-from tests.oracle.hostile_models import HostileModel, make
-from tests.oracle.hostile_words import Home, Served, Thing
 
 # Elements by which a feature can be told from the model alone.
 TAGS = {

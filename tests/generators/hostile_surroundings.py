@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import mujoco
 import numpy as np
 
-from tests.oracle.hostile_bodies import Parts, add_body, add_geom, add_tree, text
-from tests.oracle.hostile_making import Making, add_chain
-from tests.oracle.hostile_words import Thing
+from tests.generators.hostile_bodies import Parts, add_body, add_geom, add_tree, text
+from tests.generators.hostile_making import Making, add_chain
+from tests.generators.hostile_words import Thing
 
 
 def start(making: Making) -> None:
