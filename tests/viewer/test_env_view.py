@@ -15,7 +15,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer import env_view
 from sceniris_gym.viewer.env_view import EnvView
 from tests.vector.conftest import SCENE, Reach
-from tests.viewer.pages import page, press
+from tests.viewer.pages import chart, click, control, lines, page, press, text
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
 
@@ -37,10 +37,10 @@ def test_layouts_are_played_one_after_another(envs: SceneVectorEnv, monkeypatch:
     with page() as server:
         view = EnvView(server, envs, None, ids)
         view.speed = 1000.0
-        assert view._id.value == ids[0]
+        assert control(server, "layout").value == ids[0]
         for _ in range(9):
             state = envs.state
-            seen.append((state.seed.tolist(), state.episode.tolist(), view._status.content))
+            seen.append((state.seed.tolist(), state.episode.tolist(), text(server)))
             view.turn()
     assert seen[0][:2] == ([5, 8], [1, 0])
     assert "Layout 1 of the 3 chosen" in seen[0][2]
@@ -65,22 +65,27 @@ def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
         view.step()
         assert len(asked) == 2
         assert asked[0].shape == (2, sum(int(np.prod(shape)) for _, shape in envs.observation_names["policy"]))
-        assert len(view._plots._steps) == 2
-        view._press("Pause")
-        assert "step 2" in view._status.content
-        drawn = view._plots._charts["seen"][1]
-        assert len(drawn.data[0]) == 2
-        press(view._plots._chosen, list(view._plots._parts)[-1])
+        click(server, "Pause")
         view.turn()
-        assert view._plots._charts["seen"][1] is not drawn, "a part that is chosen at a pause is drawn"
+        assert "step 2" in text(server)
+        drawn = chart(server, "Observation")
+        assert len(drawn.data[0]) == 2
+        press(server, "part", control(server, "part").options[-1])
+        view.turn()
+        assert chart(server, "Observation") is not drawn, "a part that is chosen at a pause is drawn"
         for _ in range(4):
             view.step()
-        assert len(view._plots._steps) == 4, "what comes after the end of the episode is no part of it"
-        view._play_id(envs.compiled.layout_id(77, 0))
-        assert np.isnan(view._plots._charts["rewards"][1].data[1]).all(), "the curves are those of this layout"
+        assert len(lines(server, "Success")["step"]) == 4, "what comes after the end of the episode is no part of it"
+        press(server, "layout", envs.compiled.layout_id(77, 0))
+        view.turn()
+        assert np.isnan(lines(server, "Success")["success"]).all(), "the curves are those of this layout"
+        for _ in range(2):
+            click(server, "Step")
+            view.turn()
+        assert len(lines(server, "Success")["step"]) == 2
         view.start(-1)
         assert view.first == 0
-        assert len(view._plots._steps) == 0
+        assert np.isnan(lines(server, "Success")["success"]).all()
 
 
 def test_ids_of_other_scenes_are_refused(envs: SceneVectorEnv):
@@ -92,20 +97,23 @@ def test_ids_of_other_scenes_are_refused(envs: SceneVectorEnv):
         EnvView(server, envs, None, [envs.compiled.layout_id(0, 0, "eval")])
     with page() as server:
         view = EnvView(server, envs, None)
-        view._play_id("apple")
-        assert "should be scenehash" in view._status.content
+        press(server, "layout", "apple")
+        view.turn()
+        assert "should be scenehash" in text(server)
         for _ in range(6):
             view.turn()
-        view._draw()
-        assert "should be scenehash" in view._status.content, "while episodes go on"
-        view._press("Play")
-        assert "should be scenehash" not in view._status.content
-        view._play_id("apple")
-        view._play_id(envs.compiled.layout_id(77, 0))
-        assert view._id.value == envs.compiled.layout_id(77, 0)
-        assert "should be scenehash" not in view._status.content
+        assert "should be scenehash" in text(server), "while episodes go on"
+        click(server, "Play")
+        view.turn()
+        assert "should be scenehash" not in text(server)
+        press(server, "layout", "apple")
+        view.turn()
+        press(server, "layout", envs.compiled.layout_id(77, 0))
+        view.turn()
+        assert control(server, "layout").value == envs.compiled.layout_id(77, 0)
+        assert "should be scenehash" not in text(server)
         view.start(2)
-        assert view._id.value == envs.compiled.layout_id(2, 0), "then it goes on as before"
+        assert control(server, "layout").value == envs.compiled.layout_id(2, 0), "then it goes on as before"
 
 
 def test_a_policy_that_fails_is_said_on_the_page(envs: SceneVectorEnv, capsys: pytest.CaptureFixture):
@@ -118,5 +126,5 @@ def test_a_policy_that_fails_is_said_on_the_page(envs: SceneVectorEnv, capsys: p
         view = EnvView(server, envs, policy)
         view.turn()
         assert not view.running
-        assert "no such layer" in view._status.content
+        assert "no such layer" in text(server)
         assert "no such layer" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.layers import REACH
 from sceniris_gym.viewer.panel import Panel
 from sceniris_gym.viewer.server import Requests
-from tests.viewer.pages import page, press
+from tests.viewer.pages import control, page, press, shown, text
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
 
@@ -31,16 +31,16 @@ def test_users_ask_and_the_program_does_not():
     requests = Requests()
     with page() as server:
         panel = Panel(server, requests, recorder, 5)
-        assert panel._number.value == "5"
+        assert control(server, "worlds").value == "5"
         panel.set_scene(["apple"], None, [("arm/joint1", -1.0, 1.0)], has_map=True)
-        assert not panel._layers[REACH].disabled
+        assert not control(server, REACH).disabled
         panel.set_where(Where("eval", 2**60, 3), "hash:eval:1:3", ["start", "grasp of apple"])
         panel.set_targets([0.25])
         assert requests.take(0.0) == []
-        press(panel._split, "train")
-        press(panel._object, "apple")
-        press(panel._layers["names"], True)
-        press(panel._targets[0], 0.5)
+        press(server, "split", "train")
+        press(server, "layers of", "apple")
+        press(server, "names", True)
+        press(server, "joint1", 0.5)
         for action in requests.take(0.0):
             action()
         assert recorder.asked == [
@@ -49,10 +49,10 @@ def test_users_ask_and_the_program_does_not():
             ("show_layer", "names", True),
             ("set_target", 0, 0.5),
         ]
-        assert panel._seed.value == str(2**60)
+        assert control(server, "seed").value == str(2**60)
         panel.set_scene(["pear"], None, [], has_map=False)
-        assert panel._targets == []
-        assert panel._no_targets.visible
+        assert "joint1" not in [getattr(handle, "label", "") for handle in shown(server)]
+        assert "The scene has no actuators." in text(server)
 
 
 def test_messages_are_text_and_not_markup():
@@ -60,8 +60,9 @@ def test_messages_are_text_and_not_markup():
     with page() as server:
         panel = Panel(server, Requests(), cast(Any, Recorder()), 1)
         panel.say("a <b> & c", bad=True, notices=["<i>"])
-        assert "a &lt;b&gt; &amp; c" in panel._message.content
-        assert "&lt;i&gt;" in panel._message.content
+        assert "a &lt;b&gt; &amp; c" in text(server)
+        assert "&lt;i&gt;" in text(server)
         panel.set_candidates(3, 1, "<why>")
-        assert (panel._candidate.max, panel._candidate.value) == (3, 2)
-        assert "&lt;why&gt;" in panel._why.content
+        candidate = control(server, "candidate")
+        assert (candidate.max, candidate.value) == (3, 2)
+        assert "&lt;why&gt;" in text(server)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from sceniris_gym.viewer.plots import Plots, parts_of
-from tests.viewer.pages import page, press
+from tests.viewer.pages import chart, control, lines, page, press
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+
+TITLES = ("Reward terms", "Success", "Observation")
 
 
 def test_plots_show_the_last_steps():
@@ -16,22 +18,21 @@ def test_plots_show_the_last_steps():
     with page() as server:
         plots = Plots(server, [("qpos", (2,)), ("way", (3,))])
         plots.draw()
-        assert not plots._charts
+        assert [chart(server, title) for title in TITLES] == [None] * 3
         for i in range(1, 401):
             plots.add({"near": -0.1 * i, "effort": 0.0}, float(i > 399), i * np.arange(5.0))
         plots.draw()
-        names, chart = plots._charts["rewards"]
-        assert names == ("near", "effort")
-        steps, near, effort = chart.data
+        rewards = lines(server, "Reward terms")
+        assert list(rewards) == ["step", "near", "effort"]
+        steps = rewards["step"]
         assert (len(steps), steps[0], steps[-1]) == (300, 101, 400)
-        assert near[-1] == pytest.approx(-40.0)
-        assert not np.any(effort)
-        assert [*plots._charts["success"][1].data[1][-2:]] == [0.0, 1.0]
-        plots._chosen.value = "way"
+        assert rewards["near"][-1] == pytest.approx(-40.0)
+        assert not np.any(rewards["effort"])
+        assert [*lines(server, "Success")["success"][-2:]] == [0.0, 1.0]
+        press(server, "part", "way")
         plots.draw()
-        names, chart = plots._charts["seen"]
-        assert names == ("[0]", "[1]", "[2]")
-        assert [line[-1] for line in chart.data[1:]] == [2.0 * 400, 3.0 * 400, 4.0 * 400]
+        last = {name: line[-1] for name, line in lines(server, "Observation").items()}
+        assert last == {"step": 400, "[0]": 2.0 * 400, "[1]": 3.0 * 400, "[2]": 4.0 * 400}
 
 
 def test_a_new_episode_begins_with_empty_plots():
@@ -42,22 +43,22 @@ def test_a_new_episode_begins_with_empty_plots():
             plots.add({"near": 1.0}, 1.0, np.ones(5))
         plots.draw()
         plots.clear()
-        for _, chart in plots._charts.values():
-            assert all(np.isnan(line).all() for line in chart.data[1:])
-        plots._chosen.value = "way"
+        for title in TITLES:
+            assert all(np.isnan(line).all() for line in chart(server, title).data[1:])
+        press(server, "part", "way")
         plots.add({"near": 1.0}, 1.0, np.ones(5))
         plots.draw()
-        names, chart = plots._charts["seen"]
-        assert len(names) == 3
-        assert all(np.isnan(line).all() for line in chart.data[1:])
+        _, *seen = lines(server, "Observation").values()
+        assert len(seen) == 3
+        assert all(np.isnan(line).all() for line in seen)
 
 
 def test_a_change_of_the_part_is_asked_for():
     """Also while no steps are taken, such as at a pause."""
     asked: list[str] = []
     with page() as server:
-        plots = Plots(server, [("qpos", (2,)), ("way", (3,))], lambda: asked.append(plots._chosen.value))
-        press(plots._chosen, "way")
+        Plots(server, [("qpos", (2,)), ("way", (3,))], lambda: asked.append(control(server, "part").value))
+        press(server, "part", "way")
     assert asked == ["way"]
 
 
@@ -73,8 +74,8 @@ def test_every_curve_has_a_legend_and_a_colour_of_its_own():
         for _ in range(2):
             plots.add({str(i): 0.0 for i in range(10)}, 0.0, np.zeros(8))
         plots.draw()
-        for name in ("rewards", "seen"):
-            chart = plots._charts[name][1]
-            assert chart.legend["show"]
-            looks = {(s["stroke"], tuple(s["dash"])) for s in chart.series[1:]}
-            assert len(looks) == len(chart.series) - 1
+        for title in ("Reward terms", "Observation"):
+            drawn = chart(server, title)
+            assert drawn.legend["show"]
+            looks = {(s["stroke"], tuple(s["dash"])) for s in drawn.series[1:]}
+            assert len(looks) == len(drawn.series) - 1

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import gc
+import re
+import time
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.viewer import view as view_module
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.grasps import START
 from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES
 from sceniris_gym.viewer.panel import ALL
 from sceniris_gym.viewer.scene_file import SceneFile
+from sceniris_gym.viewer.sketch import Sketch
 from sceniris_gym.viewer.view import SceneView
 from sceniris_gym.viewer.worlds import Worlds
-from tests.viewer.pages import page, press
+from tests.viewer.pages import control, drawn_body, page, press, shown, text
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
 
@@ -44,30 +50,30 @@ def view(path: Path) -> Iterator[SceneView]:
 
 def message(view: SceneView) -> str:
     """Return what is said above the controls."""
-    return view.panel._message.content
+    return next(handle.content for handle in shown(view.server) if hasattr(handle, "content"))
 
 
-def saved(view: SceneView, path: Path, text: str) -> None:
-    """Save the scene, and let the page see it."""
-    path.write_text(text)
-    view._looked = -1.0
-    view.turn(0.0)
+def saved(view: SceneView, path: Path, words: str) -> None:
+    """Save the scene, and let the page see it, at once."""
+    path.write_text(words)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(view_module, "_IDLE", -1.0)
+        view.turn(0.0)
 
 
 def test_controls_lead_to_layouts(view: SceneView):
     """Seed and episode as numbers, arrows, and an id that is pasted; what is on show is the generator's."""
-    panel = view.panel
-    press(panel._seed, "41")
+    press(view.server, "seed", "41")
     view.turn(0.0)
     assert view.where == Where(seed=41)
-    press(panel._episode, "2")
+    press(view.server, "episode", "2")
     view.turn(0.0)
     assert view.where == Where(seed=41, episode=2)
     assert view.deck is not None
-    press(panel._id, view.deck.compiled.layout_id(7, 1, "eval"))
+    press(view.server, "id", view.deck.compiled.layout_id(7, 1, "eval"))
     view.turn(0.0)
     assert view.where == Where("eval", 7, 1)
-    assert (panel._seed.value, panel._episode.value, panel._split.value) == ("7", "1", "eval")
+    assert [control(view.server, label).value for label in ("seed", "episode", "split")] == ["7", "1", "eval"]
     generator = LayoutGenerator(view.deck.compiled, 1, seed=[7], split="eval")
     generator.generate()
     generator.generate()
@@ -78,10 +84,10 @@ def test_controls_lead_to_layouts(view: SceneView):
 @pytest.mark.parametrize("wrong", ["-1", "1.5", "apple", str(2**64)])
 def test_wrong_numbers_and_ids_are_said(view: SceneView, wrong: str):
     """In red, and what is on show stays."""
-    press(view.panel._seed, wrong)
+    press(view.server, "seed", wrong)
     view.turn(0.0)
     assert "should be an integer from 0 to 2^64 - 1" in message(view)
-    press(view.panel._id, wrong)
+    press(view.server, "id", wrong)
     view.turn(0.0)
     assert "should be scenehash" in message(view)
     assert view.where == Where()
@@ -116,11 +122,7 @@ def test_a_scene_that_cannot_be_made_shows_what_was_tried(view: SceneView, path:
     """With the object that is to blame, its cause, and how often; the candidate is in the picture."""
     saved(view, path, SCENE.replace("pear: {asset: pear, on: floor", "chest: {asset: chest, on: floor, clearance: 2.0"))
     assert "could not be placed" in message(view)
-    assert view._candidates
-    candidate = view._candidates[view._candidate]
-    assert candidate.name in ("apple", "chest")
-    assert candidate.cause == "collision"
-    assert f"{candidate.name}: collision (" in view.panel._why.content
+    assert re.search(r"\b(apple|chest): collision \(", text(view.server))
     assert view.server.scene.get_handle_by_name("/candidate") is not None
     saved(view, path, SCENE)
     assert view.server.scene.get_handle_by_name("/candidate") is None
@@ -141,7 +143,7 @@ def test_layers_are_drawn_and_go(view: SceneView):
     assert view.server.scene.get_handle_by_name("/pieces") is None
     view.show_layer(PARKED, True)
     view.show_layer(REACH, True)
-    assert view.panel._layers[REACH].disabled
+    assert control(view.server, REACH).disabled
 
 
 def test_worlds_can_be_many(view: SceneView):
@@ -153,70 +155,97 @@ def test_worlds_can_be_many(view: SceneView):
     assert "16 layouts, seeds 0 to 15" in message(view)
 
 
-def test_physics_is_played_stepped_and_reset(view: SceneView):
-    """Time goes on while it plays; another layout ends it."""
-    press(view.panel.rejected, True)
+@pytest.fixture
+def times(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time of each state that is drawn in the first world, the latest last."""
+    times: list[float] = []
+    put = Worlds.put
+
+    def watched(worlds: Worlds, i: int, data: mujoco.MjData, *rest: Any) -> None:
+        if i == 0:
+            times.append(data.time)
+        put(worlds, i, data, *rest)
+
+    monkeypatch.setattr(Worlds, "put", watched)
+    return times
+
+
+def has_names(view: SceneView) -> bool:
+    """Return whether the layer of names is drawn."""
+    return view.server.scene.get_handle_by_name("/layer_names") is not None
+
+
+def test_physics_is_played_stepped_and_reset(view: SceneView, times: list[float]):
+    """Time goes on while it plays, and layers are away; another layout ends it."""
+    view.show_layer("names", True)
+    press(view.server, "rejected candidates", True)
     view.turn(0.0)
     view.play(True)
-    assert view.panel.play.label == "Pause"
-    assert view._player is not None
+    assert control(view.server, "Pause") is view.panel.play
     for _ in range(5):
         view.turn(0.0)
-    assert view._player.data.time > 0.0
+    assert times[-1] > 0.0
+    assert not has_names(view)
     view.step()
-    assert not view._player.running
+    stopped = times[-1]
+    time.sleep(0.01)
+    view.turn(0.0)
+    assert times[-1] == stopped
     view.reset_play()
-    assert view._player is None, "layers are back"
+    assert times[-1] == 0.0
+    assert has_names(view), "layers are back"
     view.set_speed(0.1)
-    assert view._player is None, "a speed begins nothing"
+    assert has_names(view), "a speed begins nothing"
     view.go(Where(seed=1))
+    began = time.monotonic()
     view.play(True)
-    assert view._player.speed == 0.1
+    for _ in range(5):
+        view.turn(0.0)
+    assert 0.0 < times[-1] < 0.1 * (time.monotonic() - began) + 1e-6
     view.go(Where(seed=2))
-    assert view._player is None
-    assert view.panel.play.label == "Play"
+    assert has_names(view)
+    assert control(view.server, "Play") is view.panel.play
 
 
-def test_what_is_on_show_is_what_is_played(view: SceneView):
+def test_what_is_on_show_is_what_is_played(view: SceneView, times: list[float]):
     """A layer that is switched does not put the layout back; candidates and poses of the arm end physics."""
     view.step()
-    assert view._worlds is not None
-    assert view._player is not None
-    put: list[float] = []
-    shown = view._worlds.put
-    view._worlds.put = lambda i, data, *rest: (put.append(data.time), shown(i, data, *rest))[1]  # type: ignore[method-assign]
     view.show_layer("names", True)
-    assert put[-1] == view._player.data.time > 0.0
+    assert times[-1] > 0.0
     view.show_rejected(True)
-    assert view._player is None
-    assert put[-1] == 0.0
+    assert has_names(view)
+    assert times[-1] == 0.0
     view.move_arm(START)
-    assert view._candidates is None
-    assert not view.panel.rejected.value
+    assert "Switch them on to see them" in text(view.server)
+    assert not control(view.server, "rejected candidates").value
 
 
-def test_physics_begins_and_ends_with_the_arm_at_its_start(view: SceneView):
+def test_physics_begins_and_ends_with_the_arm_at_its_start(view: SceneView, monkeypatch: pytest.MonkeyPatch):
     """Whatever the arm had jumped into: time goes on from the layout, and `Reset` goes back to it."""
+    jumps: list[str] = []
+    monkeypatch.setattr(view_module, "with_arm", lambda world, pose: (jumps.append(pose), world.table)[1])
     view.panel.arm.options = (START, "grasp of pear")
-    view.panel.arm.value = view._pose = "grasp of pear"
+    press(view.server, "arm in", "grasp of pear")
+    view.turn(0.0)
+    assert jumps == ["grasp of pear"]
     view.play(True)
-    assert view.panel.arm.value == START
+    assert control(view.server, "arm in").value == START
     view.reset_play()
-    assert view._pose == START
+    assert jumps == ["grasp of pear"]
 
 
 def test_physics_is_seen_where_pieces_stood_for_worlds(view: SceneView):
     """Pieces are about the layout; while time goes on the worlds themselves are drawn."""
+    apple = drawn_body(view.server, "apple")
     view.show_geometry(COLLIDED)
-    assert view._worlds is not None
-    assert view._worlds._visible is False
+    assert not apple.visible
     view.play(True)
-    assert view._worlds._visible is True
+    assert apple.visible
     view.reset_play()
-    assert view._worlds._visible is False
+    assert not apple.visible
     view.play(True)
     view.go(Where(seed=1))
-    assert view._worlds._visible is False
+    assert not apple.visible
 
 
 def test_cameras_stay_when_a_scene_is_saved(view: SceneView, path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -230,32 +259,35 @@ def test_cameras_stay_when_a_scene_is_saved(view: SceneView, path: Path, monkeyp
     assert aimed == [False, True, True]
 
 
-def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path):
+def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path, monkeypatch: pytest.MonkeyPatch):
     """Candidates stay on where they were on, and so does the object that layers are of, as long as there is one."""
-    press(view.panel.rejected, True)
-    press(view.panel._object, "pear")
+    drawn: list[str | None] = []
+    monkeypatch.setitem(SKETCHES, "names", lambda world, name: (drawn.append(name), Sketch())[1])
+    for label, value in [("rejected candidates", True), ("layers of", "pear"), ("names", True)]:
+        press(view.server, label, value)
     view.turn(0.0)
     saved(view, path, SCENE.replace("[1.0, 1.0]", "[1.1, 1.1]"))
-    assert (view.panel._object.value, view._only) == ("pear", "pear")
+    assert (control(view.server, "layers of").value, drawn[-1]) == ("pear", "pear")
     saved(view, path, SCENE.replace("pear", "orange"))
-    assert view.panel.rejected.value
-    assert view._candidates is not None
-    assert (view.panel._object.value, view._only) == (ALL, None)
+    assert control(view.server, "rejected candidates").value
+    assert "Switch them on to see them" not in text(view.server)
+    assert (control(view.server, "layers of").value, drawn[-1]) == (ALL, None)
     view.show_rejected(False)
-    assert view.panel._candidate.value == 1
+    assert control(view.server, "candidate").value == 1
 
 
 def test_rejected_candidates_are_shown_one_by_one(view: SceneView, path: Path):
     """From the first to the last; a layout without any says so."""
     saved(view, path, SCENE.replace("[1.0, 1.0]", "[0.2, 0.2]"))
     view.show_rejected(True)
-    while not view._candidates:
+    while view.server.scene.get_handle_by_name("/candidate") is None:
         view.go(view.where.moved(seeds=1))
         assert view.where.seed < 50
     view.show_candidate(0)
-    assert view.panel._candidate.value == 1
+    assert control(view.server, "candidate").value == 1
     view.show_candidate(10**6)
-    assert view._candidate == len(view._candidates) - 1
+    candidate = control(view.server, "candidate")
+    assert candidate.value == candidate.max
     view.show_rejected(False)
     assert view.server.scene.get_handle_by_name("/candidate") is None
 

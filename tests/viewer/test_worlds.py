@@ -16,10 +16,15 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.worlds import Window, Worlds, body_mesh, drawn_model, grid_origins, view_direction
-from tests.viewer.pages import page
+from tests.viewer.pages import drawn_body, page
 from tests.viewer.worlds_on_show import compiled_scene, world_of
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+
+
+def groups_of(worlds: Worlds) -> list[Any]:
+    """Return the meshes that mjviser draws, each for several bodies in all worlds."""
+    return worlds._scene._mesh_groups
 
 
 def test_what_is_sent_is_the_layout():
@@ -34,7 +39,7 @@ def test_what_is_sent_is_the_layout():
             worlds.put(i, world.data, hidden=[mug] if i == 4 else [])
         worlds.send()
         checked = set()
-        for group in worlds._scene._mesh_groups:
+        for group in groups_of(worlds):
             if not group.handle.visible:
                 continue
             sent = np.asarray(group.handle.batched_positions).reshape(9, len(group.body_ids), 3)
@@ -68,12 +73,12 @@ def test_many_worlds_are_coarser_from_afar():
     """A few worlds are all drawn in full; the camera is far enough from many."""
     compiled = compiled_scene("mid")
     with page() as server:
-        few = Worlds(server, compiled.scene, 4)._scene._mesh_groups
-        assert all(group.handle.lod == "off" for group in few)
+        few = Worlds(server, compiled.scene, 4)
+        assert all(group.handle.lod == "off" for group in groups_of(few))
         worlds = Worlds(server, compiled.scene, 64)
         worlds.aim()
         eye = np.asarray(server.initial_camera.position)
-        moving = [group for group in worlds._scene._mesh_groups if group.body_ids[0] > 0]
+        moving = [group for group in groups_of(worlds) if group.body_ids[0] > 0]
         assert len(moving) >= 4
         for group in moving:
             ((distance, share),) = np.array(group.handle.lod, float)
@@ -85,7 +90,7 @@ def test_boards_and_boxes_are_drawn_in_full_from_afar():
     """They are a few triangles each, and with fewer a door becomes a wedge."""
     scene = build_model(SceneConfig.load("kitchen"))
     with page() as server:
-        groups = Worlds(server, scene, 16)._scene._mesh_groups
+        groups = groups_of(Worlds(server, scene, 16))
         lods = {scene.mjm.body(int(group.body_ids[0])).name: group.handle.lod for group in groups}
     for name in ("counter", "counter/sink", "shelf", "cupboard", "cupboard/door", "chest", "book"):
         assert lods[name] == "off", name
@@ -141,10 +146,10 @@ def test_the_page_of_an_environment_keeps_to_real_time():
         window = Window(scene, 70, server)
         assert window.num == 64
         window.show(batch, layouts, 0.0)
-        worlds = window._worlds
-        apple = scene.bodies["apple"]
-        assert worlds._xpos[0, apple] == pytest.approx(world.data.xpos[apple] + worlds.origins[0])
-        assert worlds._xpos[1, apple, 2] < -1.0e4
+        apple, banana = (drawn_body(server, name).batched_positions for name in ("apple", "banana"))
+        bodies = [scene.bodies[name] for name in ("apple", "banana")]
+        assert apple[0] - banana[0] == pytest.approx(np.subtract(*world.data.xpos[bodies]), abs=1e-5)
+        assert apple[1, 2] < -1.0e4
         began = time.monotonic()
         for _ in range(5):
             window.show(batch, layouts, 0.04)
