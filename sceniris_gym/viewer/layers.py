@@ -1,7 +1,8 @@
-"""The layers that can be laid over the first world, by name: names, regions, relations, clearances, grasps, pieces."""
+"""The layers that can be laid over the first world, by name."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,8 +14,13 @@ import trimesh
 from shapely.geometry import MultiPolygon, Point, Polygon
 
 from sceniris_gym.config.relations import Sector
+from sceniris_gym.errors import ScenirisError
 from sceniris_gym.geometry.pieces import PieceType, extract_pieces
 from sceniris_gym.geometry.supports import triangulate
+from sceniris_gym.pictures.reach_picture import reached_share
+from sceniris_gym.program.reach import load_map, robot_arm
+from sceniris_gym.reach.map import ReachMap
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.viewer.grasps import sketch_grasps
 from sceniris_gym.viewer.regions import relation_area, sketch_regions
 from sceniris_gym.viewer.shown import ShownWorld
@@ -28,6 +34,11 @@ _BEYOND = 0.15  # m; margin beyond the object of an endless area
 _LOOKED = 0.3  # m; greatest distance of a neighbour that is drawn
 _ROUNDING = 1.0e-6  # m
 _ABOVE = 0.06  # m; height of a label above its line
+# a slice of the reach map
+_PIXELS = 96
+_DIRECTIONS = 48
+_FULL = np.array([38.0, 110.0, 190.0])
+_OPACITY = 170.0  # of 255, where every direction is reached
 
 
 def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
@@ -171,6 +182,54 @@ def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
             middle[2] = high[2] + 0.01
             sketch.words.append((name, middle))
     return sketch
+
+
+@dataclass(frozen=True)
+class ReachSlice:
+    """A slice of the map of an arm.
+
+    Attributes:
+        map: The arm's map.
+        body: Id of the arm's base.
+    """
+
+    map: ReachMap
+    body: int
+
+    @classmethod
+    def of(cls, scene: SceneModel) -> list[ReachSlice]:
+        """Return a slice for each robot of a scene that has a map."""
+        found = []
+        for name, robot in scene.config.all_robots.items():
+            with contextlib.suppress(ScenirisError):
+                reach_map = load_map(robot_arm(scene, name), robot, scene.config.where)
+                if reach_map is not None:
+                    found.append(cls(reach_map, scene.bodies[name]))
+        return found
+
+    @property
+    def span(self) -> float:
+        """Half the width of the slice [m]."""
+        return -self.map.u_low
+
+    def picture(self, data: mujoco.MjData, height: float) -> np.ndarray:
+        """Return the picture at a height [m] of the world, (n, n, 4) uint8: more opaque where more approaches reach.
+
+        It is `2 * span` wide, around the axis of the arm's first joint, with the base's y up and its x to the right.
+        """
+        ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
+        across, up = np.meshgrid(ticks, ticks[::-1])
+        points = np.stack([across, up, np.full_like(across, height - data.xpos[self.body, 2])], axis=-1)
+        share = reached_share(self.map, points + [*self.map.arm.axis_xy, 0.0], _DIRECTIONS, "cpu")
+        picture = np.empty((_PIXELS, _PIXELS, 4), np.uint8)
+        picture[..., :3] = _FULL
+        picture[..., 3] = np.round(_OPACITY * share)
+        return picture
+
+    def pose(self, data: mujoco.MjData, height: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the middle of the slice [m] and its orientation (wxyz)."""
+        axis = data.xmat[self.body].reshape(3, 3) @ [*self.map.arm.axis_xy, 0.0]
+        return np.array([*(data.xpos[self.body] + axis)[:2], height]), data.xquat[self.body]
 
 
 SKETCHES: dict[str, Callable[[ShownWorld, str | None], Sketch]] = {

@@ -16,13 +16,11 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.viewer import why
 from sceniris_gym.viewer.deck import Candidate, LayoutDeck, Where
 from sceniris_gym.viewer.grasps import START, poses_of_arm, with_arm
-from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES, sketch_pieces
+from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES, ReachSlice, sketch_pieces
 from sceniris_gym.viewer.panel import Panel
-from sceniris_gym.viewer.play import Player
-from sceniris_gym.viewer.reach import ReachSlice
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.server import Requests
-from sceniris_gym.viewer.shown import ShownWorld
+from sceniris_gym.viewer.shown import Player, ShownWorld
 from sceniris_gym.viewer.sketch import Sketch, erase
 from sceniris_gym.viewer.worlds import Worlds, view_direction
 
