@@ -35,7 +35,7 @@ def load_policy(name: str, device: str = "cpu", *, trust: bool = False) -> Polic
     Args:
         name: The path of a .pt or .zip file, or 'module:function'. A .pt should be a checkpoint of rsl-rl's MLPModel
             with its default activation. Observations for a .zip are normalised by the VecNormalize that lies beside it
-            as normalize.pkl, if there is one.
+            as normalize.pkl or vecnormalize.pkl, if there is one.
         device: The device of the observations, as torch names it.
         trust: Read a .zip and the VecNormalize beside it, which executes what is in them.
 
