@@ -24,6 +24,7 @@ STATE = {  # names of modules that hold state, each with its reason beside it
     "stopping.py: _making",
     "stopping.py: _temporary",
 }
+EMPTY = {"[]", "{}", "dict()", "list()", "set()"}
 HOLDERS = {"ContextVar", "Lock", "RLock", "Event", "Condition", "local", "count", "deque", "defaultdict", "Counter"}
 CHANGES = {"add", "append", "clear", "discard", "extend", "insert", "pop", "popitem", "remove", "setdefault", "update"}
 CLAUSES = {"What", "Where", "Whether", "How", "Who", "That", "Which"}
@@ -56,7 +57,7 @@ def left_alone(path: Path) -> Iterator[str]:
 
 
 def state(path: Path) -> Iterator[str]:
-    """Yield the names of a module that its functions change, or that are made to be changed, such as locks."""
+    """Yield names of a module that it changes, or that are made to be changed: locks, and tables that are empty."""
     nodes, changed = list(ast.walk(tree_of(path))), set[str]()
     for node in nodes:
         if isinstance(node, ast.Global):
@@ -71,7 +72,8 @@ def state(path: Path) -> Iterator[str]:
                 ast.unparse(target) for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
             }
             made = ast.unparse(node.value.func).split(".")[-1] if isinstance(node.value, ast.Call) else ""
-            yield from names if made in HOLDERS else names & changed
+            empty = node.value is not None and ast.unparse(node.value) in EMPTY  # to be filled, maybe elsewhere
+            yield from names if empty or made in HOLDERS else names & changed
 
 
 def loops(node: ast.AST) -> int:
