@@ -20,20 +20,22 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import CompiledScene
 
 _KINDS = {
-    "draw": "draw",
-    "ahead": "draw",
-    "points": "regions",
-    "sides": "regions",
-    "region_pieces": "regions",
-    "prefilter": "prefilter",
-    "collision": "collision",
-    "containment": "containment",
-    "standing": "standing",
-    "accept": "accept",
-    "rounds": "rows and rounds",
-    "settle": "rows and rounds",
+    "wave.draw": "draw",
+    "wave.ahead": "draw",
+    "wave.points": "regions",
+    "wave.sides": "regions",
+    "wave.region_pieces": "regions",
+    "wave.prefilter": "prefilter",
+    "wave.collision": "collision",
+    "wave.containment": "containment",
+    "wave.standing": "standing",
+    "wave.accept": "accept",
+    "wave.rounds": "rows and rounds",
+    "wave.settle": "rows and rounds",
+    "seeds": "rows and rounds",
+    "write_columns": "rows and rounds",
 }
-"""The kind of work that the kernels of a file of layout/wave/ do."""
+"""The kind of work that the kernels of a file of layout/ do."""
 
 _HASH = re.compile("_[0-9a-f]{8}$")  # at the end of a kernel's name on a GPU
 
@@ -106,10 +108,10 @@ def _key(activity: str) -> str:
 
 
 def _kinds_of_kernels() -> dict[str, str]:
-    """Return the kind of work of each kernel of layout/wave/, by its key."""
+    """Return the kind of work of each kernel of a search, by its key."""
     found = {}
     for name, kind in _KINDS.items():
-        module = importlib.import_module(f"sceniris_gym.layout.wave.{name}")
+        module = importlib.import_module(f"sceniris_gym.layout.{name}")
         kernels = [member for member in vars(module).values() if isinstance(member, wp.Kernel)]
         found |= {kernel.key: kind for kernel in kernels if kernel.func.__module__ == module.__name__}
     return found

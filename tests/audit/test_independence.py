@@ -11,10 +11,8 @@ READING = {
     "objects",  # who stands where, and on what
     "relations",  # a relation's anchors, heading, half-angle and distances
     "orientation",  # the DrawnOrientation that an orientation means
-    "groups",
-    "heaps",  # which things fill what, and the file of their rows
+    "groups",  # with heaps and stacks: which things fill what, and which stand on which
     "start",  # which arm holds what, and what is at its marker
-    "stacks",  # which things stand on which, as `on` and `near` say too
     "robot",  # which arm, and where its base and TCP are
     "fields",
     "folders",  # whose files are variants
@@ -24,9 +22,6 @@ READING = {
     "loader",
     "limits",
     "bounds",  # of numbers in a scene file
-    "cameras",  # which no layout depends on
-    "expansion",  # how much a file says by its aliases
-    "paths",  # how users give them
     "randomize",  # of masses and the like, which move nothing
     "tier",  # the names of tiers
     "variants",  # which objects others mean by one name

@@ -166,7 +166,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         turn += count
         counts = total(outcomes)
         made = min(sum(n for key, n in counts.items() if key.startswith(way)) for way in BACK)
-        print(f"{made} of {options.ids}", file=sys.stderr, flush=True)
+        wrong = sum(n for key, n in counts.items() if key.endswith("differs"))
+        print(f"{made} of {options.ids}, {wrong} times another layout", file=sys.stderr, flush=True)
     print("\n".join(report(outcomes)))
     if options.out is not None:
         options.out.write_text(json.dumps([vars(outcome) for outcome in outcomes], indent=1))
