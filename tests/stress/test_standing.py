@@ -85,8 +85,8 @@ def test_a_scene_can_be_written_and_the_table_has_a_command(tmp_path, capsys):
 
 
 def test_nothing_falls_in_random_scenes():
-    """MuJoCo C finds nothing that moves by 1 cm; few scenes are refused."""
-    outcomes = [tried(seed) for seed in SEEDS]
+    """MuJoCo C finds nothing that moves by 1 cm; few scenes are refused. `tests.stress.standing` tries thousands."""
+    outcomes = [tried(seed) for seed in SEEDS[:50]]
     assert sum(bool(o.refused) for o in outcomes) <= 0.1 * len(outcomes)
     assert sum(len(o.moved or {}) for o in outcomes) <= MOST_MOVED * sum(o.layouts for o in outcomes)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -23,8 +24,9 @@ def test_a_fresh_process_makes_layouts(tmp_path: Path, monkeypatch: pytest.Monke
     assert 0.0 < found["imports_s"] + found["compile_s"] + found["generate_s"] < found["cold_s"]
 
 
-def test_a_process_that_fails_is_an_error(tmp_path: Path):
-    """Its own message is on stderr."""
+def test_a_process_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """With the scene and the status; here the process is one that only fails."""
+    monkeypatch.setattr(module.sys, "executable", shutil.which("false"))
     with pytest.raises(RuntimeError, match="'nowhere' ended with 1"):
         cold(("nowhere", {}), 8, "cpu", tmp_path)
 

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import ConvexHull
 
 from sceniris_gym import SceneConfig, build_model
 from sceniris_gym.errors import (
@@ -19,6 +20,7 @@ from sceniris_gym.errors import (
     SceneFileError,
     ScenirisError,
 )
+from sceniris_gym.importers.things.fit import tolerance_of
 from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
 from sceniris_gym.scene.model_files import THINGS
 from tests.importers.things.shapes import box, cup, write
@@ -62,11 +64,37 @@ def test_y_up_becomes_z_up(tmp_path: Path):
     assert (manifest["up"], manifest["up_from"]) == ("y", "as the file says")
 
 
-def test_a_cup_holds_a_pin(tmp_path: Path):
-    """A pin dropped into it is still inside after two seconds in MuJoCo C, and stands out of nothing."""
+@pytest.fixture(scope="module")
+def cup_asset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The asset of a cup, which takes ten seconds to cut."""
     pytest.importorskip("coacd", reason="coacd is not installed (extra 'import')")
-    import_thing(write(cup(), tmp_path / "cup.stl"), tmp_path / "cup.xml")
-    spec = mujoco.MjSpec.from_file(str(tmp_path / "cup.xml"))
+    folder = tmp_path_factory.mktemp("cup")
+    import_thing(write(cup(), folder / "cup.stl"), folder / "cup.xml")
+    return folder / "cup.xml"
+
+
+def test_a_cup_keeps_its_hole(cup_asset: Path):
+    """No point well inside of its hollow is in any part, and the error keeps what is promised."""
+    manifest = json.loads((cup_asset.parent / "cup" / "manifest.json").read_text())
+    assert manifest["error_mm"] <= manifest["tolerance_mm"] == pytest.approx(1000.0 * tolerance_of(cup()))
+    mjm = mujoco.MjModel.from_xml_path(str(cup_asset))
+    data = mujoco.MjData(mjm)
+    mujoco.mj_kinematics(mjm, data)
+    angles = np.radians(np.arange(0, 360, 60))
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(6)], axis=1)
+    hollow = np.concatenate([r * ring + [0, 0, z] for r in (0.0, 0.015, 0.028) for z in (0.02, 0.05, 0.085)])
+    parts = np.flatnonzero(mjm.geom_contype)
+    assert len(parts) == manifest["parts"] > 1
+    for geom in parts:
+        first, num = mjm.mesh_vertadr[mjm.geom_dataid[geom]], mjm.mesh_vertnum[mjm.geom_dataid[geom]]
+        vertices = data.geom_xpos[geom] + mjm.mesh_vert[first : first + num] @ data.geom_xmat[geom].reshape(3, 3).T
+        planes = ConvexHull(vertices).equations
+        assert (hollow @ planes[:, :3].T + planes[:, 3]).max(axis=1).min() > 0.0
+
+
+def test_a_cup_holds_a_pin(cup_asset: Path):
+    """A pin dropped into it is still inside after two seconds in MuJoCo C, and stands out of nothing."""
+    spec = mujoco.MjSpec.from_file(str(cup_asset))
     spec.worldbody.bodies[0].add_freejoint()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
     pin = spec.worldbody.add_body(name="pin", pos=[0.0, 0.0, 0.08])
