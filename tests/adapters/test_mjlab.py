@@ -176,7 +176,7 @@ def test_layouts_made_ahead_are_those_made_in_place():
     for prefetch in (False, True):
         cfg = plain_cfg(cubes_on())
         cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), prefetch=prefetch, knobs="objects.cube_0.region")
-        stages = [(0, {"box": [[0.3, -0.1], [0.4, 0.1]]})]
+        stages = [(0, [[0.3, -0.1], [0.4, 0.1]])]
         words = {"name": "objects.cube_0.region", "stages": stages}
         cfg.curriculum["knob"] = CurriculumTermCfg(func=knob_stages, params=words)
         env = ManagerBasedRlEnv(cfg, device="cpu")
