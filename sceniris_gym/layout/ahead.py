@@ -45,6 +45,16 @@ _READY = wp.constant(2)
 """Stages of a world's next layout."""
 
 
+@wp.func
+def _has_other_knobs(served: LayoutsView, prepared: LayoutsView, worldid: int) -> bool:
+    """Return whether the layout that is made ahead is for other knobs than the world's next one."""
+    found = bool(False)
+    for k in range(served.next_knob.shape[1]):
+        if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
+            found = True
+    return found
+
+
 @wp.kernel
 def _find_missing(
     # Layouts in: seed, episode, next*, stream, next_knob; out: draws*, pending*
@@ -75,10 +85,8 @@ def _find_missing(
     else:
         seed, episode = next_key(served, worldid)
         if prepared.seed[worldid] == seed:
-            missing[worldid] = prepared.episode[worldid] != episode
-            for k in range(served.next_knob.shape[1]):
-                if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
-                    missing[worldid] = True
+            if prepared.episode[worldid] == episode:
+                missing[worldid] = _has_other_knobs(served, prepared, worldid)
     if missing[worldid]:
         open_episode(served, worldid)
 
@@ -98,11 +106,7 @@ def _forget(
     if mask:
         if not mask[worldid]:
             return
-    changed = bool(False)
-    for k in range(served.next_knob.shape[1]):
-        if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
-            changed = True
-    if changed:
+    if _has_other_knobs(served, prepared, worldid):
         if wp.atomic_exch(stage, worldid, _WAITING) != _WAITING:
             wp.atomic_add(nwaiting, 0, 1)
 

@@ -25,8 +25,6 @@ wp.set_module_options({"enable_backward": False})
 
 N = 500
 CORNERS = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-wp.set_module_options({"enable_backward": False})
-wp.set_module_options({"enable_backward": False})
 
 PAIRS = 6000
 

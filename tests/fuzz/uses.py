@@ -17,6 +17,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.config.messages import short
 from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.stored import StoredLayouts
@@ -237,7 +238,7 @@ def spoiled(given: Any, draws: np.random.Generator) -> Any:
                 case 0:
                     del found[key]
                 case 1:
-                    found[str(value(draws))[:50]] = found[key]
+                    found[short(value(draws))[:50]] = found[key]
                 case _:
                     found[key] = spoiled(found[key], draws)
             return found
