@@ -105,8 +105,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         _check_memory(compiled, nworld, size)
         self.compiled, self.size = compiled, size
         self.split: str = split
-        words = {"rejected": rejected, "every_cause": every_cause, "rows": size.rows, "knobs": knobs, "split": split}
-        self.layouts = Layouts.create(compiled, nworld, **words)
+        self.layouts = Layouts.create(
+            compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows, knobs=knobs, split=split
+        )
         kinds = () if compiled.starts is None else compiled.config.start
         draws_joints = any(kind.joints for kind in kinds)
         at_marker = np.zeros((1, 0)) if compiled.starts is None else compiled.starts.marker.numpy() >= 0

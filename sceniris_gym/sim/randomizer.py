@@ -148,9 +148,9 @@ class ResetRandomizer(Fixed, StaysHere):
         check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
-        own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "levels": levels, "knobs": knobs}
-        own |= {"layout_source": layout_source, "graph": graph}
-        self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", **own)
+        own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "levels": levels, "graph": graph}
+        own["layout_source"] = layout_source
+        self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", knobs=knobs, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
         if write not in _WRITES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -11,8 +11,6 @@ from torch import Tensor
 
 from sceniris_gym.layout.columns import NEXT
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.snapshot import check_snapshot, live_tensors, put
@@ -26,46 +24,19 @@ class TaskWorlds:
 
     Args:
         task: The task.
-        compiled: The scene.
-        num_envs: Number of worlds.
-        room: Arguments of Batch: `nconmax`, `njmax` and `nvmax`.
-        layout_source: Function that makes a LayoutSource; None makes a generator.
-        graph: Capture steps and resets into graphs and replay them.
-        words: Arguments of ResetRandomizer: `split`, `levels`, `knobs` and `prefetch`.
-
-    Attributes:
         batch: The physics.
         randomizer: Resets worlds to layouts.
+
+    Attributes:
         state: The worlds as the task reads them.
         statistics: Sums over finished episodes.
     """
 
-    def __init__(
-        self,
-        task: Task,
-        compiled: CompiledScene,
-        num_envs: int,
-        room: Mapping[str, int | None],
-        *,
-        layout_source: Callable[[CompiledScene, int], LayoutSource] | None,
-        graph: bool,
-        **words: Any,
-    ) -> None:
-        physics: dict[str, Any] = {name: getattr(task, name) for name in ("needs", "substeps", "options")}
-        self.batch = Batch(compiled.scene, num_envs, compiled.device, **room, **physics, graph=graph)
-        self.randomizer = ResetRandomizer(
-            compiled,
-            self.batch.model,
-            self.batch.data,
-            layout_source=layout_source(compiled, num_envs) if layout_source else None,
-            needs=task.needs,
-            fields=self.batch.fields,
-            graph=graph,
-            **words,
-        )
-        self.state = State(self.batch, self.randomizer.layouts, self.randomizer.split, self.randomizer.variant)
-        self.statistics = EpisodeStatistics(num_envs, self.state.device)
-        self._task, self._compiled, self._is_checked = task, compiled, False
+    def __init__(self, task: Task, batch: Batch, randomizer: ResetRandomizer) -> None:
+        self.batch, self.randomizer = batch, randomizer
+        self.state = State(batch, randomizer.layouts, randomizer.split, randomizer.variant)
+        self.statistics = EpisodeStatistics(batch.nworld, self.state.device)
+        self._task, self._is_checked = task, False
 
     def bind(self) -> None:
         """Give the task its state, and the model the fields that it asks for."""
@@ -106,7 +77,7 @@ class TaskWorlds:
     @property
     def source(self) -> tuple[str, ...]:
         """Hash of the scene, split and knobs of the layouts."""
-        return self._compiled.hash, self.randomizer.split, *self.randomizer.layouts.knobs.names
+        return self.randomizer.compiled.hash, self.randomizer.split, *self.randomizer.layouts.knobs.names
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
@@ -120,7 +91,7 @@ class TaskWorlds:
         """Write a snapshot into its own worlds, or into those of a mask, and return the mask of them; see `put`."""
         check_snapshot(snapshot, self.source, live, self.randomizer.layouts)
         due = put(snapshot, live, mask)
-        if self._compiled.config.variants:  # which brings the model of the variants as it was made
+        if self.randomizer.compiled.config.variants:  # which brings the model of the variants as it was made
             self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
             put(snapshot, live, mask)
         self.batch.update()
@@ -135,7 +106,7 @@ class TaskWorlds:
             "layout_episode": s.episode.clone(),
             "layout_fallback": s.layout_status == Status.FALLBACK,
         }
-        if self._compiled.config.start:
+        if self.randomizer.compiled.config.start:
             info["layout_start"] = s.start.clone()
         if self.randomizer.layouts.knobs.knobs:
             info["layout_knobs"] = self.randomizer.layouts.knobs.named(s.layout_knob.clone())

@@ -21,11 +21,13 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
 from sceniris_gym.device.pickling import StaysHere
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError, check_type
+from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.masks import as_count, as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import KNOBS, LAYOUTS, STATE, ChosenLayouts
 from sceniris_gym.vector.images import Images, as_shots
@@ -192,20 +194,20 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.output, self.copy = output, copy
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
         self.render_mode, self.final_images = render_mode, final_images
-        if layout_source is not None and not callable(layout_source):
-            given = short(layout_source)
-            raise ArgumentTypeError(f"layout_source should be a function (compiled, num_envs), got {given}.")
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
         self.compiled = arguments.as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
-        room = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax}
-        words: dict[str, Any] = {"levels": levels, "knobs": knobs, "split": split, "prefetch": prefetch}
-        worlds = TaskWorlds(self.task, self.compiled, num_envs, room, layout_source=layout_source, graph=graph, **words)
-        self._worlds, self.batch, self.randomizer = worlds, worlds.batch, worlds.randomizer
-        self._redrawn = wp.to_torch(self.randomizer.replacer.mask)
-        self.split = self.randomizer.split
+        physics: dict[str, Any] = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax, "graph": graph}
+        physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
+        self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
+        source = arguments.as_layout_source(layout_source, self.compiled, num_envs)
+        words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch, "levels": levels}
+        words |= {"needs": self.task.needs, "fields": batch.fields, "graph": graph}
+        self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, knobs=knobs, **words)
+        self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
+        self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.replacer.mask)
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}

@@ -112,6 +112,13 @@ def test_wrong_arguments_are_refused(make_env, arguments):
         make_env(**arguments)
 
 
+@pytest.mark.parametrize("source", [3, lambda: 3])
+def test_what_makes_no_layout_source_is_refused(make_env, source):
+    """It is a function of the scene and the number of worlds."""
+    with pytest.raises(TypeError, match=r"layout_source should be a function \(compiled, num_envs\), got"):
+        make_env(layout_source=source)
+
+
 def test_integers_of_numpy_are_integers(make_env):
     """Sizes are often computed."""
     envs = make_env(np.int64(2), max_episode_steps=np.int32(1), render_size=np.array([48, 32]))
