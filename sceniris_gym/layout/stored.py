@@ -189,8 +189,9 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
     targets = () if compiled.reaching is None else compiled.reaching.targets
     grasps = np.array([len(target.grasp_set.grasps) for target in targets], int)
     kinds = {"present": (0, 1), "start": (-1, len(compiled.config.start) - 1), "grasp": (-1, grasps - 1)}
-    kinds |= dict.fromkeys(("episode", "draw_episode"), (-1, MOST_EPISODES - 1)) | {"status": (0, max(Status))}
-    kinds |= {"elapsed": (0, _MOST), "draw_stream": (0, _MOST), "tree_asleep": (-_MOST - 1, compiled.sim_mjm.ntree - 1)}
+    kinds |= dict.fromkeys(("episode", "draw_episode", "next_episode"), (-1, MOST_EPISODES - 1))
+    kinds |= dict.fromkeys(("elapsed", "draw_stream", "attempts"), (0, _MOST)) | {"status": (0, max(Status))}
+    kinds |= {"tree_asleep": (-_MOST - 1, compiled.sim_mjm.ntree - 1)}
     for name, (least, most) in kinds.items():
         values = numbers.get(name, np.zeros(0))
         wrong = np.argwhere(~((values >= least) & (values <= most)) if values.size else [])

@@ -25,7 +25,10 @@ _OF_DATA = (*PROMISED, *fields_of_data("tree_awake"))
 _FINITE = ("data.", "layout.qpos", "layout.mocap")
 _WERE_FINITE = "finite"
 """The name of what a snapshot tells of its own floats: which rows of each, sorted by name, were finite."""
-_INDICES = {f"layout.{name}": name for name in INTEGERS} | {"data.tree_asleep": "tree_asleep", "elapsed": "elapsed"}
+_INDICES = {f"layout.{name}": name for name in (*INTEGERS, "attempts", "next_episode")} | {
+    "data.tree_asleep": "tree_asleep",
+    "elapsed": "elapsed",
+}
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
 """Packages whose objects hold no memory of a task."""
 

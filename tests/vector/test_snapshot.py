@@ -225,6 +225,8 @@ def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
         ],
         r"episode should be from -1 to 2147483646, got -5 in row 1": [_with(kept, "layout.episode", -5)],
         r"status should be from 0 to 3, got 9 in row 1": [_with(kept, "layout.status", 9)],
+        r"next_episode should be from -1 to 2147483646, got -5 in row 1": [_with(kept, "layout.next_episode", -5)],
+        r"attempts should be from 0 to 2147483647, got -5 in row 1": [_with(kept, "layout.attempts", -5)],
         r"elapsed should be from 0 to 2147483647, got -3 in row 1": [_with(kept, "elapsed", -3)],
         r"start should be from -1 to -1, got 5 in row 1": [_with(kept, "layout.start", 5)],
         r"present should be from 0 to 1, got 7 in row 1": [_with(kept, "layout.present", 7)],
