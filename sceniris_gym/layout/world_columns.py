@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.random import name_hash
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.write_columns import (
@@ -76,12 +77,25 @@ class WorldColumns:
         columns = np.cumsum([draw.width for draw in draws]).tolist()
         self.numbers = {d.name: self._given[:, end - d.width : end] for d, end in zip(draws, columns, strict=True)}
         self._no_layouts = LayoutsView()
+        self._narrowed: list[int] | None = None  # column of each draw's knob, once there are knobs
         if knobs is not None:
             self.use_knobs(knobs)
 
     def use_knobs(self, knobs: KnobTable) -> None:
-        """Draw from intervals that knobs narrow, world by world, unless these knobs narrow none."""
+        """Draw from intervals that knobs narrow, world by world, unless these knobs narrow none.
+
+        Raises:
+            ArgumentError: Other knobs narrow them already.
+        """
         columns = [knobs.first.get(knobs.of_draws.get(draw.name, ""), -1) for draw in self._draws]
+        if columns == self._narrowed:
+            return
+        if self._narrowed is not None and max(*columns, *self._narrowed) >= 0:
+            raise ArgumentError(
+                "knobs: another randomizer of the same `fields` draws with other knobs. Give both the same ones, or "
+                "this one fields of its own."
+            )
+        self._narrowed = columns
         if max(columns, default=-1) < 0:
             return
         numbers, begin = self._drawn.numpy(), 0

@@ -94,7 +94,8 @@ class ResetRandomizer(Fixed, StaysHere):
             the world is not moved; a ModelWarning names it.
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
-        fields: The ModelFields of `model` if there are some, such as Batch.fields.
+        fields: The ModelFields of `model` if there are some, such as Batch.fields. Randomizers that share them have
+            the same knobs of draws.
         graph: Capture the reset into a graph and replay it.
 
     Attributes:

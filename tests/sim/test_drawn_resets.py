@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.model_fields import put_model
@@ -108,6 +109,16 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
     for name, array in rows.items():
         np.testing.assert_array_equal(array, wanted[name], err_msg=name)
     np.testing.assert_allclose(rows["body_subtreemass"][:, 0], rows["body_mass"].sum(axis=1), rtol=1e-5)
+
+
+def test_randomizers_that_share_fields_have_the_same_knobs_of_draws(scene: CompiledScene):
+    """The fields draw by the columns of one row of knobs."""
+    name = "objects.can.randomize.mass"
+    one = make(scene, knobs=(name,))
+    for knobs in ((), ("objects.*.randomize.*",)):
+        with pytest.raises(ArgumentError, match="knobs: another randomizer of the same `fields`"):
+            ResetRandomizer(scene, one.model, one.data, fields=one.fields, knobs=knobs)
+    ResetRandomizer(scene, one.model, one.data, fields=one.fields, knobs=(name,))
 
 
 def test_knobs_narrow_draws(scene: CompiledScene):
