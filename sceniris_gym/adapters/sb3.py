@@ -151,6 +151,7 @@ class SB3VecEnv(VecEnv):
 
         Raises:
             AttributeError: Neither has it.
+            UnknownNameError: An attribute of the environment that is not to be set.
             ArgumentError: Not all of the worlds.
             IndexError: There is no such world.
         """
@@ -159,7 +160,11 @@ class SB3VecEnv(VecEnv):
             return
         if len(set(self._chosen(indices))) != self.num_envs:
             raise ArgumentError(f"set_attr: '{attr_name}' belongs to all worlds together. Leave out the indices.")
-        setattr(self._owner(attr_name), attr_name, value)
+        owner = self._owner(attr_name)
+        if owner is self.env:
+            self.env.set_attr(attr_name, value)
+        else:
+            setattr(owner, attr_name, value)
 
     def env_method(self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs) -> list[Any]:
         """Call a method of the environment, or else of its task, once, and return its result for every index."""

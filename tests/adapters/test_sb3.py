@@ -176,6 +176,8 @@ def test_attributes_and_methods_are_those_of_the_environment_and_its_task(make):
         envs.set_attr("max_episode_steps", 9, indices=[0])
     with pytest.raises(AttributeError, match="neither SceneVectorEnv nor Reach has 'nothing'"):
         envs.set_attr("nothing", 1)
+    with pytest.raises(UnknownNameError, match="unknown attribute 'reset'"):
+        envs.set_attr("reset", None)
     assert envs.env_is_wrapped(Monitor) == [True] * 3
     assert envs.env_is_wrapped(gymnasium.wrappers.TimeLimit, indices=0) == [False]
 
