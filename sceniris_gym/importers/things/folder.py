@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.errors import SceneFileError, ScenirisError
+from sceniris_gym.errors import MeshError, SceneFileError, ScenirisError
 from sceniris_gym.files import write_text
 from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
 
@@ -83,9 +83,14 @@ def import_folder(
     with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
         outcomes = list(pool.map(work, zip(sources, targets, strict=True)))
     imported = {str(o.source): {"asset": o.asset.name, **(o.manifest or {})} for o in outcomes if o.asset is not None}
-    refused = {str(o.source): {"error": type(o.error).__name__, "reason": str(o.error)} for o in outcomes if o.error}
+    refused = {str(o.source): _told(o.error) for o in outcomes if o.error}
     write_text(out / "manifest.json", json.dumps({"imported": imported, "refused": refused}, indent=1) + "\n")
     return outcomes
+
+
+def _told(error: ScenirisError) -> dict[str, str]:
+    told = {"error": type(error).__name__, "reason": str(error)}
+    return told | {"fault": error.reason} if isinstance(error, MeshError) else told
 
 
 def _targets(sources: list[Path], out: Path) -> list[Path]:

@@ -20,15 +20,18 @@ def test_bad_things_are_refused_and_the_others_go_on(tmp_path: Path):
     write(box(), source / "crate.stl")
     write(box((0.1, 0.1, 0.1)), source / "more" / "crate.obj")
     (source / "bad.glb").write_bytes(b"nothing")
+    write(box((0.1, 0.1, 0.0)), source / "sheet.stl")
     told: list[Outcome] = []
     outcomes = import_folder(things_in(source), tmp_path / "out", jobs=3, done=told.append)
-    assert [outcome.source.name for outcome in outcomes] == ["bad.glb", "crate.stl", "crate.obj"]
+    assert [outcome.source.name for outcome in outcomes] == ["bad.glb", "crate.stl", "crate.obj", "sheet.stl"]
     assert isinstance(outcomes[0].error, SceneFileError)
     assert [outcome.asset.name for outcome in outcomes if outcome.asset] == ["crate.xml", "crate_2.xml"]
-    assert len(told) == 3
+    assert len(told) == 4
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert len(manifest["imported"]) == 2
-    assert next(iter(manifest["refused"].values()))["error"] == "SceneFileError"
+    refused = {Path(source).name: told for source, told in manifest["refused"].items()}
+    assert refused["bad.glb"]["error"] == "SceneFileError"
+    assert (refused["sheet.stl"]["error"], refused["sheet.stl"]["fault"]) == ("MeshError", "flat")
     assert (tmp_path / "out" / "crate_2.xml").is_file()
 
 
