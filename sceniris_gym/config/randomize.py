@@ -12,6 +12,9 @@ from sceniris_gym.config.fields import Number, listed, wrong
 from sceniris_gym.config.loader import DRAW_FORMS
 from sceniris_gym.config.section import Section
 
+End = Literal["least", "most"]
+Ends = End | tuple[End, ...]
+"""An end of what may be drawn, of all components of a field or of each of them."""
 DEVIATIONS = 3.0
 """Standard deviations beyond which numbers of a normal distribution are cut off."""
 
@@ -28,6 +31,8 @@ class Word:
         follow: Fields that keep their ratio to the drawn one, with the first number and the width of each.
         shared: Number of components that a single drawn number is for, from the first one on; None is all.
         form: The only form that it takes; None is any.
+        weak: The end at which things are heavy and slippery, their contacts soft, or actuators have the least force.
+        loose: The end at which a joint gives way the most.
     """
 
     field: str
@@ -38,23 +43,31 @@ class Word:
     follow: tuple[tuple[str, int, int], ...] = ()
     shared: int | None = None
     form: str | None = None
+    weak: Ends | None = None
+    loose: Ends | None = None
 
 
 WORDS = {
     "object": {
-        "mass": Word("body_mass", least=1e-6, follow=(("body_inertia", 0, 3),)),
+        "mass": Word("body_mass", least=1e-6, follow=(("body_inertia", 0, 3),), weak="most"),
         "ipos": Word("body_ipos", 3),
-        "friction": Word("geom_friction", 3, least=0.0, shared=1),
-        "solref": Word("geom_solref", 2),
-        "solimp": Word("geom_solimp", 5, least=(0.0, 0.0, 0.0, 0.0, 1.0), most=(1.0, 1.0, inf, 1.0, inf)),
+        "friction": Word("geom_friction", 3, least=0.0, shared=1, weak="least"),
+        "solref": Word("geom_solref", 2, weak="most"),
+        "solimp": Word(
+            "geom_solimp",
+            5,
+            least=(0.0, 0.0, 0.0, 0.0, 1.0),
+            most=(1.0, 1.0, inf, 1.0, inf),
+            weak=("least", "least", "most", "most", "most"),
+        ),
         "rgba": Word("geom_rgba", 4, least=0.0, most=1.0, shared=3),
-        "damping": Word("dof_damping", least=0.0),
-        "frictionloss": Word("dof_frictionloss", least=0.0),
-        "armature": Word("dof_armature", least=0.0),
-        "stiffness": Word("jnt_stiffness", least=0.0),
-        "gains": Word("actuator_gainprm", least=1e-9, follow=(("actuator_biasprm", 1, 2),)),
+        "damping": Word("dof_damping", least=0.0, loose="least"),
+        "frictionloss": Word("dof_frictionloss", least=0.0, loose="least"),
+        "armature": Word("dof_armature", least=0.0, loose="least"),
+        "stiffness": Word("jnt_stiffness", least=0.0, loose="least"),
+        "gains": Word("actuator_gainprm", least=1e-9, follow=(("actuator_biasprm", 1, 2),), weak="least"),
         "bias": Word("actuator_biasprm"),
-        "forcerange": Word("actuator_forcerange", 2),
+        "forcerange": Word("actuator_forcerange", 2, weak=("most", "least")),
         "delay": Word("actuator_delay", least=0.0),
     },
     "light": {
@@ -73,7 +86,7 @@ WORDS = {
         **{word: Word(f"mat_{word}", least=0.0) for word in ("specular", "shininess", "emission")},
         "texrepeat": Word("mat_texrepeat", 2),
     },
-    "scene": {"gravity": Word("gravity", 3), "wind": Word("wind", 3)},
+    "scene": {"gravity": Word("gravity", 3, weak=("most", "most", "least")), "wind": Word("wind", 3)},
 }
 """The words of objects and robots, of lights, cameras and materials, and of the whole scene."""
 

@@ -7,31 +7,24 @@ import fnmatch
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.randomize import DEVIATIONS, WORDS, DrawConfig, Word
+from sceniris_gym.config.randomize import DEVIATIONS, WORDS, DrawConfig, End, Ends, Word
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside
 from sceniris_gym.scene.support import subtree
 
-End = Literal["least", "most"]
-Ends = End | tuple[End, ...]
-"""An end of what may be drawn, of all components of a field or of each of them."""
-_FIELDS = {word.field for kind in ("object", "scene") for word in WORDS[kind].values()} - {"geom_rgba"}
-LEAST: dict[str, Ends] = dict.fromkeys(_FIELDS, "least")
-MOST: dict[str, Ends] = dict.fromkeys(_FIELDS, "most")
+_PHYSICS = [word for kind in ("object", "scene") for word in WORDS[kind].values() if word.field != "geom_rgba"]
+LEAST: dict[str, Ends] = {word.field: "least" for word in _PHYSICS}
+MOST: dict[str, Ends] = {word.field: "most" for word in _PHYSICS}
 """The ends of all physics that is drawn."""
-WEAK: dict[str, Ends] = {
-    **dict.fromkeys(("geom_friction", "actuator_gainprm"), "least"),
-    **dict.fromkeys(("body_mass", "geom_solref"), "most"),
-    **{"geom_solimp": ("least", "least", "most", "most", "most"), "gravity": ("most", "most", "least")},
-    "actuator_forcerange": ("most", "least"),
-}
-"""The ends at which things are heavy and slippery, their contacts soft, and actuators have the least force."""
+WEAK: dict[str, Ends] = {word.field: word.weak for word in _PHYSICS if word.weak}
+LOOSE: dict[str, Ends] = {word.field: word.loose for word in _PHYSICS if word.loose}
+"""The ends that `Word.weak` and `Word.loose` name."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +163,7 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
         part = f" of component {k + 1}" if isinstance(word.least, tuple) else ""
         _refuse(f"{where}.{config.form}", f"its values{part} would be from {found} and should be from {bounds}.")
     above, axes = ends > 0.0, 2 if config.choice is not None else (0, 2)
-    if word.field == "geom_solref" and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
+    if word.field.endswith("solref") and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
         _refuse(f"{where}.{config.form}", "all of its values should be above 0, or none of them.")
     if word.field == "actuator_forcerange" and (ends[..., 0].max(axis=0) >= ends[..., -1].min(axis=0)).any():
         _refuse(f"{where}.{config.form}", "all lower limits should be below all upper ones. Give lists of both.")
@@ -190,7 +183,7 @@ def _has_effect(mjm: mujoco.MjModel, field: str, row: int) -> bool:
         return mjm.actuator_history[row, 0] > 0
     if field == "actuator_forcerange":
         return bool(mjm.actuator_forcelimited[row])
-    if field == "jnt_stiffness":  # it would pull a free body to its place in the model
+    if field.startswith("jnt_"):  # stiffness would pull a free body to its place in the model
         return mjm.jnt_type[row] != mujoco.mjtJoint.mjJNT_FREE
     return field != "cam_fovy" or not mjm.cam_sensorsize[row].any()
 

@@ -90,8 +90,8 @@ def test_a_word_has_its_elements_and_components(build, part, words, name, elemen
     """One number is drawn for all elements, or one for each; a list of numbers is for the components."""
     scene = build(**{part: words})
     draw, kind = only(scene), only(scene).word.field.partition("_")[0]
-    of = {"body": scene.mjm.body, "dof": lambda i: scene.mjm.joint(scene.mjm.dof_jntid[i]), "geom": scene.mjm.geom}
-    names = [of.get(kind, scene.mjm.actuator)(int(i)).name for i in draw.rows]
+    of: dict[str, Any] = {"dof": lambda i: scene.mjm.joint(scene.mjm.dof_jntid[i]), "jnt": scene.mjm.joint}
+    names = [(of.get(kind) or getattr(scene.mjm, kind))(int(i)).name for i in draw.rows]
     assert (draw.name, names, draw.components.tolist(), draw.width) == (name, elements, components, width)
 
 
@@ -272,6 +272,7 @@ ENDS = """<mujoco><worldbody><geom name="floor" type="plane" size="2 2 .1"/>
   <actuator><position name="one" joint="one" kp="10" kv="1" forcerange="-5 5"/></actuator></mujoco>"""
 ROOT = Path(__file__).parents[2] / "sceniris_gym"
 # Expressions that may name a model of their own: one at such ends, or what gets a row for each world.
+ENDLESS = {"ipos", "rgba", "bias", "delay", "wind"}
 LISTED = {
     "program/checks/standing.py": {"model.opt.gravity", "model.dof_armature"},
     "program/loads.py": {"windy.opt.wind", "windy.body_mass", "mjm.body_invweight0", "mjm.weights"},
@@ -332,3 +333,9 @@ def test_proofs_read_no_number_that_may_be_drawn_from_the_model_alone():
             if ast.unparse(of).removesuffix(".opt").rpartition(".")[2] not in {"least", "most"}:
                 found.setdefault(path.relative_to(ROOT).as_posix(), set()).add(name)
     assert found == LISTED
+
+
+def test_each_word_of_physics_says_at_which_end_proofs_read_it():
+    """But for those of which no end is the worst: proofs take all corners of these, or do not depend on them."""
+    words = {**WORDS["object"], **WORDS["scene"]}
+    assert {name for name, word in words.items() if not word.weak and not word.loose} == ENDLESS

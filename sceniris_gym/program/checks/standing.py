@@ -19,7 +19,7 @@ from sceniris_gym.program.resting import check_weight, drawn_joints
 from sceniris_gym.program.standing import Stance
 from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.scene.couplings import follow
-from sceniris_gym.scene.draws import WEAK, at_ends
+from sceniris_gym.scene.draws import LOOSE, WEAK, at_ends
 from sceniris_gym.scene.model import SceneModel
 
 # Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds things there.
@@ -34,7 +34,7 @@ _DROP = 2.0e-3
 # Inertia [kg or kg m^2] that keeps joints where they are; with 1e9 in a hinge the body that it is on tips by rounding.
 _HELD = 1.0e6
 # The ends of what may be drawn at which joints and supports give way the most; a light one may, or a heavy one.
-_YIELDS = {**WEAK, **dict.fromkeys(("dof_frictionloss", "dof_damping", "dof_armature", "jnt_stiffness"), "least")}
+_YIELDS = {**WEAK, **LOOSE}
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEVEL = 1.0e-3
 # Least friction of what leans, or may do so: the tangent of that angle.
