@@ -13,14 +13,22 @@ from sceniris_gym.layout.source import LayoutSource
 
 
 class Chooser(Protocol):
-    """Asks for other layouts than the next episode of a seed; `layout_source=LayoutPipeline(maker, chooser=...)`.
+    """Asks for other layouts than the next episode of a seed.
 
-    It writes `next_seed`, `next_episode` and `next_knob` of a LayoutsView. Its launches check nothing, never wait for
-    the host, and take a mask of worlds, shape (nworld,), bool; None is all.
+    An environment takes one as `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. It writes
+    `next_seed`, `next_episode` and `next_knob` of a LayoutsView, which snapshots have rows of; they have none of its
+    own memory. Its launches check nothing, never wait for the host, and take a mask of worlds, shape (nworld,), bool;
+    None is all.
     """
 
     def launch_choose(self, mask: wp.array | None) -> None:
-        """Choose the layouts that follow those which the masked worlds were just served."""
+        """Choose the layouts that follow those which the masked worlds were just served.
+
+        Episodes on these have just begun: their outcomes count from the next choice on.
+        """
+
+    def launch_finish(self, success: wp.array, finished: wp.array) -> None:
+        """Hear how episodes ended; see `LayoutSource.launch_finish`."""
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
         """Forget what was chosen for the masked worlds, since `LayoutSource.launch_reseed` chose for them."""
@@ -49,13 +57,14 @@ class LayoutPipeline(Fixed, LayoutSource):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("maker", "ahead", "chooser", "layouts", "split")
+    FIXED = ("maker", "ahead", "chooser", "layouts", "split", "hears")
 
     def __init__(
         self, maker: LayoutSource, split: str = "train", *, ahead: Ahead | None = None, chooser: Chooser | None = None
     ) -> None:
         self.maker, self.ahead, self.chooser, self.layouts = maker, ahead, chooser, maker.layouts
         self.split: str = maker.split or split
+        self.hears = maker.hears or chooser is not None
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -81,6 +90,12 @@ class LayoutPipeline(Fixed, LayoutSource):
         self.maker.launch_set_knobs(columns, values, mask)
         if self.ahead is not None:
             self.ahead.launch_forget(mask)
+
+    def launch_finish(self, success: wp.array, finished: wp.array) -> None:
+        """See `LayoutSource`."""
+        self.maker.launch_finish(success, finished)
+        if self.chooser is not None:
+            self.chooser.launch_finish(success, finished)
 
     def after_reset(self) -> None:
         """See `LayoutSource`."""

@@ -30,10 +30,12 @@ class LayoutSource(StaysHere):
     Attributes:
         layouts: The latest layout of each world, always in the same arrays.
         split: Split of the layouts, "train" or "eval"; None is that of the randomizer that serves them.
+        hears: Whether `launch_finish` does anything.
     """
 
     layouts: Layouts
     split: str | None = None
+    hears: bool = False
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Write the rows of `layouts.view` that the masked worlds get next.
@@ -88,6 +90,14 @@ class LayoutSource(StaysHere):
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
         launch_set(self.layouts.view.next_knob, columns, values, mask)
+
+    def launch_finish(self, success: wp.array, finished: wp.array) -> None:
+        """Hear how episodes ended, before the reset that follows.
+
+        Args:
+            success: 1 for worlds that succeeded, else 0, shape (nworld,), float32.
+            finished: Worlds whose episode ended, shape (nworld,), bool.
+        """
 
     def after_reset(self) -> None:
         """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""

@@ -69,10 +69,10 @@ class TaskWorlds:
         return outcome.breaking(~(s.finite & finite_rows([gained.T])))
 
     def count(self, outcome: Outcome) -> None:
-        """Add a step to the statistics, and to levels the successes of episodes on layouts of their own."""
+        """Add a step to the statistics, and tell what chooses layouts how episodes ended."""
         self.statistics.add(outcome, self.state.elapsed)
-        if (sampler := self.randomizer.levels) is not None:
-            sampler.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
+        if (pipeline := self.randomizer.pipeline).hears:
+            pipeline.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
 
     @property
     def source(self) -> tuple[str, ...]:

@@ -79,6 +79,7 @@ def written_by(module: str, name: str) -> set[str | None]:
 def test_a_layout_that_is_served_has_all_columns():
     """The kernels that serve layouts write each of them; a stored one is not made, so nothing is counted."""
     assert written_by("ahead", "_serve") ^ {*columns()} == set()
+    assert {*columns("count")} <= written_by("wave.settle", "_settle")
     stored = written_by("stored", "_make") | written_by("seeds", "_close")
     assert stored ^ {*columns()} == {"attempts", "first_pass_valid"}
 

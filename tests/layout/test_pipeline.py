@@ -40,6 +40,10 @@ class Backwards:
         """Hear it."""
         self.heard.append("set_knobs")
 
+    def launch_finish(self, success: wp.array, finished: wp.array) -> None:
+        """Hear it."""
+        self.heard.append("finish")
+
     def after_reset(self) -> None:
         """Hear it."""
         self.heard.append("after_reset")

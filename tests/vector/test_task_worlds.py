@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+import warp as wp
 
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.pipeline import Chooser, LayoutPipeline
+from sceniris_gym.program.compiled import CompiledScene
 from tests.vector.stepping import actions
 
 
@@ -31,3 +37,39 @@ def test_layouts_made_ahead_change_nothing(make_env):
         seen.append(found)
     for plain, ahead in zip(*seen, strict=True):
         assert all(torch.equal(plain[group], ahead[group]) for group in plain)
+
+
+class Counting(Chooser):
+    """Chooses for each world the episode of ten times the number of episodes that it has ended."""
+
+    def __init__(self, layouts: Layouts) -> None:
+        self.layouts, self.ended, self.success = layouts, np.zeros(layouts.nworld, int), []
+
+    def launch_choose(self, mask: wp.array | None) -> None:
+        """Choose for all worlds; those that are not masked have chosen the same before."""
+        self.layouts.view.next_episode.assign(10 * self.ended)
+
+    def launch_finish(self, success: wp.array, finished: wp.array) -> None:
+        """Count."""
+        self.ended += finished.numpy()
+        self.success.append(success.numpy().tolist())
+
+
+def test_a_chooser_of_ones_own_hears_how_episodes_end(make_env):
+    """In each step; outcomes count from the next choice on, which is made when the next episode begins."""
+    choosers: list[Counting] = []
+
+    def source(compiled: CompiledScene, num_envs: int) -> LayoutPipeline:
+        maker = LayoutGenerator(compiled, num_envs)
+        choosers.append(Counting(maker.layouts))
+        return LayoutPipeline(maker, chooser=choosers[0])
+
+    envs = make_env(2, max_episode_steps=2, layout_source=source, graph=False)
+    envs.reset(seed=0)
+    episodes = []
+    for _ in range(4):
+        success = envs.step(actions(2, ending=(0,)))[4]["success"]
+        assert choosers[0].success[-1] == success.float().tolist()
+        episodes.append(envs.state.episode.tolist())
+    assert choosers[0].ended.tolist() == [4, 2]
+    assert episodes == [[0, 0], [10, 0], [20, 0], [30, 10]]
