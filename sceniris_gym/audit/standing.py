@@ -251,7 +251,6 @@ def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
     assert part.region is not None
     if part.region.points is not None:
         return _at_one_of(part.region.points, points)
-    assert part.region.box is not None
     low, high = np.array(part.region.box)
     return np.all((points >= low - EDGE_TOLERANCE) & (points <= high + EDGE_TOLERANCE), axis=1)
 
@@ -269,13 +268,10 @@ def _in_region(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig, p
         return _at_one_of(region.points, points)
     if region.polygon is not None:
         return inside(shapely.intersection(area, shapely.Polygon(region.polygon)), points)
-    if region.box is not None:
-        (x0, y0), (x1, y1) = region.box
-    else:
-        assert region.fraction is not None
-        left, low, right, high = bounds
-        (x0, y0), (x1, y1) = ((left + (right - left) * x, low + (high - low) * y) for x, y in region.fraction)
-    return inside(shapely.intersection(area, shapely.box(x0, y0, x1, y1)), points)
+    corners = np.array(region.box)
+    if region.box is None:
+        corners = bounds[:2] + (bounds[2:] - bounds[:2]) * np.array(region.fraction)
+    return inside(shapely.intersection(area, shapely.box(*corners.ravel())), points)
 
 
 def _all_inside(area: shapely.Geometry, corners: np.ndarray) -> np.ndarray:

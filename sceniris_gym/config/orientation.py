@@ -64,10 +64,8 @@ class Orientation(Section):
             return DrawnOrientation("any")
         if self.stable is not None:
             return DrawnOrientation("stable", _radians(self.stable.yaw))
-        if self.face_to is not None:
-            return DrawnOrientation("face_to", _radians(self.yaw or (0.0, 0.0)), self.face_to)
-        assert self.yaw is not None
-        return DrawnOrientation("yaw", _radians(self.yaw))
+        kind = "yaw" if self.face_to is None else "face_to"
+        return DrawnOrientation(kind, _radians(self.yaw or (0.0, 0.0)), self.face_to)
 
     @model_validator(mode="before")
     @classmethod

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable, Mapping
 from enum import IntEnum
+from operator import attrgetter
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -90,7 +91,7 @@ class Relation(Section):
         one_of: The words of the kind.
         type: The shape of its region.
         least_anchors: Number of anchors that have to be present for the relation to apply.
-        reference_frame: The frame of its heading: 'support', 'world' or the name of an object.
+        default_frame: The frame of its heading where its keys name none, as those below name it.
         half_angle: Greatest angle between the heading and the direction from the anchor to the object [rad].
         low, high: Interval of the distance from the anchor [m].
         by_bounds: Whether the region depends on the bounds of both objects.
@@ -99,7 +100,7 @@ class Relation(Section):
 
     type: ClassVar[RelationType]
     least_anchors: ClassVar[int] = 1
-    reference_frame: ClassVar[str] = "world"
+    default_frame: ClassVar[str] = "world"
     half_angle: ClassVar[float] = math.pi
     low: ClassVar[float] = 0.0
     high: ClassVar[float] = math.inf
@@ -119,7 +120,14 @@ class Relation(Section):
     @property
     def anchors(self) -> tuple[str, ...]:
         """Names of the objects that the relation is relative to."""
-        return (getattr(self, self.anchor_key),)
+        named = attrgetter(self.anchor_key)(self)
+        return named if isinstance(named, tuple) else (named,)
+
+    @property
+    def reference_frame(self) -> str:
+        """The frame of its heading: 'support', 'world' or the name of an object."""
+        frame = getattr(self, "frame", self.default_frame)
+        return self.anchors[0] if frame == "anchor" else frame
 
     @property
     def references(self) -> list[tuple[str, str]]:
@@ -160,14 +168,10 @@ class Sector(Relation):
     """The base of the relations that leave a sector of the plane around one anchor, or a ring."""
 
     type = RelationType.SECTOR
+    default_frame = "anchor"
     if TYPE_CHECKING:
         distance: Distance | None
         measure: str
-
-    @property
-    def reference_frame(self) -> str:
-        """The frame of the heading, by default the anchor."""
-        return self.anchors[0]
 
     @property
     def low(self) -> float:
@@ -227,11 +231,6 @@ class Direction(Sector):
         """Greatest angle between the heading and the direction from the anchor to the object [rad]."""
         return math.radians(90.0 if self.angle is None else self.angle)
 
-    @property
-    def reference_frame(self) -> str:
-        """The frame of the direction: 'support', 'world' or the name of an object."""
-        return self.anchors[0] if self.frame == "anchor" else self.frame
-
     def heading(self, robots: Container[str]) -> float:
         """Return the heading of the direction in its frame [rad]."""
         if self.direction is not None:
@@ -282,11 +281,6 @@ class Between(Relation):
     width: Width | None = None
 
     @property
-    def anchors(self) -> tuple[str, ...]:
-        """Names of the objects."""
-        return self.between
-
-    @property
     def has_own_width(self) -> bool:
         """True if the strip is as wide as the object itself."""
         return self.width is None
@@ -316,11 +310,6 @@ class Joined(Relation):
     gap: Length | None = None
 
     @property
-    def anchors(self) -> tuple[str, ...]:
-        """The other object."""
-        return (self.beside.of,)
-
-    @property
     def summary(self) -> str:
         """The two sites."""
         return f"{self.beside.my} at {self.beside.its} of {self.beside.of}"
@@ -336,11 +325,6 @@ class Beside(Relation):
     frame: str = "anchor"
     side: Literal["left", "right", "front", "back"] = Field(None, validate_default=True)
     gap: Length = 0.01
-
-    @property
-    def reference_frame(self) -> str:
-        """The frame of the side: 'support', 'world' or the name of an object."""
-        return self.beside if self.frame == "anchor" else self.frame
 
     @property
     def summary(self) -> str:

@@ -51,10 +51,8 @@ class SceneConfig(SceneWords):
             SceneFileError: The file is missing, or is not YAML, or gives a key twice.
             ScenirisError: As in the class.
         """
-        if isinstance(overrides, Mapping) and not overrides:
-            overrides = None
         if isinstance(scene, SceneConfig):
-            if overrides is None:
+            if overrides is None or (isinstance(overrides, Mapping) and not overrides):
                 return scene
             data = scene.model_dump(by_alias=True, exclude_unset=True)
             if scene._written:
@@ -63,9 +61,7 @@ class SceneConfig(SceneWords):
         else:
             raw = read_scene(scene)
             data, where, name = raw.data, raw.where, raw.name
-        if overrides is not None:
-            data = override(data, overrides, where)
-        return cls._made({"name": name, **data}, where)
+        return cls._made({"name": name, **override(data, {} if overrides is None else overrides, where)}, where)
 
     @classmethod
     def _made(cls, words: Mapping[str, Any], where: str, left_out: Collection[str] = ()) -> SceneConfig:
@@ -166,21 +162,12 @@ class SceneConfig(SceneWords):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _variants_are_members(
+    def _is_written_out(
         cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig], info: ValidationInfo
     ) -> SceneConfig:
-        config = handler(with_members(data, info.context or ()))
+        config = handler(with_chains(with_places(with_members(data, info.context or ()))))
         check_shared(config.variants, config.objects)
         if config.variants or config.stacks:
             config._written = data
+        check_names(config, where_now.get() or cls.__name__)
         return config
-
-    @model_validator(mode="before")
-    @classmethod
-    def _heaps_and_stacks_are_placed(cls, data: Any) -> Any:
-        return with_chains(with_places(data))
-
-    @model_validator(mode="after")
-    def _names_are_known(self) -> SceneConfig:
-        check_names(self, where_now.get() or type(self).__name__)
-        return self

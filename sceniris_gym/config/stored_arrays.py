@@ -7,7 +7,7 @@ import zipfile
 import zlib
 from pathlib import Path
 from tokenize import TokenError
-from typing import Annotated, Any, BinaryIO
+from typing import IO, Annotated, Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -49,9 +49,7 @@ def read_array(path: Path) -> np.ndarray:
         if file.read(4) == b"PK\x03\x04":
             raise ValueError("an archive of several arrays")
         file.seek(0)
-        _check_size(file, path.stat().st_size)
-        file.seek(0)
-        return np.asarray(npy.read_array(file, allow_pickle=False))
+        return _read(file, path.stat().st_size)
 
 
 def read_arrays(path: Path, *, own: bool = False) -> dict[str, np.ndarray]:
@@ -70,14 +68,12 @@ def read_arrays(path: Path, *, own: bool = False) -> dict[str, np.ndarray]:
             if info.file_size > _MOST_PACKED * (info.compress_size + 64):
                 raise ValueError(f"'{info.filename}' says that it is {info.file_size} bytes long")
             with archive.open(info) as member:
-                _check_size(member, info.file_size)  # type: ignore[arg-type]
-            with archive.open(info) as member:
-                found[info.filename.removesuffix(".npy")] = np.asarray(npy.read_array(member, allow_pickle=False))
+                found[info.filename.removesuffix(".npy")] = _read(member, info.file_size)
         return found
 
 
-def _check_size(file: BinaryIO, size: int) -> None:
-    """Check that the size in an array's header is no more than the number of bytes."""
+def _read(file: IO[bytes], size: int) -> np.ndarray:
+    """Read an array from its beginning, after a check that its header asks for no more than the number of bytes."""
     major, _ = npy.read_magic(file)
     read = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
     shape, _, dtype = read(file, max_header_size=_HEADER)
@@ -86,3 +82,5 @@ def _check_size(file: BinaryIO, size: int) -> None:
         raise ValueError("it holds objects of Python")
     if any(n < 0 for n in shape) or declared > size:
         raise ValueError(f"an array of shape {shape} has {declared} bytes, and there are {size} at most")
+    file.seek(0)
+    return np.asarray(npy.read_array(file, allow_pickle=False))

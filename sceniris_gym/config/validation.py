@@ -255,27 +255,22 @@ def _check_starts(scene: SceneWords, where: str) -> None:
     for i, start in enumerate(scene.start):
         at = f"{where}: start.{i}"
         if start.of is not None and start.of not in scene.variants:
-            _check_present(start.of, [*scene.objects, *scene.variants], scene.absent, f"{at}.of")
+            _check_present(scene, start.of, [*scene.objects, *scene.variants], scene.absent, f"{at}.of")
         for name in start.targets(scene.groups):
             _check_target(scene, start, name, at)
         for name, marker in start.place.items():
-            _refuse_variants(scene, name, f"{at}.place")
             _check_place(scene, name, marker, f"{at}.place")
         for key in start.joints:
             name, _, joint = key.rpartition("/")
             if not name or not joint:
                 raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
-            _refuse_variants(scene, name, f"{at}.joints")
-            _check_present(name, scene.objects, scene.owners, f"{at}.joints")
+            _check_present(scene, name, scene.objects, scene.owners, f"{at}.joints")
 
 
-def _refuse_variants(scene: SceneWords, name: str, where: str) -> None:
+def _check_present(scene: SceneWords, name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
+    """Check that there is an object, in all worlds, and that it is one alone."""
     if name in scene.variants:
         raise SceneKeyError(f"{where}: '{name}' has variants, so only 'of' may name it. Name another object.")
-
-
-def _check_present(name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
-    """Check that there is an object, in all worlds."""
     if name not in objects:
         raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
     if name in absent:
@@ -296,11 +291,11 @@ def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) 
 def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
     """Check an object that is placed at a marker."""
     objects = scene.objects
-    _check_present(name, objects, scene.absent, where)
+    _check_present(scene, name, objects, scene.absent, where)
     markers = [other for other, part in objects.items() if part.kind == "marker"]
     if marker not in markers:
         raise UnknownNameError("marker", marker, where, markers)
-    _check_present(marker, objects, scene.absent, where)
+    _check_present(scene, marker, objects, scene.absent, where)
     if not objects[name].is_placed or objects[name].support is None or objects[name].support != objects[marker].support:
         raise SceneKeyError(
             f"{where}: '{name}' should be placed on what its marker '{marker}' is on: give both the same support."

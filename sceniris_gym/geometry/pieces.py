@@ -154,12 +154,7 @@ def extract_pieces(
         plane = mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         if rules.collides(geom) if geometry == "physics" or plane else visible:
             place = (where or {}).get(int(mjm.geom_bodyid[geom]))
-            try:
-                pieces.append(_piece(mjm, geom, geometry, int(rules.classes[geom])))
-            except MeshError as error:
-                raise MeshError(f"{place}: {error}" if place else str(error), error.reason) from None
-            except NotSupportedError as error:
-                raise NotSupportedError(f"{place}: {error}" if place else str(error)) from None
+            pieces.append(_piece(mjm, geom, geometry, int(rules.classes[geom]), f"{place}: " if place else ""))
     return pieces
 
 
@@ -183,20 +178,21 @@ def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, w
         )
 
 
-def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int) -> Piece:
+def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, place: str = "") -> Piece:
+    """Return a geom as a piece; errors begin with `place`."""
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
         raise NotSupportedError(
-            f"geom '{geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
+            f"{place}geom '{geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
             "Use primitives or meshes, or turn its collisions off (contype=0, conaffinity=0)."
         )
     pos, quat = mjm.geom_pos[geom].copy(), mjm.geom_quat[geom].copy()
     vertices = np.zeros((0, 3))
     mesh = None
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        data, name = int(mjm.geom_dataid[geom]), geom_name(mjm, geom)
-        mesh = _surface(mjm, data, name) if geometry == "visual" else None
-        vertices = hull_vertices(mjm, data, name)
+        data, what = int(mjm.geom_dataid[geom]), f"{place}mesh of geom '{geom_name(mjm, geom)}'"
+        mesh = _surface(mjm, data, what) if geometry == "visual" else None
+        vertices = hull_vertices(mjm, data, what)
         middle = vertices.mean(axis=0)
         pos = pos + matrix(quat) @ middle
         vertices = vertices - middle
@@ -251,11 +247,11 @@ def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh_vertices(mjm, mesh), faces, process=False)
 
 
-def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
+def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
     """Return the vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
 
     MuJoCo keeps the hull's vertex ids in `mesh_graph` (numvert, numface, numvert edge addresses, numvert ids, ...), for
-    meshes that a collision geom uses.
+    meshes that a collision geom uses. Errors begin with `what`.
     """
     vertices = mesh_vertices(mjm, mesh)
     graph = mjm.mesh_graphadr[mesh]
@@ -265,9 +261,7 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, name: str) -> np.ndarray:
     try:
         return np.asarray(convex_hull(vertices).vertices)
     except ValueError as error:  # qhull rejects flat input
-        raise MeshError(
-            f"mesh of geom '{name}' has no volume. It should have four points not in one plane.", "flat"
-        ) from error
+        raise MeshError(f"{what} has no volume. It should have four points not in one plane.", "flat") from error
 
 
 def flat_faces(triangles: np.ndarray) -> np.ndarray:
@@ -277,12 +271,10 @@ def flat_faces(triangles: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest
 
 
-def _surface(mjm: mujoco.MjModel, mesh: int, name: str) -> trimesh.Trimesh:
+def _surface(mjm: mujoco.MjModel, mesh: int, what: str) -> trimesh.Trimesh:
     """Return the triangles of a mesh in the geom's frame, after a check that they form a closed surface."""
     if mjm.mesh_facenum[mesh] == 0:
-        raise MeshError(
-            f"mesh of geom '{name}' has no faces. With `geometry: visual` it should be a closed surface.", "empty"
-        )
+        raise MeshError(f"{what} has no faces. With `geometry: visual` it should be a closed surface.", "empty")
     surface = mesh_surface(mjm, mesh)
     surface.merge_vertices(merge_tex=True, merge_norm=True)
     if not surface.is_watertight:  # a face without area may close a surface; a superfluous one does not open it
@@ -291,8 +283,7 @@ def _surface(mjm: mujoco.MjModel, mesh: int, name: str) -> trimesh.Trimesh:
         surface.metadata["left_out"] = int(flat.sum())
     if not surface.is_watertight:
         raise MeshError(
-            f"mesh of geom '{name}' is open, so it has no inside. Close it, or use `geometry: physics`, which takes "
-            "convex hulls.",
+            f"{what} is open, so it has no inside. Close it, or use `geometry: physics`, which takes convex hulls.",
             "open",
         )
     if surface.volume < 0.0:

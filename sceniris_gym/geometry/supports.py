@@ -97,12 +97,11 @@ def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndar
     return SupportSurface(0, 0.0, seen, seen)
 
 
-def points_in_space(region: RegionConfig) -> list[SupportSurface]:
+def points_in_space(points: Points) -> list[SupportSurface]:
     """Return points in space as surfaces, one for each of their heights; the outlines are boxes seen from above."""
-    assert region.points is not None
     found = []
-    for z in dict.fromkeys(z for *_, z in region.points):
-        seen = MultiPoint([point[:2] for point in region.points if point[2] == z])
+    for z in dict.fromkeys(z for *_, z in points):
+        seen = MultiPoint([point[:2] for point in points if point[2] == z])
         found.append(SupportSurface(0, z, MultiPolygon([box(*seen.buffer(_HALF_WIDTH).bounds)]), seen))
     return found
 
@@ -122,15 +121,25 @@ def crop(
     erosion, points = min(rounded), None if region is None else region.points
     keep = None if region is None or points is not None else _crop_shape(surfaces, region)
     kept = {e: _kept(surfaces, keep, points, e) for e in set(rounded)}
-    if points is not None:
-        _check_points(surfaces, points, kept[erosion], erosion, where)
+    x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
+    spans = f"[{x0:.4g}, {x1:.4g}] x [{y0:.4g}, {y1:.4g}] m"
+    if points is not None:  # each is on a surface, by the smallest erosion that `ratio_on_support` demands of any pose
+        used = {tuple(xy) for s in kept[erosion] for xy in shapely.get_coordinates(s.region).tolist()}
+        for i, at in ((i, Point(point)) for i, point in enumerate(points) if point not in used):
+            beyond = min(s.outline.distance(at) for s in surfaces)
+            said = f"off its surface, by {beyond:.4g} m"
+            if beyond <= _ON_EDGE:
+                said = f"nearer to an edge of its surface than the {erosion:.4g} m that 'ratio_on_support' asks for"
+            raise NoSupportError(
+                f"{where}: the support does not carry point {i} of the region, [{at.x:.4g}, {at.y:.4g}]: it is {said}, "
+                f"which spans {spans} in the support's frame. Move the point, or take it out."
+            )
     elif not any(kept.values()):
-        x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
         cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to its region": region is not None}
         said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
         raise NoSupportError(
-            f"{where}: nothing is left of the support after {said}; its surface spans [{x0:.4g}, {x1:.4g}] x "
-            f"[{y0:.4g}, {y1:.4g}] m. Use a smaller ratio_on_support, a region that overlaps it, or a larger support."
+            f"{where}: nothing is left of the support after {said}; its surface spans {spans}. Use a smaller "
+            "ratio_on_support, a region that overlaps it, or a larger support."
         )
     return [kept[e] for e in rounded]
 
@@ -152,27 +161,6 @@ def _kept(
         if not region.is_empty:
             found.append(replace(surface, region=region))
     return found
-
-
-def _check_points(
-    surfaces: list[SupportSurface], points: Points, kept: list[SupportSurface], erosion: float, where: str
-) -> None:
-    """Check that each point is on a surface, by the smallest erosion that `ratio_on_support` demands of any pose."""
-    used = {tuple(xy) for s in kept for xy in shapely.get_coordinates(s.region).tolist()}
-    unused = next((i for i, point in enumerate(points) if point not in used), None)
-    if unused is None:
-        return
-    at = Point(points[unused])
-    beyond = min(s.outline.distance(at) for s in surfaces)
-    x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
-    said = f"off its surface, by {beyond:.4g} m"
-    if beyond <= _ON_EDGE:
-        said = f"nearer to an edge of its surface than the {erosion:.4g} m that 'ratio_on_support' asks for"
-    raise NoSupportError(
-        f"{where}: the support does not carry point {unused} of the region, [{at.x:.4g}, {at.y:.4g}]: it is {said}, "
-        f"which spans [{x0:.4g}, {x1:.4g}] x [{y0:.4g}, {y1:.4g}] m in the support's frame. Move the point, or take it "
-        "out."
-    )
 
 
 def triangulate(region: MultiPolygon | MultiPoint) -> np.ndarray:
@@ -210,13 +198,11 @@ def edges(outline: MultiPolygon) -> np.ndarray:
 def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig) -> Polygon:
     if region.polygon is not None:
         return Polygon(region.polygon)
-    if region.box is not None:
-        (x0, y0), (x1, y1) = (corner[:2] for corner in region.box)
-        return box(x0, y0, x1, y1)
-    assert region.fraction is not None
-    low, high = np.asarray(shapely.union_all([s.outline for s in surfaces]).bounds).reshape(2, 2)
-    (x0, y0), (x1, y1) = (low + np.asarray(f) * (high - low) for f in region.fraction)
-    return box(x0, y0, x1, y1)
+    corners = np.array(region.box)
+    if region.box is None:
+        low, high = np.reshape(shapely.union_all([s.outline for s in surfaces]).bounds, (2, 2))
+        corners = low + np.array(region.fraction) * (high - low)
+    return box(*corners.ravel())
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:

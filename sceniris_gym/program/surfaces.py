@@ -54,7 +54,7 @@ def surfaces_of(
     if config.support is None or support is None:
         assert config.region is not None
         if config.region.points is not None:
-            return [supports.points_in_space(config.region)] * len(edges)
+            return [supports.points_in_space(config.region.points)] * len(edges)
         assert config.region.box is not None
         return [[supports.rectangle(*config.region.box)] if config.relations else []] * len(edges)
     word, parent = config.support.word, config.support.parent
