@@ -180,9 +180,7 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
         return Solid(geom, Form.POLYHEDRON, *convex_hull(_BOX_CORNERS * size), 0.0, size)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return Solid(geom, Form.POLYHEDRON, *_mesh(mjm, mjm.geom_dataid[geom], hull=hull), 0.0, size)
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return Solid(geom, Form.ROUNDED, np.zeros((1, 3)), no_faces, float(size[0]), size)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+    if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE):  # both ends of a sphere are its centre
         ends = np.array([[0, 0, -size[1]], [0, 0, size[1]]])
         return Solid(geom, Form.ROUNDED, ends, no_faces, float(size[0]), size)
     if kind in _WITHOUT_VERTICES:

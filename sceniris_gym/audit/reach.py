@@ -140,12 +140,9 @@ class ReachAudit:
         sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(self._of[claim.name]))).tolist()
         names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
         own = {s: name for s, name in names.items() if name.startswith("grasp_")}
-        for s, name in own.items():
-            if claim.pattern and not fnmatchcase(name, claim.pattern) and not fnmatchcase(name[6:], claim.pattern):
-                continue
-            if self._meets(s, pose) or self._meets(s, pose @ np.diag([-1.0, -1.0, 1.0, 1.0])):
-                return True
-        return not own
+        chosen = [s for s, name in own.items() if any(fnmatchcase(n, claim.pattern or "*") for n in (name, name[6:]))]
+        turned = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
+        return not own or any(self._meets(s, pose) or self._meets(s, turned) for s in chosen)
 
     def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray, *, grasping: bool = True) -> str | None:
         mjm, data = self.mjm, self.data

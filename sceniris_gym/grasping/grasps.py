@@ -153,7 +153,8 @@ class Graspable:
             between = section(self.triangles, pos, axes, gripper)
             opening = 0.0 if between is None else 2.0 * max(abs(between[0]), abs(between[1]))
             found.append(Grasp(name, body, mjm.site_pos[i].copy(), mjm.site_quat[i].copy(), opening))
-        return found + [_rolled(g) for g in found]
+        turn = np.array([0.0, 0.0, 0.0, 1.0])
+        return found + [replace(g, name=f"{g.name}{_ROLLED}", quat=product(g.quat, turn)) for g in found]
 
     def _made(self, variant: Variant, any_turn: bool, gripper: Gripper) -> list[Grasp]:
         if any_turn:
@@ -214,10 +215,6 @@ def matches(name: str, pattern: str) -> bool:
     """Return whether the name of a grasp matches a glob, that of a site with or without its prefix or half a turn."""
     name = name.removesuffix(_ROLLED)
     return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
-
-
-def _rolled(grasp: Grasp) -> Grasp:
-    return replace(grasp, name=f"{grasp.name}{_ROLLED}", quat=product(grasp.quat, np.array([0.0, 0.0, 0.0, 1.0])))
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:

@@ -90,10 +90,7 @@ class Fingers:
             share = 0.5 * (low + high)
             gaps = self._gaps(share, shift, grasp, geoms, pairs)
             shift -= 0.5 * (gaps[0] - gaps[1])
-            if gaps.sum() > -2.0 * INSIDE:
-                high = share
-            else:
-                low = share
+            low, high = (low, share) if gaps.sum() > -2.0 * INSIDE else (share, high)
         gaps = self._gaps(high, shift, grasp, geoms, pairs)
         pos = grasp.pos + matrix(grasp.quat)[:, 1] * shift
         return Grip(high, pos, bool((np.abs(gaps + INSIDE) < _FITS).all()))

@@ -69,15 +69,7 @@ def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) 
 @wp.func
 def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, reach: float) -> ResolvedRelation:
     """Return the strip from `low` to `high` along `along` from `apex`, by `half` to both sides [m], as a region."""
-    s = ResolvedRelation()
-    s.active = True
-    s.apex = apex
-    s.along = along
-    s.low = low
-    s.high = high
-    s.half = half
-    s.reach = reach
-    return s
+    return ResolvedRelation(True, 0, apex, 0.0, 0.0, along, low, high, half, reach)
 
 
 @wp.func

@@ -207,10 +207,9 @@ def joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRange
         return JointRange(adr, *words.range)
     if words.value is not None:
         return JointRange(adr, words.value, words.value)
-    if words.fraction is not None:
-        low, high = mjm.jnt_range[joint]
-        return JointRange(adr, *(low + share * (high - low) for share in words.fraction))
-    assert words.noise is not None
-    start = scene.home_qpos[adr]
-    low, high = free_range(mjm, scene.couplings, joint, scene.home_qpos)
-    return JointRange(adr, max(start - words.noise, low), min(start + words.noise, high))
+    if words.noise is not None:
+        start = scene.home_qpos[adr]
+        low, high = free_range(mjm, scene.couplings, joint, scene.home_qpos)
+        return JointRange(adr, max(start - words.noise, low), min(start + words.noise, high))
+    low, high = mjm.jnt_range[joint]
+    return JointRange(adr, *(low + np.array(words.fraction) * (high - low)))

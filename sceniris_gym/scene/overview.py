@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.framing import box_corners, frame
 from sceniris_gym.scene.assemble import MARK_GROUP
@@ -96,12 +95,14 @@ class Overview:
     def _box(self, name: str) -> _Box | None:
         """Return the box that an object is put into, its pivot's range and some of its size; None if it stays."""
         part = self.config.parts[name]
-        if part.is_placed and part.support is None:
-            assert part.region is not None
-            assert part.region.corners is not None
-            low, high = np.array(part.region.corners, float)
+        if not part.is_placed:
+            return None
+        corners = None if part.region is None else part.region.corners
+        if part.support is None:
+            low, high = np.array(corners, float)
             return low, high
-        if not part.is_placed or (base := self._support(part)) is None:
+        region = None if corners is None else np.array(corners, float)[:, :2]
+        if (base := self._support(part.support.parent, region)) is None:
             return None
         low, high = base
         radius, height = self._size(self._body(part.body or name))
@@ -109,12 +110,8 @@ class Overview:
         beyond = np.array([*np.maximum(radius / 2.0, radius - half / 2.0), 0.0])
         return low - beyond, np.array([*high[:2], low[2] + height]) + beyond
 
-    def _support(self, part: ObjectConfig) -> _Box | None:
+    def _support(self, parent: str, region: np.ndarray | None) -> _Box | None:
         """Return the range of an object's pivot as a flat box: its region, or the top of its support."""
-        assert part.support is not None
-        corners = None if part.region is None else part.region.corners
-        region = None if corners is None else np.array(corners, float)[:, :2]
-        parent = part.support.parent
         if parent == FLOOR and self.config.floor is not None:
             half = np.array(self.config.floor.size) / 2.0
             low, high = (-half, half) if region is None else region

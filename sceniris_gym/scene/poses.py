@@ -93,27 +93,20 @@ def body_poses(
             continue
         pos, quat = pos + rotated(mjm.body_pos[link], quat), product(quat, mjm.body_quat[link])
         for joint in range(mjm.body_jntadr[link], mjm.body_jntadr[link] + mjm.body_jntnum[link]):
-            pos, quat = _moved(mjm, joint, qpos, pos, quat)
+            adr, kind, axis = mjm.jnt_qposadr[joint], mjm.jnt_type[joint], mjm.jnt_axis[joint]
+            if kind == mujoco.mjtJoint.mjJNT_FREE:
+                pos, quat = qpos[:, adr : adr + 3].astype(float), _unit(qpos[:, adr + 3 : adr + 7])
+            elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
+                pos = pos + rotated(axis, quat) * (qpos[:, adr] - mjm.qpos0[adr])[:, None]
+            else:
+                half = 0.5 * (qpos[:, adr].astype(float) - mjm.qpos0[adr])[:, None]
+                turn = np.hstack([np.cos(half), np.sin(half) * axis])
+                if kind == mujoco.mjtJoint.mjJNT_BALL:
+                    turn = _unit(qpos[:, adr : adr + 4])
+                anchor = pos + rotated(mjm.jnt_pos[joint], quat)
+                quat = product(quat, turn)
+                pos = anchor - rotated(mjm.jnt_pos[joint], quat)
     return pos, quat
-
-
-def _moved(
-    mjm: mujoco.MjModel, joint: int, qpos: np.ndarray, pos: np.ndarray, quat: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses after a joint."""
-    adr, kind = mjm.jnt_qposadr[joint], mjm.jnt_type[joint]
-    if kind == mujoco.mjtJoint.mjJNT_FREE:
-        return qpos[:, adr : adr + 3].astype(float), _unit(qpos[:, adr + 3 : adr + 7])
-    axis, at = mjm.jnt_axis[joint], mjm.jnt_pos[joint]
-    if kind == mujoco.mjtJoint.mjJNT_SLIDE:
-        return pos + rotated(axis, quat) * (qpos[:, adr] - mjm.qpos0[adr])[:, None], quat
-    if kind == mujoco.mjtJoint.mjJNT_BALL:
-        turn = _unit(qpos[:, adr : adr + 4])
-    else:
-        half = 0.5 * (qpos[:, adr].astype(float) - mjm.qpos0[adr])[:, None]
-        turn = np.hstack([np.cos(half), np.sin(half) * axis])
-    turned = product(quat, turn)
-    return pos + rotated(at, quat) - rotated(at, turned), turned
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

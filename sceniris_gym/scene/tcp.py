@@ -94,12 +94,20 @@ def _closing_turn(
     while chain[-1] not in (0, root):
         chain.append(int(mjm.body_parentid[chain[-1]]))
     hand = subtree(mjm, next((b for b in chain if mjm.body_jntnum[b]), chain[-1]))
-    moves = []
-    for joint in range(mjm.njnt):
-        at = int(mjm.jnt_bodyid[joint])
-        finger = at not in chain and at in hand
-        if finger and mjm.jnt_limited[joint] and int(mjm.jnt_type[joint]) in _MOVING:
-            moves += _finger_moves(mjm, qpos, joint, body, pos, quat)
+    moves, data = [], mujoco.MjData(mjm)
+    for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, [b for b in hand if b not in chain])):
+        geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, subtree(mjm, int(mjm.jnt_bodyid[joint]))))
+        if not len(geoms) or not mjm.jnt_limited[joint] or int(mjm.jnt_type[joint]) not in _MOVING:
+            continue
+        ends = []  # of the motion of its geoms across the z axis of the frame
+        for value in mjm.jnt_range[joint]:
+            data.qpos[:] = qpos
+            data.qpos[mjm.jnt_qposadr[joint]] = value
+            mujoco.mj_kinematics(mjm, data)
+            axes = data.xmat[body].reshape(3, 3) @ matrix(quat)
+            origin = data.xpos[body] + data.xmat[body].reshape(3, 3) @ pos
+            ends.append(((data.geom_xpos[geoms] - origin) @ axes)[:, :2])
+        moves.append((ends[1] - ends[0]).mean(axis=0))
     moves = [move for move in moves if np.linalg.norm(move) > _STILL]
     if not moves:
         return 0.0
@@ -107,20 +115,3 @@ def _closing_turn(
     axis = axes[0] if len(sizes) < 2 or sizes[0] > _ONE_AXIS * sizes[1] else max(moves, key=np.linalg.norm)
     turn = math.remainder(math.atan2(axis[1], axis[0]) - 0.5 * math.pi, math.pi)
     return turn if abs(turn) > _STRAIGHT else 0.0
-
-
-def _finger_moves(
-    mjm: mujoco.MjModel, qpos: np.ndarray, joint: int, body: int, pos: np.ndarray, quat: np.ndarray
-) -> list[np.ndarray]:
-    """Return the mean motion [m] of a joint's geoms across the z axis of a frame, from one limit to the other."""
-    data, ends = mujoco.MjData(mjm), []
-    geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, subtree(mjm, int(mjm.jnt_bodyid[joint]))))
-    for value in mjm.jnt_range[joint]:
-        data.qpos[:] = qpos
-        data.qpos[mjm.jnt_qposadr[joint]] = value
-        mujoco.mj_kinematics(mjm, data)
-        axes = data.xmat[body].reshape(3, 3) @ matrix(quat)
-        origin = data.xpos[body] + data.xmat[body].reshape(3, 3) @ pos
-        ends.append((data.geom_xpos[geoms] - origin) @ axes)
-    moved = np.reshape(ends[1] - ends[0], (-1, 3))[:, :2]
-    return [moved.mean(axis=0)] if len(moved) else []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import networkx
 import numpy as np
 import trimesh
 
@@ -138,23 +139,16 @@ def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 
 def _loops(edges: np.ndarray) -> list[np.ndarray]:
     """Split connected edges (n, 2) into loops that pass no vertex twice; edges that form no loop stay together."""
-    after: dict[int, list[int]] = {}
-    for start, end in edges:
-        after.setdefault(int(start), []).append(int(end))
-    degrees = np.bincount(edges[:, 0], minlength=edges.max() + 1) - np.bincount(edges[:, 1], minlength=edges.max() + 1)
-    if degrees.any():
+    graph = networkx.MultiDiGraph(edges.tolist())
+    if not networkx.is_eulerian(graph):
         return [edges]
     found, path = [], []
-    while path or any(after.values()):
-        if not path:
-            path = [next(vertex for vertex, ends in after.items() if ends)]
-        end = after[path[-1]].pop()
+    for start, end in networkx.eulerian_circuit(graph):
+        path.append(start)
         if end in path:
-            loop = path[path.index(end) :]
-            found.append(np.array([*zip(loop, [*loop[1:], end], strict=True)]))
-            path = path[: path.index(end)] + ([end] if after[end] else [])
-        else:
-            path.append(end)
+            first = path.index(end)
+            found.append(np.column_stack([path[first:], [*path[first + 1 :], end]]))
+            del path[first:]
     return found
 
 

@@ -30,15 +30,14 @@ _FINE = 128.0
 
 def warn_of_oddities(plan: Plan) -> None:
     """Warn of oddities in a scene: one `ModelWarning` for each kind."""
-    for kind in (_flat, _filled, _sizes, _sunk, _coarse):
+    is_physics = plan.scene.config.geometry == "physics"
+    for kind in (_filled, _sizes, _sunk, _coarse) if is_physics else (_flat, _sizes, _coarse):
         for text in kind(plan):
             warn(ModelWarning(f"{plan.scene.config.where}: {text}"))
 
 
 def _flat(plan: Plan) -> Iterator[str]:
-    """Warn of faces without area, which have no inside and no normal."""
-    if plan.scene.config.geometry != "visual":
-        return
+    """Warn of faces without area, which have no inside and no normal, of geometry as it is seen."""
     meshes = {p.geom: p.mesh for p in plan.pieces if p.mesh is not None}
     counts = {g: int(flat_faces(m.triangles).sum()) + m.metadata.get("left_out", 0) for g, m in meshes.items()}
     found = [f"{count} of geom '{geom_name(plan.scene.mjm, geom)}'" for geom, count in counts.items() if count]
@@ -51,8 +50,6 @@ def _flat(plan: Plan) -> Iterator[str]:
 
 def _filled(plan: Plan) -> Iterator[str]:
     """Warn of meshes that collide as a hull much larger than they are."""
-    if plan.scene.config.geometry != "physics":
-        return
     mjm, found = plan.scene.mjm, []
     for p in plan.pieces:
         if p.type == PieceType.HULL and p.mesh is not None:
@@ -88,8 +85,6 @@ def _sizes(plan: Plan) -> Iterator[str]:
 def _sunk(plan: Plan) -> Iterator[str]:
     """Warn of things that overlap at home and that layouts leave there."""
     scene, mjm = plan.scene, plan.scene.mjm
-    if scene.config.geometry != "physics":
-        return
     is_pushed = not mjm.opt.disableflags & _NO_CONTACTS
     still: list[str] = []
     pushed: list[str] = []

@@ -133,9 +133,7 @@ def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.n
     if not o.config.is_placed:
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
     if o.config.support is None:
-        assert o.config.region is not None
-        assert o.config.region.corners is not None
-        at = np.array(o.config.region.corners[1][:2])
+        at = np.array(o.config.region and o.config.region.corners)[1, :2]
     elif o.support is not None and o.support.owner is not None:
         at = corners.get(o.support.owner, np.full(2, -np.inf))
     else:  # on a support that stays
