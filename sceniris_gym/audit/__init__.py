@@ -4,8 +4,8 @@ scene.py         the scene that is judged, carriers      geometry.py      geoms 
 distance.py      exact distances, containment            pairs.py         pairs of solids that must be apart
 collisions.py    missed collisions, false alarms         supports.py      level surfaces, rays
 standing.py      objects on their supports, heaps        outlines.py      objects seen from above
-relations.py     relations between objects               orientations.py  orientations
-language.py      counts of both, and of groups           starts.py        objects held, objects at markers
+relations.py     relations and orientations of objects   starts.py        objects held, objects at markers
+language.py      counts of both, and of groups
 physics.py       rest and equalities in MuJoCo C         contacts.py      penetration in MuJoCo C
 reach.py         claims that an arm reaches an object    chain.py         the arm's kinematics
 auditor.py       all but reach and equalities, as one report, and groups

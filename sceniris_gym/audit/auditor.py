@@ -19,7 +19,6 @@ from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, 
 from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
 from sceniris_gym.audit.language import Excess, Kept, count
-from sceniris_gym.audit.orientations import OrientationAudit
 from sceniris_gym.audit.outlines import Outlines, Seen
 from sceniris_gym.audit.pairs import judged_pairs
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
@@ -114,7 +113,7 @@ class Auditor:
         hulls = self.standing.hulls
         if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
             hulls = scene.hulls(solids_of(mjm, "physics"))
-        self.orientations = OrientationAudit(scene, hulls)
+        self.orientations = relations.OrientationAudit(scene, hulls)
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
         self._to_stand = self._have_to_stand()
 

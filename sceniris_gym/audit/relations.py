@@ -1,21 +1,26 @@
-"""Checks of relations, by distances and angles in double precision and by shapely."""
+"""Checks of relations, by distances and angles in double precision and by shapely; and of orientations."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import singledispatch
 
+import mujoco
 import numpy as np
 import shapely
 
-from sceniris_gym.audit.geometry import rotation
+from sceniris_gym.audit.geometry import Poses, rotation
 from sceniris_gym.audit.language import Excess
 from sceniris_gym.audit.outlines import Outline, Seen
 from sceniris_gym.audit.scene import JudgedScene
+from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
 
 THIN = 1e-3  # m; anchors with a thinner hull lie on a line
 _NEARLY_THIN = 1e-5  # m; so near to THIN, either answer is right
-ROUNDING = 1e-6  # m; rounding error of a position in single precision, a large angle close to the anchor
+_ROUNDING = 1e-6  # m; rounding error of a position in single precision, a large angle close to the anchor
+_LOWEST = 1e-4  # m; points up to this height above the lowest one carry the object
+_ONE_POINT = 1e-5  # m; pivots that are no further apart coincide, up to rounding
 
 
 def excess(scene: JudgedScene, seen: Seen) -> Excess:
@@ -57,8 +62,8 @@ def _off_sector(relation: Sector, name: str, scene: JudgedScene, seen: Seen) -> 
             distance = np.asarray(shapely.distance(_rectangles(own), _rectangles(anchor)))
         missed["m"] = np.maximum(relation.low - distance, distance - relation.high)
     if not isinstance(relation, Near):
-        off = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - _heading(relation, name, scene, seen))
-        rounding = ROUNDING / np.maximum(np.linalg.norm(apart, axis=1), ROUNDING)
+        off = _wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - _heading(relation, name, scene, seen))
+        rounding = _ROUNDING / np.maximum(np.linalg.norm(apart, axis=1), _ROUNDING)
         missed["rad"] = np.abs(off) - relation.half_angle - rounding
     return missed
 
@@ -93,7 +98,7 @@ def _off_site(relation: Joined, name: str, scene: JudgedScene, seen: Seen) -> di
     its, its_x = _site(sites.of, sites.its, scene, seen)
     level = its_x / np.linalg.norm(its_x, axis=1, keepdims=True)
     between = np.arctan2(own_x[:, 1], own_x[:, 0]) - np.arctan2(its_x[:, 1], its_x[:, 0])
-    off = wrapped(between - np.radians(sites.turn))
+    off = _wrapped(between - np.radians(sites.turn))
     return {"m": np.linalg.norm(own - its - (relation.gap or 0.0) * level, axis=1), "rad": np.abs(off)}
 
 
@@ -116,7 +121,7 @@ def _site(name: str, word: str, scene: JudgedScene, seen: Seen) -> tuple[np.ndar
     return at[:, :2], (poses.xmat[:, body] @ rotation(mjm.site_quat[site])[:, 0])[:, :2]
 
 
-def wrapped(angle: np.ndarray) -> np.ndarray:
+def _wrapped(angle: np.ndarray) -> np.ndarray:
     """Return angles [rad] wrapped into (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
@@ -148,3 +153,78 @@ def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: 
     to_strip = np.where(length > THIN + _NEARLY_THIN, to_strip, to_square)
     either = np.minimum(to_hull, to_strip)
     return np.where(thin > THIN + _NEARLY_THIN, to_hull, np.where(thin < THIN - _NEARLY_THIN, to_strip, either))
+
+
+class OrientationAudit:
+    """Measures the violation of orientations.
+
+    Args:
+        scene: The scene.
+        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+    """
+
+    def __init__(self, scene: JudgedScene, hulls: Mapping[str, np.ndarray]) -> None:
+        self.scene, self.hulls, home = scene, hulls, scene.home
+        self._mass_at = {
+            name: home.xmat[root].reshape(3, 3).T @ (_center_of_weight(home, root) - home.xpos[root])
+            for name, root in scene.bodies.items()
+        }
+
+    def excess(self, seen: Seen) -> Excess:
+        """Measure the orientation of every placed object.
+
+        Returns:
+            (object, word, unit) -> violation in each row [m or rad], at most 0 where the orientation is right, NaN
+            where the object is absent. Shape (nrow,).
+        """
+        found, outlines = {}, seen.outlines
+        for name, part in self.scene.placed.items():
+            if part.drawn_orientation.kind == "any":
+                continue
+            turn, root = part.drawn_orientation, self.scene.bodies[name]
+            missed = {("yaw", "rad"): _off_interval(outlines[name].heading - seen.support_heading[name], 0.0, turn)}
+            if turn.kind == "stable":
+                missed["stable", "m"] = self._off_balance(name, seen.poses)
+            else:
+                up = seen.poses.xmat[:, root] @ rotation(self.scene.mjm.body_quat[root])[2]
+                missed["upright", "rad"] = np.arctan2(np.linalg.norm(up[:, :2], axis=1), up[:, 2])
+            if turn.target is not None:
+                facing = _off_interval(*_from_target(outlines[name], outlines[turn.target]), turn)
+                yaw = missed.pop(("yaw", "rad"))
+                missed["face_to", "rad"] = np.where(seen.present[turn.target], facing, yaw)
+            found |= {(name, *key): np.where(seen.present[name], amount, np.nan) for key, amount in missed.items()}
+        return found
+
+    def _off_balance(self, name: str, poses: Poses) -> np.ndarray:
+        """Return the distance [m] of the centre of mass from the hull of the lowest points, seen from above."""
+        mat = poses.xmat[:, self.scene.bodies[name]]
+        points = np.einsum("nij,kj->nki", mat, self.hulls[name])
+        row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)
+        carried = shapely.convex_hull(shapely.multipoints(points[row, corner, :2], indices=row))
+        return shapely.distance(shapely.points((mat @ self._mass_at[name])[:, :2]), carried)
+
+
+def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
+    """Return the centre [m] of the weight of a root and all bodies below it, without the share of `gravcomp`."""
+    mjm = home.model
+    weight = np.where(mjm.body_rootid == root, mjm.body_mass * (1.0 - mjm.body_gravcomp), 0.0)
+    if not mjm.body_gravcomp.any() or weight.sum() <= 0.0:
+        return home.subtree_com[root].copy()
+    return weight @ home.xipos / weight.sum()
+
+
+def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, turn: DrawnOrientation) -> np.ndarray:
+    """Return the distance [rad] of angles, known up to `rounding`, from the yaw interval of `turn`."""
+    low, high = turn.yaw
+    return np.abs(_wrapped(angle - (low + high) / 2)) - (high - low) / 2 - rounding
+
+
+def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
+    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding error.
+
+    If both are at one point, as `points` allow, there is no direction and any angle is right.
+    """
+    to = target.pivot[:, :2] - own.pivot[:, :2]
+    apart = np.linalg.norm(to, axis=1)
+    rounding = np.where(apart > _ONE_POINT, _ROUNDING / np.maximum(apart, _ROUNDING), np.pi)
+    return own.heading - np.pi / 2 - np.arctan2(to[:, 1], to[:, 0]), rounding

@@ -276,7 +276,7 @@ ENDLESS = {"ipos", "rgba", "bias", "delay", "wind"}
 LISTED = {
     "program/checks/standing.py": {"model.opt.gravity", "model.dof_armature"},
     "program/loads.py": {"windy.opt.wind", "windy.body_mass", "mjm.body_invweight0", "mjm.weights"},
-    "program/pack/standing.py": {"mjm.body_ipos", "mjm.weights"},
+    "program/pack/program.py": {"mjm.body_ipos", "mjm.weights"},
     "grasping/grip.py": {"alone.opt.gravity", "mjm.actuator_gainprm", "mjm.actuator_biasprm"},
 }
 

@@ -5,8 +5,7 @@ import warp as wp
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import NO_GRASP, Search, Workspace, candidate_num, lanes_for_each
-from sceniris_gym.placement.cover import is_covered
-from sceniris_gym.placement.footprint import overhangs
+from sceniris_gym.placement.footprint import is_covered, overhangs
 from sceniris_gym.placement.grasps import approaches, first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Cover, ObjectKind, Program
 from sceniris_gym.program.device_reach import UNASKED, Reach
