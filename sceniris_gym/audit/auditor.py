@@ -19,10 +19,9 @@ from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, 
 from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
 from sceniris_gym.audit.language import Excess, Kept, count
-from sceniris_gym.audit.outlines import Outlines, Seen
 from sceniris_gym.audit.pairs import judged_pairs
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
-from sceniris_gym.audit.scene import JudgedScene
+from sceniris_gym.audit.scene import JudgedScene, Outlines, Seen
 from sceniris_gym.audit.standing import HeapAudit, Misplaced, StandingAudit
 from sceniris_gym.audit.starts import StartAudit
 from sceniris_gym.config.scene import SceneConfig

@@ -11,8 +11,7 @@ import shapely
 
 from sceniris_gym.audit.geometry import Poses, rotation
 from sceniris_gym.audit.language import Excess
-from sceniris_gym.audit.outlines import Outline, Seen
-from sceniris_gym.audit.scene import JudgedScene
+from sceniris_gym.audit.scene import JudgedScene, Outline, Seen
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
 

@@ -1,14 +1,16 @@
-"""The scene that the audit judges: owners of bodies, carriers of objects, solids and start pose."""
+"""The scene that the audit judges: owners, carriers, solids and start pose; and its objects seen from above."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from sceniris_gym.audit.geometry import Form, Solid, convex_hull, home_of, solids_of, subtree
+from sceniris_gym.audit.geometry import Form, Poses, Rows, Solid, convex_hull, home_of, solids_of, subtree
 from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.audit.supports import surface_of
 from sceniris_gym.config.fields import FLOOR
@@ -110,3 +112,137 @@ class JudgedScene:
             name: convex_hull(np.concatenate(points))[0] if points else np.zeros((1, 3))
             for name, points in parts.items()
         }
+
+
+_UPRIGHT = 1e-3  # an x axis with a shorter horizontal part points straight up or down
+
+
+@dataclass(frozen=True)
+class Outline:
+    """One object seen from above in each row.
+
+    Attributes:
+        pivot: Bottom centre of the bounds [m], world frame, shape (nrow, 3); for a robot, the origin of its base.
+        heading: Direction of the root's x axis [rad], shape (nrow,); if that axis points straight up or down, the
+            direction of the y axis minus a right angle.
+        low, high: Bounds [m] around the pivot, along the heading and to the left of it, shape (nrow, 2).
+    """
+
+    pivot: np.ndarray
+    heading: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def corners(self) -> np.ndarray:
+        """Return the corners of the bounds [m] from above, in order around them, shape (nrow, 4, 2)."""
+        x = np.stack([self.low[:, 0], self.high[:, 0], self.high[:, 0], self.low[:, 0]], 1)
+        y = np.stack([self.low[:, 1], self.low[:, 1], self.high[:, 1], self.high[:, 1]], 1)
+        c, s = np.cos(self.heading)[:, None], np.sin(self.heading)[:, None]
+        return self.pivot[:, None, :2] + np.stack([c * x - s * y, s * x + c * y], 2)
+
+    def span(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and greatest world coordinate [m] of the bounds along unit vectors (nrow, 2)."""
+        along = np.einsum("nkj,nj->nk", self.corners(), direction)
+        return along.min(1), along.max(1)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The objects of a scene in some rows, seen from above.
+
+    Attributes:
+        poses: The poses in the rows.
+        outlines: Object name -> its outline.
+        present: Object name -> rows in which it is present, shape (nrow,).
+        support_heading: Object name -> heading of the x axis of its support [rad], 0 on the floor and in the air, shape
+            (nrow,).
+    """
+
+    poses: Poses
+    outlines: Mapping[str, Outline]
+    present: Rows
+    support_heading: Rows
+
+
+class Outlines:
+    """The objects of a scene, of which it computes outlines.
+
+    Args:
+        scene: The scene.
+    """
+
+    def __init__(self, scene: JudgedScene) -> None:
+        self.scene = scene
+        self._solids: dict[str, list[Solid]] = {name: [] for name in scene.bodies}
+        for solid in scene.solids:
+            if scene.owner(solid) in scene.bodies and solid.form is not Form.HALFSPACE:
+                self._solids[scene.owner(solid)].append(solid)
+
+    def see(self, poses: Poses, present: Rows) -> Seen:
+        """Return the objects as relations, orientations and groups are judged by them.
+
+        Args:
+            poses: Poses in the rows.
+            present: Object name -> rows in which it is present, shape (nrow,).
+        """
+        headings = {}
+        for name, part in self.scene.config.parts.items():
+            headings[name] = np.zeros(len(poses.xpos))
+            if part.support is not None:
+                x = poses.xmat[:, self.scene.carrier(part.support.parent).body, :, 0]
+                headings[name] = np.arctan2(x[:, 1], x[:, 0])
+        outlines = {name: self.outline(name, poses) for name in self.scene.bodies}
+        for name, members in self.scene.config.variants.items():  # relations name the object, whichever variant it is
+            there = np.argmax([present[member] for member in members], axis=0), np.arange(len(poses.xpos))
+            own = [outlines[member] for member in members]
+            outlines[name] = Outline(*(np.stack([getattr(o, f.name) for o in own])[there] for f in fields(Outline)))
+        return Seen(poses, outlines, present, headings)
+
+    def outline(self, name: str, poses: Poses) -> Outline:
+        """Return the outline of an object in each row.
+
+        The pivot is the centre of the bounds in the orientation of the row with the joints at home; with `orientation:
+        any`, with the joints of the row. The bounds, and the height of the pivot, always have the joints of the row. A
+        robot's pivot is the origin of its base.
+        """
+        root = self.scene.bodies[name]
+        at, heading = poses.xpos[:, root], _heading(poses.xmat[:, root])
+        if not self._solids[name]:
+            return Outline(at, heading, np.zeros((len(at), 2)), np.zeros((len(at), 2)))
+        axes = Rotation.from_euler("z", -heading[:, None]).as_matrix()
+        low, high = self._bounds(name, poses, axes)
+        if name in self.scene.config.all_robots:
+            return Outline(at, heading, low[:, :2], high[:, :2])
+        part = self.scene.config.parts.get(name)
+        any_way_up = part is not None and part.drawn_orientation.kind == "any"
+        ends = (low, high) if any_way_up else self._bounds(name, self._with_joints_at_home(name, poses), axes)
+        middle = (ends[0] + ends[1]) / 2
+        middle[:, 2] = low[:, 2]
+        pivot = at + np.einsum("nk,nkj->nj", middle, axes)
+        return Outline(pivot, heading, (low - middle)[:, :2], (high - middle)[:, :2])
+
+    def _bounds(self, name: str, poses: Poses, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and greatest coordinates [m] of an object along axes (nrow, 3, 3) from its root."""
+        at, low, high = poses.xpos[:, self.scene.bodies[name]], [], []
+        for solid in self._solids[name]:
+            middle = np.einsum("nkj,nj->nk", axes, poses.geom_xpos[:, solid.geom] - at)
+            local = (axes @ poses.geom_xmat[:, solid.geom]).transpose(1, 0, 2)
+            low.append(middle + np.stack([solid.lowest(up) for up in local], 1))
+            high.append(middle - np.stack([solid.lowest(-up) for up in local], 1))
+        return np.min(low, axis=0), np.max(high, axis=0)
+
+    def _with_joints_at_home(self, name: str, poses: Poses) -> Poses:
+        """Return the same poses, but for the geoms of an object: they are as with its joints at home."""
+        root, pos, mat = self.scene.bodies[name], poses.geom_xpos.copy(), poses.geom_xmat.copy()
+        for solid in self._solids[name]:
+            at, turn = self.scene.at_home(solid.geom, root)
+            pos[:, solid.geom] = poses.xpos[:, root] + poses.xmat[:, root] @ at
+            mat[:, solid.geom] = poses.xmat[:, root] @ turn
+        return replace(poses, geom_xpos=pos, geom_xmat=mat)
+
+
+def _heading(mat: np.ndarray) -> np.ndarray:
+    """Return the headings [rad] of rotations (nrow, 3, 3), shape (nrow,)."""
+    x, y = mat[:, :2, 0], mat[:, :2, 1]
+    upright = np.linalg.norm(x, axis=1) < _UPRIGHT
+    return np.where(upright, np.arctan2(y[:, 1], y[:, 0]) - np.pi / 2, np.arctan2(x[:, 1], x[:, 0]))

@@ -10,8 +10,7 @@ from sceniris_gym.audit.collisions import Conflict
 from sceniris_gym.audit.contacts import Contact
 from sceniris_gym.audit.geometry import Poses, Rows
 from sceniris_gym.audit.language import Excess
-from sceniris_gym.audit.outlines import Outlines
-from sceniris_gym.audit.scene import JudgedScene
+from sceniris_gym.audit.scene import JudgedScene, Outlines
 from sceniris_gym.audit.standing import Misplaced
 from sceniris_gym.scene.layout_table import LayoutTable
 

@@ -21,7 +21,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
-from sceniris_gym.program.surfaces import UPRIGHT
+from sceniris_gym.program.placed_object import UPRIGHT
 
 # Recorded candidates for each world, so that most objects have some.
 _RECORDED = 8

@@ -23,8 +23,7 @@ from sceniris_gym.device.transforms import quat_mat, quat_z
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_draws, copy_poses, layout_width
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
-from sceniris_gym.placement.measure import bounds_of
-from sceniris_gym.placement.orientations import heading_of
+from sceniris_gym.placement.measure import bounds_of, heading_of
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import OrientationType, Program
 

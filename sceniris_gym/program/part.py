@@ -12,8 +12,8 @@ import warp as wp
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
+from sceniris_gym.program.placed_object import LEVEL
 from sceniris_gym.program.standing import carriers_of
-from sceniris_gym.program.surfaces import LEVEL
 from sceniris_gym.scene.support import is_static
 
 _FAR = float(np.finfo(np.float32).max)

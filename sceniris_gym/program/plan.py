@@ -19,11 +19,10 @@ from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind
-from sceniris_gym.program.placed_object import JointRange, PlacedObject
+from sceniris_gym.program.placed_object import JointRange, PlacedObject, may_lean, obstacles, surfaces_of
 from sceniris_gym.program.reach import Reaching, plan_reaching
 from sceniris_gym.program.resting import stable_poses
 from sceniris_gym.program.standing import Stance, stances
-from sceniris_gym.program.surfaces import may_lean, obstacles, surfaces_of
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.couplings import driven_by, free_range
 from sceniris_gym.scene.heaps import HeapPoses, heap_poses

@@ -13,8 +13,7 @@ from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.grasping.grasps import Graspable, GraspSet
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.placed_object import PlacedObject
-from sceniris_gym.program.surfaces import obstacles
+from sceniris_gym.program.placed_object import PlacedObject, obstacles
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap, build_command, default_tier
 from sceniris_gym.scene.identity import map_of

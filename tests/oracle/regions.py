@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from sceniris_gym.audit.outlines import Outline
+from sceniris_gym.audit.scene import Outline
 from sceniris_gym.config.relations import Between, Relation
 
 _SEGMENTS = 32  # of a quarter circle

@@ -1,4 +1,4 @@
-"""One step of the program: what its joints are drawn from, what carries it, and what has to be above it."""
+"""One step of the program: what is drawn for it, what carries it and is above it; obstacles, and what may lean."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from sceniris_gym.errors import NoSupportError, NotSupportedError
+from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Cover, ObjectKind
-from sceniris_gym.program.placed_object import JointRange
+from sceniris_gym.program.placed_object import JointRange, obstacles
 from sceniris_gym.program.plan import build_plan
+from tests.layout.scenes import write_mjcf
 from tests.program.scenes import scene_of
 
 
@@ -50,3 +53,89 @@ def test_what_only_draws_joints_stands_on_nothing(folder: Path):
     (step,) = build_plan(scene_of({"gadget": gadget})).objects
     assert (step.kind, step.ground, step.cover) == (ObjectKind.STATIC, None, Cover.EITHER)
     assert (step.variants, step.surfaces) == ([], [])
+
+
+def test_a_support_leans_with_a_joint_that_follows(tmp_path: Path):
+    """As it does with one that is drawn itself."""
+    tray = """<geom type="box" size=".1 .1 .01"/>
+      <body name="knob" pos=".3 0 .2"><joint name="knob" axis="0 0 1" range="-30 30"/><geom size=".01"/></body>
+      <body name="tray" pos="0 0 .2"><joint name="tilt" axis="1 0 0" range="-30 30"/>
+        <geom type="box" size=".1 .1 .01"/></body>"""
+    rest = '<equality><joint joint1="tilt" joint2="knob"/></equality>'
+    asset = write_mjcf(tmp_path, "stand", tray, rest)
+    stand = {"asset": asset, "kind": "fixture", "on": "floor"}
+    for joints, tilts in (({}, False), ({"knob": {"noise": 0.2}}, True)):
+        scene = scene_of({"stand": {**stand, "joints": joints}, "apple": {"asset": "apple", "on": "stand/tray"}})
+        assert build_plan(scene).objects[-1].tilts == tilts
+
+
+def test_the_size_of_the_floor_is_its_full_extents():
+    """It lies around the origin of the world, at height 0."""
+    plan = build_plan(scene_of({"apple": {"asset": "apple", "on": "floor"}}, floor={"size": [2.0, 0.5]}))
+    (ground,) = plan.objects[0].surfaces[0]
+    assert (ground.body, ground.height) == (0, 0.0)
+    assert ground.outline.bounds == (-1.0, -0.25, 1.0, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("orientation", "tilts"), [("fixed", False), ({"yaw": [-30, 30]}, False), ("stable", True), ("any", True)]
+)
+def test_a_support_leans_as_its_object_may_lie(folder: Path, orientation: str | dict, tilts: bool):
+    """A box that stands upright in all draws, or not."""
+    box = {"asset": str(folder / "box.xml"), "on": "floor", "orientation": orientation}
+    assert build_plan(scene_of({"box": box, "apple": {"asset": "apple", "on": "box"}})).objects[-1].tilts == tilts
+
+
+def test_a_support_without_a_level_surface_is_told_with_those_that_have_one(folder: Path):
+    """The floor first, then other objects and their parts by name; with `inside` there is no floor."""
+    objects = {
+        "pear": {"asset": "pear", "on": "floor"},
+        "tray": {"asset": str(folder / "box.xml"), "kind": "static"},
+        "cabinet": {"asset": "cabinet", "kind": "static"},
+    }
+    for word, floor in (("on", "floor, "), ("inside", "")):
+        says = rf"objects\.apple\.{word}: 'pear' has no level surface.* Valid: {floor}cabinet, .*tray\."
+        with pytest.raises(NoSupportError, match=says):
+            build_plan(scene_of({**objects, "apple": {"asset": "apple", word: "pear"}}))
+
+
+def test_each_support_is_told_once(tmp_path: Path):
+    """A body and its only geom are one support, and so are an object and its body; the object is none of its own."""
+    room = """<mujoco><worldbody>
+      <geom name="ball" size=".1" pos="0 0 3"/>
+      <body name="table" pos="2 0 0"><geom name="top" type="box" size=".3 .3 .02"/></body>
+      <body name="rack" pos="4 0 0"><geom name="board" type="box" size=".3 .3 .02"/>
+        <geom name="hook" size=".1" pos="0 0 1"/></body>
+      <body name="desk" pos="6 0 0"><geom name="plate" type="box" size=".3 .3 .02"/></body>
+    </worldbody></mujoco>"""
+    (tmp_path / "room.xml").write_text(room)
+    objects = {"workbench": {"body": "desk", "kind": "static"}, "apple": {"asset": "apple", "on": "ball"}}
+    with pytest.raises(NoSupportError, match=r"Valid: floor, board, rack, table, workbench\.$"):
+        build_plan(scene_of(objects, model=str(tmp_path / "room.xml")))
+
+
+def test_pieces_are_sorted_by_body_and_planes_come_first(tmp_path: Path):
+    """Whatever their order in the file."""
+    body = '<geom type="box" size=".2 .2 .05" pos="0 0 .05"/><geom type="plane" size="1 1 .1"/><geom size=".1"/>'
+    scene = scene_of(
+        {"apple": {"asset": "apple"}, "slab": {"asset": write_mjcf(tmp_path, "slab", body), "kind": "static"}}
+    )
+    found = obstacles(scene)
+    assert [p.body for p in found] == sorted(p.body for p in found)
+    own = [p.type for p in found if p.body == scene.bodies["slab"]]
+    assert own == [PieceType.PLANE, PieceType.BOX, PieceType.SPHERE]
+
+
+def test_a_geom_that_is_no_obstacle_is_told_with_the_key_of_its_asset(tmp_path: Path):
+    """Of an object that has one, and of the robot."""
+    body = '<geom name="dunes" type="hfield" hfield="dunes"/>'
+    rest = '<asset><hfield name="dunes" nrow="2" ncol="2" size="1 1 .1 .1" elevation="0 1 0 1"/></asset>'
+    dunes = write_mjcf(tmp_path, "land", body, rest)
+    key = '<keyframe><key name="home"/></keyframe>'
+    robot = {"asset": write_mjcf(tmp_path, "bot", body, rest + key)}
+    for scene, where in (
+        (scene_of({"land": {"asset": dunes, "kind": "static"}}), r"objects\.land\.asset: "),
+        (scene_of({}, robot=robot), r"robot\.asset: "),
+    ):
+        with pytest.raises(NotSupportedError, match=rf"{where}geom '.*dunes': a hfield cannot be an obstacle"):
+            obstacles(scene)

@@ -23,8 +23,7 @@ from sceniris_gym.layout.wave.search import (
 )
 from sceniris_gym.layout.wave.sides import Regions
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
-from sceniris_gym.placement.measure import bounds_of, measure
-from sceniris_gym.placement.orientations import draw_variant, heading_of
+from sceniris_gym.placement.measure import bounds_of, draw_variant, heading_of, measure
 from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 

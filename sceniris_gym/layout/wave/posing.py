@@ -8,10 +8,10 @@ from sceniris_gym.device.transforms import quat_mat, quat_z
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import NO_GRASP, Search
 from sceniris_gym.placement.kinematics import pose_bodies
-from sceniris_gym.placement.orientations import facing
+from sceniris_gym.placement.measure import facing
 from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import OrientationType, Program
-from sceniris_gym.program.surfaces import LEVEL
+from sceniris_gym.program.placed_object import LEVEL
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -17,7 +17,7 @@ import warp as wp
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import CountError
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.placement.orientations import DrawnVariant
+from sceniris_gym.placement.measure import DrawnVariant
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
 from sceniris_gym.program.device_bank import Bank

@@ -10,9 +10,9 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import HeapError, MapError, NotSupportedError, ReachWarning, SceneKeyError
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.pack.relations import MOST_SLICES, cut_pieces
+from sceniris_gym.program.placed_object import UPRIGHT
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import asset_and_words
-from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.reach.map import build_command, why_not_map
 from sceniris_gym.scene.heaps import settled_with
 

@@ -13,11 +13,10 @@ from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.loads import least_upright, wind_push
-from sceniris_gym.program.placed_object import PlacedObject
+from sceniris_gym.program.placed_object import UPRIGHT, PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight, drawn_joints
 from sceniris_gym.program.standing import Stance
-from sceniris_gym.program.surfaces import UPRIGHT
 from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.draws import LOOSE, WEAK, at_ends
 from sceniris_gym.scene.model import SceneModel

@@ -15,9 +15,8 @@ from sceniris_gym.geometry.ragged import addressed, columns, ranges
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.relations import JoinedSites
-from sceniris_gym.program.placed_object import PlacedObject
+from sceniris_gym.program.placed_object import LEVEL, PlacedObject
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.surfaces import LEVEL
 from sceniris_gym.scene.couplings import coupling_arrays
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
