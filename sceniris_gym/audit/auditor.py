@@ -16,7 +16,7 @@ import numpy as np
 
 from sceniris_gym.audit import relations
 from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, takes_part
-from sceniris_gym.audit.contacts import Allowed, Contact, ContactAudit, ContactTally
+from sceniris_gym.audit.contacts import ROUNDING, Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
 from sceniris_gym.audit.language import Excess, Kept, count
 from sceniris_gym.audit.pairs import judged_pairs
@@ -247,7 +247,8 @@ class Auditor:
                 hit = {
                     int(rows[c.row])
                     for c in self.contacts.contacts(some[rows], carrying)
-                    if c.acts and takes_part(c.owners, mine[rows[[c.row]]], rank).all()
+                    if c.excess > (0.0 if c.home is None else ROUNDING)
+                    and takes_part(c.owners, mine[rows[[c.row]]], rank).all()
                 }
                 found = [a for a in found if a.row not in hit]
             alarms += [replace(a, row=start + a.row) for a in found]

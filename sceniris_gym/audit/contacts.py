@@ -49,11 +49,6 @@ class Contact:
         """The depth beyond what is allowed [m]."""
         return self.depth - (self.home or 0.0)
 
-    @property
-    def acts(self) -> bool:
-        """True if it is deeper than allowed, beyond rounding."""
-        return self.excess > (0.0 if self.home is None else ROUNDING)
-
 
 @dataclass(frozen=True)
 class Allowed:

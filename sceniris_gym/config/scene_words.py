@@ -13,9 +13,8 @@ from sceniris_gym.config.groups import GroupConfig, HeapConfig, StackConfig
 from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.randomize import SceneDraws
-from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.config.robot import RobotConfig, StartConfig
 from sceniris_gym.config.section import Section
-from sceniris_gym.config.start import StartConfig
 from sceniris_gym.config.variants import owners_of, variants_of
 
 AUTO = "auto"

@@ -9,8 +9,8 @@ from sceniris_gym.config.fields import FLOOR, in_memory
 from sceniris_gym.config.groups import PLACING
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
+from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.config.scene_words import SceneWords
-from sceniris_gym.config.start import StartConfig
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
 

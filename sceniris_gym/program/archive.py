@@ -18,7 +18,7 @@ from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_starts import Starts
 from sceniris_gym.program.device_statics import Statics
-from sceniris_gym.program.pack.reach import set_map_and_arm
+from sceniris_gym.program.pack.objects import set_map_and_arm
 from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget, load_map, robot_arm
 from sceniris_gym.scene.model import SceneModel
 

@@ -52,7 +52,7 @@ class ReachingArm:
         arm: The arm.
         gripper: Its gripper.
         map: The arm's map, None if there is none.
-        view: The same, with the reach targets of all arms, as device code takes it; filled by `pack.reach`.
+        view: The same, with the reach targets of all arms, as device code takes it; filled by `pack.objects`.
     """
 
     robot: str

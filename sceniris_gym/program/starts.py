@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sceniris_gym.config.objects import JointConfig
-from sceniris_gym.config.start import StartConfig
+from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.grasps import PREFIX, matches

@@ -50,11 +50,6 @@ class Coupling:
     coef: _Coef
     limits: tuple[float, float]
 
-    @property
-    def is_straight(self) -> bool:
-        """True if the position of the follower is linear in that of the driver, and changes with it."""
-        return self.coef[0] != 0.0 and not any(self.coef[1:])
-
     def at(self, x: np.ndarray | float) -> np.ndarray:
         """Return the position of the follower [m or rad] when the driver is at x."""
         return np.polyval((*reversed(self.coef), self.offset), np.asarray(x, float) - self.origin)
@@ -116,7 +111,7 @@ def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iter
     found, drawn = {c.follower: c for c in couplings}, list(drawn)
     for joint in drawn:
         chain = _chain(found, joint)
-        if all(c.is_straight and c.driver not in drawn for c in chain):
+        if all(c.coef[0] != 0.0 and not any(c.coef[1:]) and c.driver not in drawn for c in chain):
             for c in chain:
                 del found[c.follower]
             for c in chain:

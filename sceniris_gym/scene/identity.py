@@ -163,12 +163,9 @@ def _tokens(element: ElementTree.Element, no_matter: frozenset[str], drawn: bool
     if element.tag in no_matter:
         return
     yield element.tag
+    left_out = MODEL_FOLDERS if drawn else (*MODEL_FOLDERS, *_LOOKS)
     for name, value in sorted(element.attrib.items()):
-        if (
-            (drawn or name not in _LOOKS)
-            and (element.tag != "option" or name in _OPTIONS)
-            and (name not in MODEL_FOLDERS)
-        ):
+        if name not in left_out and (element.tag != "option" or name in _OPTIONS):
             yield f"{name}={' '.join(value.split())}"
     for child in element:
         yield from _tokens(child, no_matter, drawn)

@@ -9,8 +9,8 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.importers.libero.kinds import moving
+from sceniris_gym.importers.libero.places import INNER
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
-from sceniris_gym.importers.libero.things import INNER
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.vector.bodies import Touch
 from sceniris_gym.vector.names import SCALAR, find_body, find_element

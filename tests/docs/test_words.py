@@ -13,10 +13,10 @@ from pydantic.fields import FieldInfo
 from sceniris_gym.config import loader, objects, orientation, relations, robot, variants
 from sceniris_gym.config.groups import GroupConfig, HeapConfig, StackConfig
 from sceniris_gym.config.randomize import DrawConfig, SceneDraws
+from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import CameraConfig, Floor, SceneWords
 from sceniris_gym.config.section import Section
-from sceniris_gym.config.start import StartConfig
 
 PAGE = Path(__file__).parents[2] / "docs" / "language" / "words.md"
 MODELS: dict[str, type[BaseModel]] = {

@@ -17,9 +17,8 @@ from sceniris_gym.config.loader import user_path
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ModelWarning, SceneFileError, SceneKeyError
 from sceniris_gym.importers.libero.kinds import OBJECTS, WORKSPACES, Workspace
-from sceniris_gym.importers.libero.places import Places, kinds_of
+from sceniris_gym.importers.libero.places import Places, kinds_of, load_thing, stand_in
 from sceniris_gym.importers.libero.problem import Problem, read_problem
-from sceniris_gym.importers.libero.things import load_thing, stand_in
 from sceniris_gym.scene import backdrop
 from sceniris_gym.scene.adopt import place_on
 from sceniris_gym.scene.assemble import attach, make_kind

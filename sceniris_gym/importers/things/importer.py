@@ -19,11 +19,11 @@ from sceniris_gym.files import no_file
 from sceniris_gym.importers.things import meshes
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
+from sceniris_gym.importers.things.meshes import read_urdf
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.rest import STILL, Rest, resting_poses, stands
 from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
-from sceniris_gym.importers.things.urdf import read_urdf
 from sceniris_gym.importers.things.write import write_asset
 
 SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")

@@ -1,17 +1,22 @@
-"""Reads files of meshes: OBJ, STL, PLY, OFF, GLB and glTF, and DAE with pycollada."""
+"""Reads files of meshes: OBJ, STL, PLY, OFF, GLB and glTF, DAE with pycollada; and URDF with its shapes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import trimesh
 from trimesh.resolvers import FilePathResolver
 
-from sceniris_gym.errors import MeshError, SceneFileError, import_extra
+from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, UnknownNameError, import_extra
 from sceniris_gym.files import opened
-from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
+from sceniris_gym.geometry.rotations import matrix, of_angles
+from sceniris_gym.importers.things.thing import GREY, LEAST_MOMENT, Inertia, Joint, Link, Surface, Thing
+from sceniris_gym.scene.model_files import file_of
 
 SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
 """Suffixes of the files that are read."""
@@ -98,3 +103,147 @@ def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:
 def _colour(rgba: Any) -> tuple[float, ...]:
     values = np.asarray(rgba, float).ravel() / 255.0
     return tuple(float(v) for v in np.append(values[:3], values[3] if len(values) > 3 and values[3] > 0.0 else 1.0))
+
+
+_JOINTS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
+_MOMENTS = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
+
+
+def read_urdf(path: Path) -> Thing:
+    """Read a URDF file.
+
+    Meshes are found beside the file, or, with `package://`, in a folder above it.
+
+    Raises:
+        SceneFileError: It is no URDF, its links are no tree, or meshes do not exist: all of them are named.
+        NotSupportedError: It has a floating or planar joint.
+    """
+    try:
+        robot = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, UnicodeDecodeError, OSError) as error:
+        raise SceneFileError(f"{path}: it cannot be read as XML: {error}. Correct it, or export it again.") from None
+    if robot.tag != "robot":
+        raise SceneFileError(f"{path}: it should begin with <robot>, as a URDF does; found <{robot.tag}>.")
+    folder = path.absolute().parent  # as a relative path has no folders above it
+    meshes = {mesh.get("filename", ""): file_of(mesh.get("filename", ""), folder) for mesh in robot.iter("mesh")}
+    missing = [name for name, found in meshes.items() if found is None]
+    if missing:
+        raise SceneFileError(
+            f"{path}: it refers to {len(missing)} files that do not exist, or are none: {', '.join(missing[:5])}"
+            f"{', ...' if len(missing) > 5 else ''}. Put them where the file says, relative to it or below a folder "
+            "of the package's name."
+        )
+    colours = {material.get("name", ""): rgba for material in robot.iter("material") if (rgba := _rgba_of(material))}
+    links = {link.get("name", ""): _link(path, link, colours) for link in robot.findall("link")}
+    joints = robot.findall("joint")
+    mimics = [joint.get("name") for joint in joints if joint.find("mimic") is not None]
+    notes = [f"the joint '{name}' follows another in the file (mimic) and is free here" for name in mimics]
+    ordered = tuple(_in_order(path, links, joints))
+    return Thing(robot.get("name") or path.stem, ordered, 1.0, "z", tuple(notes))
+
+
+def _link(path: Path, element: ElementTree.Element, colours: dict[str, tuple[float, ...]]) -> Link:
+    surfaces, solids = (
+        tuple(surface for shape in element.findall(kind) for surface in _shape(path, shape, colours))
+        for kind in ("visual", "collision")
+    )
+    inertia = _inertia(element.find("inertial"))
+    return Link(element.get("name", ""), surfaces=surfaces or solids, solids=solids, inertia=inertia)
+
+
+def _in_order(path: Path, links: dict[str, Link], joints: list[ElementTree.Element]) -> Iterator[Link]:
+    """Yield links with their joints, parents first."""
+    children: dict[str, list[tuple[str, ElementTree.Element]]] = {}
+    for joint in joints:
+        ends = [end.get("link", "") if (end := joint.find(kind)) is not None else "" for kind in ("parent", "child")]
+        unknown = [name for name in ends if name not in links]
+        if unknown:
+            raise UnknownNameError("link", unknown[0], f"{path}: joint '{joint.get('name')}'", links)
+        children.setdefault(ends[0], []).append((ends[1], joint))
+    hanging = {child for below in children.values() for child, _ in below}
+    roots = [name for name in links if name not in hanging]
+    if not links:
+        raise SceneFileError(f"{path}: it has no links. It should have a <link> with a mesh, a box or another shape.")
+    if len(roots) != 1:
+        wrong = f"{len(roots)} roots: {', '.join(roots[:5])}" if roots else "a circle"
+        raise SceneFileError(f"{path}: its links should hang on one root by joints, and it has {wrong}. Add joints.")
+    waiting = [links[roots[0]]]
+    while waiting:
+        yield (link := waiting.pop(0))
+        for name, joint in children.get(link.name, []):
+            pos, quat = _origin(joint)
+            waiting.append(replace(links[name], parent=link.name, pos=pos, quat=quat, joint=_joint(path, joint)))
+
+
+def _joint(path: Path, element: ElementTree.Element) -> Joint | None:
+    name, kind = element.get("name", ""), element.get("type", "")
+    if kind == "fixed":
+        return None
+    if kind not in _JOINTS:
+        raise NotSupportedError(
+            f"{path}: joint '{name}' is '{kind}'. Things have revolute, continuous, prismatic and fixed joints."
+        )
+    axis, limit = element.find("axis"), element.find("limit")
+    limits = None
+    if limit is not None and kind != "continuous":
+        low, high = float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+        limits = (low, high) if low < high else None
+    return Joint(name, _JOINTS[kind], _floats(None if axis is None else axis.get("xyz"), (1, 0, 0)), limits)
+
+
+def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[float, ...]]) -> Iterator[Surface]:
+    geometry, material = element.find("geometry"), element.find("material")
+    if geometry is None or not len(geometry):
+        return
+    pos, quat = _origin(element)
+    shape = geometry[0]
+    if shape.tag == "mesh":
+        found = file_of(shape.get("filename", ""), path.absolute().parent)
+        assert found is not None
+        scale = np.diag(_floats(shape.get("scale"), (1, 1, 1)))
+        surfaces = [surface.moved(scale) for surface in read_surfaces(found)]
+    else:
+        if shape.tag == "box":
+            made = trimesh.creation.box(_floats(shape.get("size"), (1, 1, 1)))
+        elif shape.tag == "sphere":
+            made = trimesh.creation.icosphere(subdivisions=3, radius=float(shape.get("radius", 1.0)))
+        elif shape.tag in ("cylinder", "capsule"):
+            make = getattr(trimesh.creation, shape.tag)
+            made = make(radius=float(shape.get("radius", 1.0)), height=float(shape.get("length", 1.0)))
+        else:
+            raise NotSupportedError(f"{path}: a <{shape.tag}> is no shape of URDF. Use box, sphere, cylinder or mesh.")
+        surfaces = [Surface(np.asarray(made.vertices), np.asarray(made.faces))]
+    rgba = None if material is None else _rgba_of(material) or colours.get(material.get("name", ""))
+    for surface in surfaces:
+        own = surface if rgba is None or surface.texture is not None else replace(surface, rgba=rgba)
+        yield own.moved(matrix(quat), pos)
+
+
+def _rgba_of(material: ElementTree.Element) -> tuple[float, ...] | None:
+    colour = material.find("color")
+    return None if colour is None else tuple(_floats(colour.get("rgba"), GREY))
+
+
+def _inertia(element: ElementTree.Element | None) -> Inertia | None:
+    mass, inertia = (None, None) if element is None else (element.find("mass"), element.find("inertia"))
+    if element is None or mass is None or inertia is None:
+        return None
+    pos, quat = _origin(element)
+    turn = matrix(quat)
+    full = turn @ np.reshape([float(inertia.get(name, 0.0)) for name in _MOMENTS], (3, 3)) @ turn.T
+    value = float(mass.get("value", 0.0))
+    least, middle, most = np.linalg.eigvalsh(full)
+    if value <= 0.0 or least <= LEAST_MOMENT or least + middle < most:
+        return None  # no body has such moments
+    return Inertia(value, pos, full)
+
+
+def _origin(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pose of an element: position, and orientation as wxyz."""
+    origin = element.find("origin")
+    words = {} if origin is None else origin.attrib
+    return _floats(words.get("xyz"), (0, 0, 0)), of_angles(_floats(words.get("rpy"), (0, 0, 0)))
+
+
+def _floats(text: str | None, default: tuple[float, ...]) -> np.ndarray:
+    return np.array(default if not text else [float(word) for word in text.split()], float)

@@ -35,11 +35,6 @@ class Rest:
     probability: float
     moved: float
 
-    @property
-    def up(self) -> np.ndarray:
-        """The direction in the asset's frame that points up, shape (3,)."""
-        return matrix(self.quat)[2]
-
 
 def resting_poses(path: Path) -> list[Rest]:
     """Return the most probable poses in which an asset rests; none if it rolls from all of them."""
@@ -58,7 +53,7 @@ def resting_poses(path: Path) -> list[Rest]:
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
     """Return whether this direction in the asset's frame, shape (3,), points up in one of the poses."""
-    return any(rest.up @ up > _STANDING for rest in rests)
+    return any(matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
 
 
 def moved(path: Path, quat: np.ndarray) -> float:
