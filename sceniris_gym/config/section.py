@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from typing import Any, ClassVar
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    GetCoreSchemaHandler,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, model_validator
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 from pydantic_core.core_schema import no_info_wrap_validator_function
 
@@ -39,7 +32,7 @@ class Section(BaseModel):
         return no_info_wrap_validator_function(cls._in_words, handler(source))
 
     @classmethod
-    def _in_words(cls, data: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    def _in_words(cls, data: Any, handler: Callable[[Any], Any]) -> Any:
         # Errors name the scene file, or the class if the part is made on its own in Python.
         with reading(cls.__name__) if where_now.get() is None else nullcontext():
             if isinstance(data, Mapping):

@@ -18,18 +18,7 @@ from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SeedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
-from sceniris_gym.program.checks.constraints import check_constraints, check_tendon_limits
-from sceniris_gym.program.checks.objects import (
-    check_followers,
-    check_heaps,
-    check_reach,
-    check_relations,
-    check_supports,
-)
-from sceniris_gym.program.checks.oddities import warn_of_oddities
-from sceniris_gym.program.checks.places import check_distances, check_parking
-from sceniris_gym.program.checks.simulation import check_pairs_fit, check_solver
-from sceniris_gym.program.checks.standing import check_standing
+from sceniris_gym.program.checks import constraints, objects, oddities, places, simulation, standing
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_bank import Bank, empty_bank
 from sceniris_gym.program.device_starts import Starts
@@ -43,19 +32,19 @@ from sceniris_gym.program.reach import Reaching
 from sceniris_gym.scene.model import SceneModel
 
 CHECKS: tuple[Callable[[Plan], None], ...] = (
-    check_constraints,
-    check_followers,
-    check_tendon_limits,
-    check_heaps,
-    check_supports,
-    check_distances,
-    check_pairs_fit,
-    check_relations,
-    check_standing,
-    check_parking,
-    check_solver,
-    warn_of_oddities,
-    check_reach,
+    constraints.check_constraints,
+    objects.check_followers,
+    constraints.check_tendon_limits,
+    objects.check_heaps,
+    objects.check_supports,
+    places.check_distances,
+    simulation.check_pairs_fit,
+    objects.check_relations,
+    standing.check_standing,
+    places.check_parking,
+    simulation.check_solver,
+    oddities.warn_of_oddities,
+    objects.check_reach,
 )
 """All checks of a scene, in the order in which they refuse it or warn of it."""
 FEWEST_ATTEMPTS = 10
