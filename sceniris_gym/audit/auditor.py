@@ -15,12 +15,11 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit import relations
-from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, takes_part
+from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, judged_pairs, takes_part
 from sceniris_gym.audit.contacts import ROUNDING, Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
-from sceniris_gym.audit.language import Excess, Kept, count
-from sceniris_gym.audit.pairs import judged_pairs
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
+from sceniris_gym.audit.relations import Excess, Kept, count
 from sceniris_gym.audit.scene import JudgedScene, Outlines, Seen
 from sceniris_gym.audit.standing import HeapAudit, Misplaced, StandingAudit
 from sceniris_gym.audit.starts import StartAudit

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 
 import mujoco
 
+from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.geometry import Rows, home_of
-from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.scene.layout_table import LayoutTable
 
 CONTACT_TOLERANCE = 1e-5  # m; a deeper contact is a collision
@@ -153,7 +153,15 @@ class ContactTally:
         missed = []
         for c in contacts:
             if self._visual or c.home is not None:
-                self._allow(c)
+                first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
+                names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
+                unknown = Allowed((names[0], names[1]), "the scene keeps what is drawn apart", 0.0, 0.0)
+                known = self._allowed.get((first, second), unknown)
+                why = known.why
+                if c.home is not None:
+                    why = "they lie in a heap" if c.geoms in self._heaped else "they touch at home"
+                depths = max(c.home or 0.0, known.home), max(c.depth, known.depth)
+                self._allowed[first, second] = Allowed(known.names, why, *depths)
             if self._visual or c.excess <= 0.0:
                 continue
             if self.deepest is None or c.excess > self.deepest.excess:
@@ -165,17 +173,6 @@ class ContactTally:
     def allowed(self) -> list[Allowed]:
         """Return the pairs of bodies with allowed contacts."""
         return [self._allowed[bodies] for bodies in sorted(self._allowed)]
-
-    def _allow(self, c: Contact) -> None:
-        first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
-        names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
-        unknown = Allowed((names[0], names[1]), "the scene keeps what is drawn apart", 0.0, 0.0)
-        known = self._allowed.get((first, second), unknown)
-        why = known.why
-        if c.home is not None:
-            why = "they lie in a heap" if c.geoms in self._heaped else "they touch at home"
-        depths = max(c.home or 0.0, known.home), max(c.depth, known.depth)
-        self._allowed[first, second] = Allowed(known.names, why, *depths)
 
 
 def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], tuple[float, float]]:

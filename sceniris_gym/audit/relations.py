@@ -1,8 +1,9 @@
-"""Checks of relations, by distances and angles in double precision and by shapely; and of orientations."""
+"""Checks of relations and orientations, by distances and angles in double precision and by shapely; counts of both."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import singledispatch
 
 import mujoco
@@ -10,10 +11,51 @@ import numpy as np
 import shapely
 
 from sceniris_gym.audit.geometry import Poses, rotation
-from sceniris_gym.audit.language import Excess
 from sceniris_gym.audit.scene import JudgedScene, Outline, Seen
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
+
+Excess = dict[tuple[str, str, str], np.ndarray]
+"""(Name, word, unit) -> violation in each row, NaN where the requirement does not apply, shape (nrow,)."""
+TOLERANCES = {"m": 1e-4, "rad": 1e-3, "objects": 0.0}
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Counts for one requirement of an object or a group.
+
+    Attributes:
+        name: The object or the group.
+        word: The relation (its index among the object's relations, and its word), or a part of the orientation or of
+            the group.
+        unit: "m", "rad" or "objects".
+        checked: Number of rows in which it applies.
+        broken: Number of rows with a violation above the tolerance of the unit.
+        worst: Largest violation, in the unit; at most 0 if there is none.
+        row: The row with the largest violation, -1 if the requirement applies nowhere.
+    """
+
+    name: str
+    word: str
+    unit: str
+    checked: int
+    broken: int
+    worst: float
+    row: int
+
+
+def count(found: Sequence[Excess]) -> list[Kept]:
+    """Count the rows that keep each requirement, from the violations in each chunk of rows."""
+    return [_counted(key, np.concatenate([chunk[key] for chunk in found])) for key in (found[0] if found else ())]
+
+
+def _counted(key: tuple[str, str, str], amount: np.ndarray) -> Kept:
+    applies = ~np.isnan(amount)
+    amount = np.where(applies, amount, -np.inf)
+    row = int(amount.argmax()) if applies.any() else -1
+    broken = int((amount > TOLERANCES[key[-1]]).sum())
+    return Kept(*key, int(applies.sum()), broken, float(amount.max(initial=-np.inf)), row)
+
 
 THIN = 1e-3  # m; anchors with a thinner hull lie on a line
 _NEARLY_THIN = 1e-5  # m; so near to THIN, either answer is right

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.geometry import Form, Poses, Rows, Solid, convex_hull, home_of, solids_of, subtree
-from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.audit.supports import surface_of
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.scene import SceneConfig

@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 
 from sceniris_gym.audit import supports
+from sceniris_gym.audit.collisions import Judged
 from sceniris_gym.audit.distance import Narrow
 from sceniris_gym.audit.geometry import Form, Poses, Solid, rotation
-from sceniris_gym.audit.pairs import Judged
 from sceniris_gym.audit.scene import Carrier, JudgedScene, Outlines
 from sceniris_gym.audit.supports import EDGE_TOLERANCE, HEIGHT_TOLERANCE, LevelSurface, inside, surface_of
 from sceniris_gym.config.bounds import LEAST_GAP

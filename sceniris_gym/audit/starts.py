@@ -9,7 +9,7 @@ import numpy as np
 from sceniris_gym.audit.collisions import Conflict
 from sceniris_gym.audit.contacts import Contact
 from sceniris_gym.audit.geometry import Poses, Rows
-from sceniris_gym.audit.language import Excess
+from sceniris_gym.audit.relations import Excess
 from sceniris_gym.audit.scene import JudgedScene, Outlines
 from sceniris_gym.audit.standing import Misplaced
 from sceniris_gym.scene.layout_table import LayoutTable

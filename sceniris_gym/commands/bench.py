@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.geometry import solids_of
-from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.commands.narrowing import narrow
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.sequence import LaunchSequence

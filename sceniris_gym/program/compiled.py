@@ -21,7 +21,7 @@ from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.checks import constraints, objects, oddities, places, simulation, standing
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_bank import Bank, empty_bank
-from sceniris_gym.program.device_starts import Starts
+from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.objects import fill_views
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS

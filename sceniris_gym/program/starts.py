@@ -17,7 +17,7 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.grasps import PREFIX, matches
 from sceniris_gym.grasping.grip import Fingers, Grip
 from sceniris_gym.program.device import ObjectKind
-from sceniris_gym.program.device_starts import StartPose
+from sceniris_gym.program.device_reach import StartPose
 from sceniris_gym.program.placed_object import JointRange, PlacedObject
 from sceniris_gym.program.plan import Plan, joint_range
 from sceniris_gym.program.reach import ReachingArm, ReachTarget

@@ -17,17 +17,14 @@ from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, Scenir
 from sceniris_gym.geometry.framing import camera_axes
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.progress import tell
-from sceniris_gym.scene import assemble, backdrop
+from sceniris_gym.scene import assemble, backdrop, number_check, parking, tcp
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.couplings import follow, joint_couplings, turned_round
 from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.model_files import load_model
-from sceniris_gym.scene.number_check import check_numbers
 from sceniris_gym.scene.overview import FOVY, Overview
-from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
-from sceniris_gym.scene.tcp import tcp_site
 from sceniris_gym.scene.variants import SharedBodies, check_variants, without_broken
 
 _Home = tuple[np.ndarray, np.ndarray]
@@ -95,7 +92,7 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     except (MeshError, SceneFileError):
         assemble.check_assets(config)  # names the asset, if it is one
         raise
-    check_numbers(mjm, config.where)
+    number_check.check_numbers(mjm, config.where)
     if config.has_model_in_memory:
         check_bodies(mjm, config)
     qpos, ctrl = _home(mjm, homes, config)
@@ -104,9 +101,9 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     if spec.camera(backdrop.OVERVIEW) is None:
         seen = Overview(config, mjm, qpos) if full is None else Overview(full.config, full.mjm, full.home_qpos)
         backdrop.add_camera(spec, *seen.camera(), FOVY)
-    if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
+    if config.groups and not parking.has_parking_ground(mjm, len(config.objects), config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
-        add_parking_ground(spec, len(config.objects))
+        parking.add_parking_ground(spec, len(config.objects))
     for name in simple_bodies(config, mjm):
         spec.body(name).simple = False
     keyframe = config.home or HOME
@@ -123,7 +120,7 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
     """Return the scene of a copy of a MjModel, which is not changed."""
     check_additions(config)
     check_bodies(model, config)
-    check_numbers(model, config.where)
+    number_check.check_numbers(model, config.where)
     mjm = copy.copy(model)
     qpos, ctrl = _home(mjm, [], config)
     key = _keyframe(mjm, config)
@@ -172,7 +169,7 @@ def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, con
         if robot.name not in bodies:
             where = f"{config.where}: {robot.key}"
             raise UnknownNameError("body of the model", robot.name, where, filter(None, bodies))
-        found[name] = tcp_site(spec, mjm, qpos, robot, config.where)
+        found[name] = tcp.tcp_site(spec, mjm, qpos, robot, config.where)
     return found
 
 
@@ -218,7 +215,7 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
             parts = {member: config.objects[member] for member in members}
             homes += assemble.attach_variants(spec, owner, parts, config.where, bodies=shared is None)
     if shared is not None:
-        shared.finish(spec)
+        shared.name_meshes(spec)
     add_cameras(spec, config)
     return spec, homes
 

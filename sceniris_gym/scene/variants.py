@@ -118,11 +118,6 @@ class SharedBodies:
             if kind[0] == MESH:
                 added.meshname = mjm.mesh(int(mjm.geom_dataid[geom])).name
 
-    def finish(self, spec: mujoco.MjSpec) -> None:
-        """See to it that all meshes of variants get their hulls."""
-        self._name_meshes(spec)
-        spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
-
     def compile(self, spec: mujoco.MjSpec, before: mujoco.MjModel) -> mujoco.MjModel:
         """Compile the scene once more, without the geoms that name meshes: hulls that were made are kept.
 
@@ -136,11 +131,15 @@ class SharedBodies:
         mjm = compile_spec(spec, self._where)
         if np.array_equal(mjm.mesh_graphadr, before.mesh_graphadr):
             return mjm
-        self._name_meshes(spec)
+        self.name_meshes(spec)
         return compile_spec(spec, self._where)
 
-    def _name_meshes(self, spec: mujoco.MjSpec) -> None:
-        """Add a static body with a geom for each mesh that no other names: they touch nothing and are in no picture."""
+    def name_meshes(self, spec: mujoco.MjSpec) -> None:
+        """See to it that all meshes of variants get their hulls.
+
+        Add a static body with a geom for each mesh that no other names: they touch nothing and are in no picture.
+        """
+        spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
         unnamed = sorted(self._hulls - {geom.meshname for geom in spec.geoms if geom.contype | geom.conaffinity})
         if not unnamed:
             return

@@ -10,7 +10,7 @@ import warp as wp
 
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device_starts import StartPose
+from sceniris_gym.program.device_reach import StartPose
 from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs

@@ -8,7 +8,7 @@ import pytest
 
 from sceniris_gym.audit.auditor import CHUNK, Auditor
 from sceniris_gym.audit.geometry import poses_of
-from sceniris_gym.audit.language import Kept, count
+from sceniris_gym.audit.relations import Kept, count
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 from tests.commands.scenes import GAP, OBJECTS, bodies, layout, small_config, small_model

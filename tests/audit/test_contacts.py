@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor, Report
+from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.contacts import ContactAudit
-from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.layout_table import LayoutTable
 from tests.audit.judging import MJM, auditor

@@ -12,8 +12,7 @@ READING = {
     "relations",  # a relation's anchors, heading, half-angle and distances
     "orientation",  # the DrawnOrientation that an orientation means
     "groups",  # with heaps and stacks: which things fill what, and which stand on which
-    "start",  # which arm holds what, and what is at its marker
-    "robot",  # which arm, and where its base and TCP are
+    "robot",  # which arm, what it holds or starts at, and its base and TCP
     "fields",
     "folders",  # whose files are variants
     "section",  # mistakes in a scene file, and files

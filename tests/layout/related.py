@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.audit.language import Kept
+from sceniris_gym.audit.relations import Kept
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable

@@ -1,4 +1,4 @@
-"""Device code's view of `reachable`: every field is there, and a kernel reads in it the values that the host knows."""
+"""Device code's view of `reachable` and of starts: every field is there, and kernels read what the host knows."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.program.archive import from_arrays, to_arrays
 from sceniris_gym.program.compiled import upload_scene
-from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.device_reach import Reach, Starts
 from sceniris_gym.program.reach import Reaching
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import forward, vec8
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import box_mjcf
+from tests.layout.starting import starting
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -111,3 +113,15 @@ def test_columns_bodies_and_joints_are_those_of_the_model(scene: tuple[SceneMode
     ]
     assert view.reach_below.numpy().tolist() == [True, True]
     assert view.mapped
+
+
+def test_starts_are_kept_with_a_compiled_scene():
+    """All fields are the same after a round trip."""
+    compiled = starting()
+    again = from_arrays(compiled.scene, "cpu", to_arrays(compiled)).starts
+    assert compiled.starts is not None
+    assert again is not None
+    for name in Starts.vars:
+        field, other = getattr(compiled.starts, name), getattr(again, name)
+        assert isinstance(field, wp.array)
+        np.testing.assert_array_equal(field.numpy(), other.numpy())

@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.grasping.grip import Grip
-from sceniris_gym.program.device_starts import StartPose
+from sceniris_gym.program.device_reach import StartPose
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.program.starts import plan_grips, plan_starts
 from sceniris_gym.scene.build import build_model

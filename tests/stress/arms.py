@@ -29,8 +29,8 @@ import torch
 
 from sceniris_gym.audit.auditor import CHUNK
 from sceniris_gym.audit.chain import Chain
+from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.contacts import ContactAudit, ContactTally
-from sceniris_gym.audit.pairs import Tree
 from sceniris_gym.commands.audit import judge_reach, reach_claims
 from sceniris_gym.commands.reach import judge_poses
 from sceniris_gym.config.scene import SceneConfig

@@ -21,7 +21,7 @@ from typing import Any
 import mujoco
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.audit.language import Kept
+from sceniris_gym.audit.relations import Kept
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table

@@ -19,9 +19,7 @@ from sceniris_gym.errors import ArgumentError, ModelWarning, SceneFileError, Sce
 from sceniris_gym.importers.libero.kinds import OBJECTS, WORKSPACES, Workspace
 from sceniris_gym.importers.libero.places import Places, kinds_of, load_thing, stand_in
 from sceniris_gym.importers.libero.problem import Problem, read_problem
-from sceniris_gym.scene import backdrop
-from sceniris_gym.scene.adopt import place_on
-from sceniris_gym.scene.assemble import attach, make_kind
+from sceniris_gym.scene import adopt, assemble, backdrop
 
 _CLUTTER = "clutter"
 _ZONE = 0.007  # half height [m] of the zone over a rectangle in which a goal counts a thing as on it
@@ -93,7 +91,7 @@ def read_bddl(
         words["floor"] = {"size": np.subtract(space.high, space.low).tolist()}
     if added:
         words["groups"] = {_CLUTTER: {"of": list(added), "count": clutter}}
-    place_on(spec, words)
+    adopt.place_on(spec, words)
     if robot is not None:
         words["robot"] = {"base": space.base, **(robot if isinstance(robot, Mapping) else {"asset": robot})}
     return LiberoTask(SceneConfig.load({"name": problem.path.stem, "model": spec, **words}), problem)
@@ -131,8 +129,8 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
         child = None if assets is None else load_thing(word, kind, assets, where)
         if child is None:
             child, boxes[word] = stand_in(kind), kind
-        root = attach(spec, child, name, spec.worldbody.add_frame(), where)
-        make_kind(spec, root, name, "fixture" if name in problem.fixtures else "free", where)
+        root = assemble.attach(spec, child, name, spec.worldbody.add_frame(), where)
+        assemble.make_kind(spec, root, name, "fixture" if name in problem.fixtures else "free", where)
     if boxes:
         sizes = ", ".join(f"{word} ({' x '.join(f'{s:g}' for s in kind.size)} m)" for word, kind in boxes.items())
         remedy = "Give assets=, the folder of LIBERO's models." if assets is None else f"'{assets}' lacks them."

@@ -76,27 +76,28 @@ def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.nd
     for angle in 2.0 * np.pi * np.arange(_APPROACHES) / _APPROACHES:
         approach = np.cos(angle) * side + np.sin(angle) * other
         axes = np.stack([np.cross(closing, approach), closing, approach], axis=1)
-        if not _is_blocked((points - middle) @ axes, 0.5 * width + _ROOM) and _lowest(axes, width) + middle[2] > _FLOOR:
+        if _is_clear((points - middle) @ axes, 0.5 * width + _ROOM, middle[2], axes[2]):
             found.append(GraspSite(middle, quaternion(axes), width))
     return found
 
 
-def _is_blocked(local: np.ndarray, gap: float) -> bool:
-    """Return whether any of some points, in the frame of the TCP, is inside the open hand."""
+def _is_clear(local: np.ndarray, gap: float, height: float, up: np.ndarray) -> bool:
+    """Return whether none of some points is inside the open hand, and the hand stays clear of the floor.
+
+    Args:
+        local: The points, in the frame of the TCP [m], shape (n, 3).
+        gap: Distance of each finger from the TCP [m].
+        height: Height of the TCP [m], over the floor at 0.
+        up: The direction that points up, in the frame of the TCP, shape (3,).
+    """
     half, thickness, palm, tip = _FINGER
     x, y, z = np.abs(local[:, 0]), np.abs(local[:, 1]), local[:, 2]
     fingers = (x < half) & (y > gap) & (y < gap + thickness) & (z > -palm) & (z < tip)
     hand = (x < _PALM[0]) & (y < _PALM[1]) & (z <= -palm) & (z > -palm - _PALM[2])
-    return bool((fingers | hand).any())
-
-
-def _lowest(axes: np.ndarray, width: float) -> float:
-    """Return the height of the lowest point of the open hand over its TCP [m]."""
-    half, thickness, palm, tip = _FINGER
-    reach = 0.5 * width + _ROOM + thickness
+    reach = gap + thickness
     corners = [(x, y, z) for x in (-half, half) for y in (-reach, reach) for z in (-palm, tip)]
     corners += [(x, y, -palm - _PALM[2]) for x in (-_PALM[0], _PALM[0]) for y in (-_PALM[1], _PALM[1])]
-    return float((np.array(corners) @ axes[2]).min())
+    return not (fingers | hand).any() and bool((np.array(corners) @ up).min() + height > _FLOOR)
 
 
 def _spread(found: list[GraspSite], size: float) -> list[GraspSite]:

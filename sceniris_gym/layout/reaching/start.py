@@ -26,8 +26,7 @@ from sceniris_gym.layout.wave.rounds import NEVER, row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.kinematics import write_root
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.device_starts import StartPose, Starts, is_drawn
+from sceniris_gym.program.device_reach import Reach, StartPose, Starts, is_drawn
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import ITERATIONS, accepted, refine, vec8
 

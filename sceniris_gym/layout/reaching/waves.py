@@ -26,8 +26,7 @@ from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.soundness import is_sound
 from sceniris_gym.placement.grasps import first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.device_starts import Starts, reaches
+from sceniris_gym.program.device_reach import Reach, Starts, reaches
 from sceniris_gym.reach.arm import MAX_JOINTS
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

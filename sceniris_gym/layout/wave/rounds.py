@@ -11,8 +11,7 @@ from sceniris_gym.layout.layouts import LayoutsView, open_episode
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
 from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
 from sceniris_gym.program.device import Program
-from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.device_starts import Starts
+from sceniris_gym.program.device_reach import Reach, Starts
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -21,8 +21,7 @@ from sceniris_gym.placement.measure import DrawnVariant
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
 from sceniris_gym.program.device_bank import Bank
-from sceniris_gym.program.device_reach import Reach
-from sceniris_gym.program.device_starts import Starts
+from sceniris_gym.program.device_reach import Reach, Starts
 from sceniris_gym.program.device_statics import Statics
 
 NO_GRASP = 1 << 30

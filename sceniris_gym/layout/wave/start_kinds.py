@@ -10,7 +10,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, numbered_stream
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_starts import Starts, is_drawn
+from sceniris_gym.program.device_reach import Starts, is_drawn
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

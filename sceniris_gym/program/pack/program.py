@@ -18,7 +18,7 @@ from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.geometry.resting_poses import weights
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
 from sceniris_gym.program.device import fill_struct
-from sceniris_gym.program.device_starts import Starts
+from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 from sceniris_gym.program.pack.objects import footprint_hulls, pack_objects
 from sceniris_gym.program.pack.pair_lists import pack_pairs

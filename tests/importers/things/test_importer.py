@@ -1,4 +1,4 @@
-"""Importing: from a file to an asset that a scene places, with a manifest that says what was done."""
+"""Importing: from a file to an asset that a scene places, with a manifest that says what was done; and how it rests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sceniris_gym.errors import (
     ScenirisError,
 )
 from sceniris_gym.importers.things.fit import tolerance_of
-from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
+from sceniris_gym.importers.things.importer import STILL, SUFFIXES, Options, import_thing, moved, resting_poses, stands
 from sceniris_gym.scene.model_files import THINGS
 from tests.importers.things.shapes import box, cup, write
 
@@ -182,3 +182,34 @@ def test_a_thing_that_is_not_there_is_told_before_its_kind(tmp_path: Path, name:
     with pytest.raises(SceneFileError, match=r"there is no such file. Give the path of one \(\.obj, .*\.urdf\)"):
         import_thing(tmp_path / name, tmp_path / "thing.xml")
     assert (*THINGS, ".urdf") == SUFFIXES
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the asset of a box."""
+    folder = tmp_path_factory.mktemp("block")
+    import_thing(write(box(), folder / "block.obj"), folder / "out" / "block.xml")
+    return folder / "out" / "block.xml"
+
+
+def test_a_box_rests_on_its_six_sides(block: Path):
+    """More often on the wide ones, and hardly moves."""
+    rests = resting_poses(block)
+    assert len(rests) == 6
+    assert all(rest.moved < STILL for rest in rests)
+    assert sum(rest.probability for rest in rests) == pytest.approx(1.0)
+    assert all(stands(rests, sign * axis) for axis in np.eye(3) for sign in (-1, 1))
+    assert not stands(rests, np.array([0.6, 0.8, 0.0]))
+
+
+def test_a_box_on_its_edge_tips_over(block: Path):
+    """It moves by more than a centimetre."""
+    assert moved(block, np.array([np.cos(0.3), np.sin(0.3), 0.0, 0.0])) > STILL
+
+
+def test_a_ball_has_corners_and_rests_on_its_facets(tmp_path: Path):
+    """As its convex part is a polyhedron: it is held where it is put down."""
+    manifest = import_thing(write(trimesh.creation.icosphere(4, 0.05), tmp_path / "ball.stl"), tmp_path / "ball.xml")
+    assert manifest["parts"] == 1
+    assert manifest["rests"]
+    assert all(rest["moved_mm"] < 1000.0 * STILL for rest in manifest["rests"])
