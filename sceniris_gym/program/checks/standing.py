@@ -18,7 +18,7 @@ from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight, drawn_joints
 from sceniris_gym.program.standing import Stance
 from sceniris_gym.scene.couplings import follow
-from sceniris_gym.scene.draws import LOOSE, WEAK, at_ends
+from sceniris_gym.scene.draws import LOOSE, WEAK, Ends, at_ends
 from sceniris_gym.scene.model import SceneModel
 
 # Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds things there.
@@ -33,7 +33,8 @@ _DROP = 2.0e-3
 # Inertia [kg or kg m^2] that keeps joints where they are; with 1e9 in a hinge the body that it is on tips by rounding.
 _HELD = 1.0e6
 # The ends of what may be drawn at which joints and supports give way the most; a light one may, or a heavy one.
-_YIELDS = {**WEAK, **LOOSE}
+_HEAVY: dict[str, Ends] = {**WEAK, **LOOSE}
+_LIGHT: dict[str, Ends] = {**_HEAVY, "body_mass": "least"}
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEVEL = 1.0e-3
 # Least friction of what leans, or may do so: the tangent of that angle.
@@ -49,8 +50,8 @@ def check_standing(plan: Plan) -> None:
             support does not carry or carries elsewhere, parts of it below its foot, too many objects on each other, or
             a joint that gives way.
     """
-    config, ends = plan.scene.config, ({}, _YIELDS, {**_YIELDS, "body_mass": "least"})
-    models = dict.fromkeys(at_ends(plan.scene.mjm, plan.scene.draws, **end) for end in ends)
+    config, draws = plan.scene.config, plan.scene.draws
+    models = dict.fromkeys(at_ends(plan.scene.mjm, draws, **ends) for ends in ({}, _HEAVY, _LIGHT))
     for o, stance in zip(plan.objects, plan.stances, strict=True):
         if not stance.levels:
             continue
