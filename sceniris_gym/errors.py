@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Literal
 
 
@@ -52,7 +52,7 @@ class UnknownNameError(ScenirisError):
     """A name of a body, joint, object, asset or scene that does not exist; `valid` are those that do."""
 
     def __init__(self, kind: str, name: str, where: str, valid: Iterable[str]) -> None:
-        self.kind, self.name, self.where, self.valid = kind, name, where, sorted(valid)
+        self.kind, self.name, self.where, self.valid = kind, name, where, sorted(filter(None, valid))
         listing = ", ".join(self.valid) if self.valid else "none"
         super().__init__(f"{where}: unknown {kind} '{name}'.{did_you_mean(str(name), self.valid)} Valid: {listing}.")
 
@@ -275,6 +275,17 @@ def check_type(value: object, kind: type, name: str) -> None:
     """
     if not isinstance(value, kind):
         raise ArgumentTypeError(f"{name} should be a {kind.__name__}, got {type(value)}.")
+
+
+def check_names(kind: str, names: Iterable[object], where: str, valid: Collection[str]) -> None:
+    """Refuse names that are not among the valid ones; `kind` and `where` are for the message.
+
+    Raises:
+        UnknownNameError: For the first of them.
+    """
+    for name in names:
+        if name not in valid:
+            raise UnknownNameError(kind, str(name), where, valid)
 
 
 def as_names(value: Any, name: str) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, check_names
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
 from sceniris_gym.vector.images import GROUP, picture_names
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -60,9 +60,7 @@ class SB3VecEnv(VecEnv):
         assert isinstance(env.single_observation_space, gymnasium.spaces.Dict)
         parts = _parts(env.single_observation_space.spaces)
         names = [group] if isinstance(group, str) else list(group)
-        for name in names:
-            if name not in parts:
-                raise UnknownNameError("observation group", name, f"task {type(env.task).__name__}", parts)
+        check_names("observation group", names, f"task {type(env.task).__name__}", parts)
         if not env.final_images and any(name not in env.observation_names for name in names):
             raise ArgumentError("SB3VecEnv: env should have final_images=True for pictures as observations.")
         self.env, self.group = env, group

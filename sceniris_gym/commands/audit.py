@@ -15,7 +15,7 @@ from sceniris_gym.audit.physics import equalities, without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
-from sceniris_gym.errors import SceneFileError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import SceneFileError, SceneMismatchError, check_names
 from sceniris_gym.files import replacing
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -180,9 +180,7 @@ def _check_columns(
         for name, (dtype, shape) in row_types(compiled).items():
             if rows is table or "grasp" not in name:  # nothing reads the grasps of candidates
                 check(f"{part}_{name}", getattr(rows, name), (n, *shape), dtype)
-    for name in names.tolist():
-        if name not in compiled.placed:
-            raise UnknownNameError("object", name, f"--rows {path}: rejected_object", compiled.placed)
+    check_names("object", names.tolist(), f"--rows {path}: rejected_object", compiled.placed)
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:

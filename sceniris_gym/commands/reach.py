@@ -17,14 +17,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_array
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import (
-    ArgumentError,
-    MapError,
-    NotSupportedError,
-    ReachWarning,
-    SceneKeyError,
-    UnknownNameError,
-)
+from sceniris_gym.errors import ArgumentError, MapError, NotSupportedError, ReachWarning, SceneKeyError, check_names
 from sceniris_gym.files import check_picture, no_file, replacing
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.compile import compile_scene, device_name
@@ -55,7 +48,7 @@ def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoc
     """
     if SHIPPED_NAME.fullmatch(name) and name not in (assets := shipped("assets", ".xml")):
         arms = [asset for asset, path in assets.items() if f'<site name="{TCP}"' in path.read_text()]
-        raise UnknownNameError("arm", name, "reach", arms)
+        check_names("arm", [name], "reach", arms)
     scene = build_model(SceneConfig.load({"robot": {"asset": name}}, changes))
     return scene.mjm, robot_arm(scene)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.errors import NotSupportedError, check_names
 from sceniris_gym.files import check_writable, replacing
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.settling import settle as settled
@@ -31,8 +31,7 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
         listed = ", ".join(config.heaps) or "none"
         raise NotSupportedError(f"settle: should say which heap, by --heap NAME. Heaps of {config.where}: {listed}.")
     heap = next(iter(config.heaps)) if heap is None else heap
-    if heap not in config.heaps:
-        raise UnknownNameError("heap", heap, config.where, config.heaps)
+    check_names("heap", [heap], config.where, config.heaps)
     named = config.heaps[heap].rows
     if out is None and named is None:
         raise NotSupportedError(f"settle: nowhere to write to. Give -o ROWS.npz, or heaps.{heap}.rows in the scene.")

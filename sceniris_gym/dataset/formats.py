@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import UnknownNameError, import_extra
+from sceniris_gym.errors import check_names, import_extra
 from sceniris_gym.files import as_json as strict_json
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.poses import body_poses
@@ -29,9 +29,7 @@ def parse_formats(words: str) -> tuple[str, ...]:
         MissingExtraError: A format needs a library that is not installed.
     """
     names = [word.strip() for word in words.split(",")]
-    for name in names:
-        if name not in FORMATS:
-            raise UnknownNameError("format", name, "generate: --format", FORMATS)
+    check_names("format", names, "generate: --format", FORMATS)
     check_formats(names)
     return tuple(sorted(set(names)))
 

@@ -16,7 +16,7 @@ from sceniris_gym.config.messages import short
 from sceniris_gym.config.stored_arrays import UNREADABLE
 from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.device.random import named_stream
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, check_names
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
@@ -53,9 +53,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         self._row = self._read_row()
         known = tuple(self._row.names or ())
         self.columns = known if columns is None else tuple(columns)
-        for name in self.columns:
-            if name not in known:
-                raise UnknownNameError("column", str(name), f"LayoutDataset({str(folder)!r})", known)
+        check_names("column", self.columns, f"LayoutDataset({str(folder)!r})", known)
         self._ends = np.cumsum([part["rows"] for part in self.manifest["parts"]])
         self._check_parts()
 

@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_type
+from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_names, check_type
 from sceniris_gym.layout.masks import as_numbers
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
 from sceniris_gym.program.compiled import CompiledScene
@@ -76,8 +76,7 @@ class KnobTable:
         Raises:
             UnknownNameError: It is none of these.
         """
-        if name not in self.knobs:
-            raise UnknownNameError("knob", str(name), f"{where} (the argument `knobs` should name it)", self.names)
+        check_names("knob", [name], f"{where} (the argument `knobs` should name it)", self.names)
         return self.knobs[name]
 
     def named(self, rows: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
+from sceniris_gym.errors import ArgumentError, check_names, check_type
 from sceniris_gym.layout.masks import as_count
 
 SCORES = ("learnability", "failure", "given")
@@ -89,10 +89,8 @@ class Levels:
     ranges: Ranges | None = None
 
     def __post_init__(self) -> None:
-        if self.score not in SCORES:
-            raise UnknownNameError("score", str(self.score), "Levels", SCORES)
-        if self.priority not in PRIORITIES:
-            raise UnknownNameError("priority", str(self.priority), "Levels", PRIORITIES)
+        check_names("score", [self.score], "Levels", SCORES)
+        check_names("priority", [self.priority], "Levels", PRIORITIES)
         _check_shares(self, "replay", "staleness", "rate")
         if not isinstance(self.temperature, int | float) or not self.temperature > 0.0:
             raise ArgumentError(f"Levels: temperature should be above 0, got {short(self.temperature)}.")

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import check_names
 from sceniris_gym.scene.overview import VISIBLE_GROUPS, picture_groups
 from sceniris_gym.sim.versions import render_context
 
@@ -60,9 +60,7 @@ def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -
         UnknownNameError: The model has no such camera; the message begins with `where`.
     """
     cameras = [mjm.camera(i).name for i in range(mjm.ncam)]
-    for name in shots:
-        if name not in cameras:
-            raise UnknownNameError("camera", name, where, filter(None, cameras))
+    check_names("camera", shots, where, cameras)
     return {name: shots[name] for name in cameras if name in shots}
 
 

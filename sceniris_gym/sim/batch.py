@@ -14,7 +14,7 @@ import warp as wp
 
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import ContactBudgetError, UnknownNameError
+from sceniris_gym.errors import ContactBudgetError, UnknownNameError, check_names
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.program.checks.simulation import check_memory, put_simulated
 from sceniris_gym.scene.model import SceneModel
@@ -47,9 +47,7 @@ def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
         UnknownNameError: NEEDS has no such key.
     """
     needs = ["kinematics", *needs]
-    for name in needs:
-        if name not in NEEDS:
-            raise UnknownNameError("need", name, "needs", NEEDS)
+    check_names("need", needs, "needs", NEEDS)
     stages = list(dict.fromkeys(stage for name in needs for stage in NEEDS[name]))
     if mjw.forward in stages:  # a forward pass contains all the others
         return mjw.forward

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.randomize import WORDS, Word
-from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, check_names
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.layout.world_columns import WorldColumns, element_size
@@ -171,8 +171,7 @@ class ModelFields:
         Raises:
             UnknownNameError: The scene draws nothing of this name.
         """
-        if name not in self.columns.numbers:
-            raise UnknownNameError("parameter", name, where, self.columns.numbers)
+        check_names("parameter", [name], where, self.columns.numbers)
         return self.columns.numbers[name]
 
     def launch_draw(self, mask: wp.array, layouts: LayoutsView, rows: wp.array | None = None) -> None:

@@ -16,7 +16,7 @@ from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import MaskTypeError, UnknownNameError, check_type
+from sceniris_gym.errors import MaskTypeError, check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, as_shape, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.source import LayoutSource
@@ -154,8 +154,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", knobs=knobs, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
-        if write not in _WRITES:
-            raise UnknownNameError("way to write", str(write), "ResetRandomizer: write", _WRITES)
+        check_names("way to write", [write], "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
         self.fields.columns.use_knobs(self.layouts.knobs)

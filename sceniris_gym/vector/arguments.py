@@ -15,14 +15,7 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    ArgumentError,
-    ArgumentTypeError,
-    MaskError,
-    SceneMismatchError,
-    SeedError,
-    UnknownNameError,
-)
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError, SeedError, check_names
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
@@ -189,9 +182,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     if not isinstance(options, Mapping | None):
         raise ArgumentTypeError(f"reset: options should be {{'{RESET_MASK}': mask}} or None, got {short(options)}.")
     options = options or {}
-    for name in options:
-        if name not in RESET_OPTIONS:
-            raise UnknownNameError("option", str(name), "reset", RESET_OPTIONS)
+    check_names("option", options, "reset", RESET_OPTIONS)
     if options.get(RESET_MASK) is None:
         return None
     name = f"options['{RESET_MASK}']"

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from torch import Tensor
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
+from sceniris_gym.errors import ArgumentError, check_names, check_type
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
 from sceniris_gym.sim.batch import Batch
@@ -43,16 +43,12 @@ def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
 
 
 def _as_shot(words: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
-    for word in words:
-        if word not in _WORDS:
-            raise UnknownNameError("word", str(word), where, _WORDS)
+    check_names("word", words, where, _WORDS)
     if "size" not in words:
         raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
     data = words.get("data", ("rgb",))
     kinds = tuple(data) if isinstance(data, Collection) and not isinstance(data, str) else (data,)
-    for kind in kinds:
-        if kind not in CHANNELS:
-            raise UnknownNameError("kind of picture", str(kind), f"{where}['data']", CHANNELS)
+    check_names("kind of picture", kinds, f"{where}['data']", CHANNELS)
     if not kinds:
         raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
     flags = {word: words.get(word, False) for word in ("shadows", "thin")}

@@ -20,7 +20,7 @@ SCALAR = (SLIDE, int(mujoco.mjtJoint.mjJNT_HINGE))
 
 def unknown(scene: SceneModel, kind: str, name: str, where: str, valid: Iterable[str]) -> UnknownNameError:
     """Return the error for a name that a scene does not have; `where` names the caller."""
-    return UnknownNameError(kind, name, f"scene '{scene.config.name}': {where}", filter(None, valid))
+    return UnknownNameError(kind, name, f"scene '{scene.config.name}': {where}", valid)
 
 
 def find_body(scene: SceneModel, name: str, where: str) -> int:

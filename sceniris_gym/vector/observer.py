@@ -9,7 +9,7 @@ import torch
 from gymnasium import spaces
 from torch import Tensor
 
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import check_names
 from sceniris_gym.vector.images import GROUP, Images
 from sceniris_gym.vector.sensing import Sensing, Sensors
 from sceniris_gym.vector.state import State
@@ -29,9 +29,7 @@ def chosen(observation: Observation, groups: tuple[str, ...] | None) -> Observat
     """
     if groups is None:
         return observation
-    for group in groups:
-        if group not in observation:
-            raise UnknownNameError("observation group", str(group), "observation_groups", observation)
+    check_names("observation group", groups, "observation_groups", observation)
     return {group: observation[group] for group in groups}
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.device.random import STREAM_BITS
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
 from sceniris_gym.vector.state import State
 
 NOISE, DELAY, DROPOUT = (2**STREAM_BITS - i for i in (1, 2, 3))
@@ -84,9 +84,7 @@ def as_sensing(value: Any) -> Sensing | None:
         return value
     if not isinstance(value, Mapping):
         raise ArgumentTypeError(f"sensing should be a Sensing, a mapping of its words, or None, got {short(value)}.")
-    for key in value:
-        if key not in Sensing.__dataclass_fields__:
-            raise UnknownNameError("attribute", str(key), "sensing", Sensing.__dataclass_fields__)
+    check_names("attribute", value, "sensing", Sensing.__dataclass_fields__)
     given: dict[str, Any] = dict(value)
     for key in ("delay", "late", "action_delay"):
         if isinstance(given.get(key), list):
@@ -123,12 +121,9 @@ class Sensors:
     def __init__(
         self, s: State, sensing: Sensing, observation: Mapping[str, Mapping[str, Tensor]], action_size: int
     ) -> None:
-        if POLICY not in observation:
-            raise UnknownNameError("observation group", POLICY, "sensing", observation)
+        check_names("observation group", [POLICY], "sensing", observation)
         seen = observation[POLICY]
-        for name in (*sensing.noise, *sensing.encoder_bias, *(sensing.late or ())):
-            if name not in seen:
-                raise UnknownNameError("observation", name, "sensing", seen)
+        check_names("observation", (*sensing.noise, *sensing.encoder_bias, *(sensing.late or ())), "sensing", seen)
         self.sensing = sensing
         late = tuple(seen) if sensing.late is None else sensing.late
         sizes = torch.tensor([values[0].numel() for values in seen.values()])
