@@ -120,21 +120,18 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._regions = create_regions(compiled, search.cause.shape[0])
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         self._work = Workspace(
+            compiled,
             program,
             statics,
-            compiled.starts,
-            compiled.bank,
-            compiled.related,
             0 if rejected or self._boxes is not None else count_ahead(compiled, size),
             reaches,
             SPLITS[split],
             size,
             self.layouts.view,
             search,
-            compiled.device,
         )
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
-        self._stage = ReachStage(compiled, reaching, self._work) if reaching is not None and staged else None
+        self._stage = ReachStage(self._work, reaching) if reaching is not None and staged else None
         # waves are full as long as there are more rows than candidates; later every row has one in each wave
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
@@ -182,7 +179,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             self._columns.launch(mask, self._work.layouts)
         if self._stage is not None:
             self._stage.launch_start()
-        if self._work.starts is not None:
+        if self._work.compiled.starts is not None:
             launch_draw_kinds(self._work, mask, self.layouts.knobs.first.get(STARTS, -1))
 
     def _try_restarts(self, stage: ReachStage | None) -> None:

@@ -36,12 +36,13 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
         staged: Whether there is a stage after placing.
     """
     frees_grasps = work.search.free.shape[1] > 0
-    files = [draw, prefilter, accept, rounds, settle, seeds, *([sides, region_pieces, points] if work.related else [])]
+    files = [draw, prefilter, accept, rounds, settle, seeds]
+    files += [sides, region_pieces, points] if work.compiled.related else []
     files += [ahead] if work.ahead > 0 else []
     files += [containment] if work.program.visual else []
     files += [standing] if work.statics is not None else []
     files += [waves, poses, ik, hits] if staged else []
-    files += [start_kinds, start] if work.starts is not None else []
+    files += [start_kinds, start] if work.compiled.starts is not None else []
     files += [free_grasps] if frees_grasps else []
     own = collision.launched_kernels(work)  # those with a module of their own
     own += free_grasps.OWN_KERNELS if frees_grasps else []
@@ -65,6 +66,6 @@ def load_kernels(work: Workspace, *, staged: bool) -> None:
     modules, block_dim = kernel_modules(work, staged=staged), work.size.block_dim
     missing = sum(not _is_kept(module, block_dim) for module in modules)
     if missing:
-        tell_of_compiling(work.device, missing)
-    if wp.get_device(work.device).is_cuda:
-        wp.force_load(work.device, modules=modules, block_dim=block_dim, max_workers=os.cpu_count() or 1)
+        tell_of_compiling(work.compiled.device, missing)
+    if wp.get_device(work.compiled.device).is_cuda:
+        wp.force_load(work.compiled.device, modules=modules, block_dim=block_dim, max_workers=os.cpu_count() or 1)

@@ -111,9 +111,9 @@ def _is_near(
 
 @wp.kernel(grid_stride=False)
 def _queue_hands(
+    lanes: int,
     program: Program,
     reach: Reach,
-    lanes: int,
     # Layouts in: present, bodies*
     layouts: LayoutsView,
     # Search in: row_free, candidates, row, obj, cause, turn, body_pos, body_quat; out: free, hand; both: hands
@@ -144,9 +144,9 @@ def _queue_hands(
 
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_hands(
+    blocks: int,
     program: Program,
     reach: Reach,
-    blocks: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # Search in: hands, row, obj, hand, body_pos, body_quat; out: free
@@ -185,8 +185,8 @@ def _test_hands(
 
 @wp.kernel(grid_stride=False)
 def _reject_blocked(
-    reach: Reach,
     lanes: int,
+    reach: Reach,
     # Layouts in: present
     layouts: LayoutsView,
     # Search in: candidates, row, obj, free; out: hands; both: cause
@@ -213,9 +213,7 @@ OWN_KERNELS = [_test_hands]
 
 def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Find the grasps that each candidate leaves free, after all its other tests; reject those that leave none."""
-    size = work.size
-    blocks = min(size.blocks, reach_search.failed.shape[0])
-    work.launch(_queue_hands, size.lanes, [work.program, reach, size.lanes, work.layouts, work.search], reach_search)
-    inputs = [work.program, reach, blocks, work.layouts, work.search]
+    inputs, blocks = [work.program, reach, work.layouts, work.search], min(work.size.blocks, len(reach_search.failed))
+    work.launch_lanes(_queue_hands, inputs, reach_search)
     work.launch_blocks(_test_hands, inputs, reach_search, blocks=blocks)
-    work.launch(_reject_blocked, size.lanes, [reach, size.lanes, work.layouts], work.search)
+    work.launch_lanes(_reject_blocked, [reach, work.layouts], work.search)

@@ -5,13 +5,7 @@ import warp as wp
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
 from sceniris_gym.collide.containment import encloses
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import (
-    IN_HAND,
-    ReachSearch,
-    ReachStep,
-    reach_candidate_num,
-    takes_step,
-)
+from sceniris_gym.layout.reaching.search import IN_HAND, ReachSearch, ReachStep, candidate_num, takes_step
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -36,11 +30,11 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
 
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test(
+    blocks: int,
     program: Program,
     reach: Reach,
     first: int,
     last: int,
-    blocks: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # ReachSearch in: column, tier, candidates, row, start, body_pos, body_quat; both: failed
@@ -49,7 +43,7 @@ def _test(
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
-    for c in range(block, reach_candidate_num(reach_search), blocks):
+    for c in range(block, candidate_num(reach_search), blocks):
         row = reach_search.row[c]
         own_pos = reach_search.body_pos[c]
         own_quat = reach_search.body_quat[c]
@@ -73,18 +67,18 @@ def _test(
 
 @wp.kernel(grid_stride=False)
 def _test_containment(
+    blocks: int,
     program: Program,
     reach: Reach,
     first: int,
     last: int,
-    blocks: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # ReachSearch in: column, tier, candidates, row, start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
-    for c in range(block, reach_candidate_num(reach_search), blocks):
+    for c in range(block, candidate_num(reach_search), blocks):
         row = reach_search.row[c]
         own_pos = reach_search.body_pos[c]
         own_quat = reach_search.body_quat[c]
@@ -107,5 +101,5 @@ def launch_test_arm(
 ) -> None:
     """Test candidates at the steps from `first` to `last`, all of which have the pose that they are in now."""
     for test in (_test, _test_containment) if work.program.visual else (_test,):
-        inputs = [work.program, reach, int(first), int(last), work.size.blocks, work.layouts]
+        inputs = [work.program, reach, int(first), int(last), work.layouts]
         work.launch_blocks(test, inputs, reach_search)

@@ -11,8 +11,8 @@ from sceniris_gym.layout.reaching.search import (
     STARTS,
     ReachSearch,
     ReachStep,
+    candidate_num,
     first_start,
-    reach_candidate_num,
     takes_step,
 )
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
@@ -75,9 +75,9 @@ def _nearest_turns(arm: ArmView, there: vec8, before: vec8):
 
 @wp.kernel(grid_stride=False)
 def _choose_starts(
+    lanes: int,
     reach: Reach,
     split: wp.uint32,
-    lanes: int,
     # Layouts in: qpos, pending*, bodies*
     layouts: LayoutsView,
     # Search in: restarts*
@@ -85,7 +85,7 @@ def _choose_starts(
     # ReachSearch in: column, tier, first, candidates, row, grasp, start; out: grasp_qpos; both: failed
     reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+    for c in range(wp.tid(), candidate_num(reach_search), lanes):
         of_grasp = first_start(reach_search, c)
         if of_grasp >= 0:
             if reach_search.failed[of_grasp] < ReachStep.IK_AT_GRASP:
@@ -116,15 +116,15 @@ def _choose_starts(
 
 @wp.kernel(grid_stride=False)
 def _solve(
+    lanes: int,
     reach: Reach,
     step: int,
-    lanes: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # ReachSearch in: column, tier, candidates, row, grasp, start; out: pregrasp_qpos; both: failed, grasp_qpos
     reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+    for c in range(wp.tid(), candidate_num(reach_search), lanes):
         if not takes_step(reach_search, c, step):
             continue
         pos, quat = _target(reach, layouts, reach_search.row[c], reach_search.grasp[c])
@@ -144,7 +144,6 @@ def _solve(
 
 def launch_ik(work: Workspace, reach: Reach, clear: bool, reach_search: ReachSearch) -> None:
     """Solve for the joints of the candidates' grasps, and for the tier `clear` for those of their pre-grasps."""
-    lanes = work.size.lanes
-    work.launch(_choose_starts, lanes, [reach, work.split, lanes, work.layouts, work.search], reach_search)
+    work.launch_lanes(_choose_starts, [reach, work.split, work.layouts, work.search], reach_search)
     for step in (ReachStep.IK_AT_GRASP, ReachStep.IK_AT_PREGRASP) if clear else (ReachStep.IK_AT_GRASP,):
-        work.launch(_solve, lanes, [reach, int(step), lanes, work.layouts], reach_search)
+        work.launch_lanes(_solve, [reach, int(step), work.layouts], reach_search)

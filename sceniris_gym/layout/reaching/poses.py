@@ -4,14 +4,7 @@ import warp as wp
 
 from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import (
-    DEFERRED,
-    PREGRASP_DISTANCE,
-    ReachSearch,
-    ReachStep,
-    reach_candidate_num,
-    takes_step,
-)
+from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE, ReachSearch, ReachStep, candidate_num, takes_step
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.placement.grasps import tcp_of
 from sceniris_gym.placement.kinematics import follow_joint, pose_body
@@ -120,25 +113,25 @@ def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     earlier = int(0)
     for other in range(reach_search.first[row], c):
         failed = reach_search.failed[other]
-        if failed == wp.static(DEFERRED) or failed >= ReachStep.SELF_AT_GRASP:
+        if failed == ReachStep.DEFERRED or failed >= ReachStep.SELF_AT_GRASP:
             earlier += 1
     return earlier >= wp.max(1 + 8 * reach_search.tried[row], at_once // reach_search.rows[0])
 
 
 @wp.kernel(grid_stride=False)
 def _pose(
+    lanes: int,
     program: Program,
     reach: Reach,
     step: int,
     at_once: int,
-    lanes: int,
     # Layouts in: qpos, bodies*
     layouts: LayoutsView,
     # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, grasp_qpos, pregrasp_qpos; both:
     #   failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+    for c in range(wp.tid(), candidate_num(reach_search), lanes):
         if not takes_step(reach_search, c, step):
             continue
         row = reach_search.row[c]
@@ -155,7 +148,7 @@ def _pose(
         joints = reach_search.pregrasp_qpos[c]
         if step == ReachStep.SELF_AT_GRASP:
             if _is_deferred(reach_search, at_once, c):
-                reach_search.failed[c] = wp.static(DEFERRED)
+                reach_search.failed[c] = ReachStep.DEFERRED
                 continue
             joints = reach_search.grasp_qpos[c]
         take_joints(program, reach.arm_body, from_qpos, qpos)
@@ -165,7 +158,6 @@ def _pose(
 
 def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
     """Pose the robot of each candidate as a step tests it, the hand alone before there are joints. Defer some."""
-    lanes = work.size.lanes
     # on an H200 1,000 more take 0.1 ms longer; with starts hardly any first joints fail
-    at_once = work.size.blocks // (2 if work.starts is None else 16)
-    work.launch(_pose, lanes, [work.program, reach, int(step), at_once, lanes, work.layouts], reach_search)
+    at_once = work.size.blocks // (2 if work.compiled.starts is None else 16)
+    work.launch_lanes(_pose, [work.program, reach, int(step), at_once, work.layouts], reach_search)

@@ -25,8 +25,6 @@ MOST_AT_ONCE = 8 * STARTS
 """Most candidates of a row in a wave; a single lane goes through them at the end."""
 IN_HAND = Tier.CLEAR + 1
 """The tier of a target that is tested in the hand of a robot at its start, away from where it was placed."""
-DEFERRED = -1
-"""Value of `ReachSearch.failed`: it has joints, but this wave only tests those of earlier candidates of its row."""
 
 
 class ReachStep(IntEnum):
@@ -35,6 +33,8 @@ class ReachStep(IntEnum):
     The tier `ik` takes MAP, IK_AT_GRASP and SELF_AT_GRASP only.
     """
 
+    DEFERRED = -1
+    """No test: it has joints, but this wave only tests those of earlier candidates of its row."""
     MAP = 0
     """The grasp does not approach from below, and the arm's map accepts it."""
     HAND_AT_GRASP = 1
@@ -93,7 +93,7 @@ class ReachSearch:
 
 
 @wp.func
-def reach_candidate_num(reach_search: ReachSearch) -> int:
+def candidate_num(reach_search: ReachSearch) -> int:
     """Return the number of candidates in this wave: as many as rows asked for, up to the capacity."""
     return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
 

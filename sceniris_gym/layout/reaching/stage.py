@@ -18,7 +18,6 @@ from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_
 from sceniris_gym.layout.reaching.start import TRIALS, launch_accept_starts, launch_pose_start, launch_queue_starts
 from sceniris_gym.layout.reaching.waves import launch_accept_grasps, launch_look_up, launch_open_rows, launch_open_wave
 from sceniris_gym.layout.wave.search import Workspace
-from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.reach import Reaching
 
@@ -27,20 +26,19 @@ class ReachStage:
     """A search for joints of grasps in all waiting rows, in waves of candidates.
 
     Args:
-        compiled: The scene.
-        reaching: Its arms and reach targets.
         work: The arrays of the generator, whose capacities affect the speed and never the result.
+        reaching: The arms of its scene and their reach targets.
     """
 
-    def __init__(self, compiled: CompiledScene, reaching: Reaching, work: Workspace) -> None:
+    def __init__(self, work: Workspace, reaching: Reaching) -> None:
         self._work = work
-        asked = [t.arm for t in reaching.targets if t.tier == Tier.CLEAR or work.starts is not None]
+        asked = [t.arm for t in reaching.targets if t.tier == Tier.CLEAR or work.compiled.starts is not None]
         self._arms = [(one.view, number in asked) for number, one in enumerate(reaching.arms)]
-        self.search = create_reach_search(compiled, work.nrow, work.size, work.search.free.shape[1])
+        self.search = create_reach_search(work.compiled, work.nrow, work.size, work.search.free.shape[1])
         self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
         # every wave either tries at least one candidate of each row, or is filled to its capacity
         most = sum(STARTS * len(t.grasp_set.grasps) for t in reaching.targets)
-        most = most if work.starts is None else max(most, TRIALS)
+        most = most if work.compiled.starts is None else max(most, TRIALS)
         self._most_waves = most + -(-work.nrow * most // self.search.failed.shape[0])
 
     def launch_start(self) -> None:
@@ -65,7 +63,7 @@ class ReachStage:
         for reach, clear in self._arms:
             launch_open_rows(self._work, reach, self.search)
             repeat_launches(self.search.rows_left, partial(self._wave, reach, clear), self._most_waves)
-        for reach, _ in self._arms if self._work.starts is not None else ():
+        for reach, _ in self._arms if self._work.compiled.starts is not None else ():
             launch_queue_starts(self._work, reach, self.search)
             repeat_launches(self.search.rows_left, partial(self._start_wave, reach), self._most_waves)
 

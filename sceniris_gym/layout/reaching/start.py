@@ -17,9 +17,9 @@ from sceniris_gym.layout.reaching.search import (
     ReachSearch,
     ReachStep,
     begin_reach_wave,
+    candidate_num,
     queue_row,
     queue_target,
-    reach_candidate_num,
 )
 from sceniris_gym.layout.reaching.waves import first_passed, keep_grasp
 from sceniris_gym.layout.wave.rounds import NEVER, row_of_restart
@@ -66,7 +66,7 @@ def _queue_starts(
 
 def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Queue the worlds whose restart is done and whose start has this arm at an object."""
-    work.launch(_queue_starts, work.nworld, [reach, work.starts], work.layouts, work.search, reach_search)
+    work.launch(_queue_starts, work.nworld, [reach, work.compiled.starts], work.layouts, work.search, reach_search)
 
 
 @wp.func
@@ -123,11 +123,11 @@ def _carry(
 
 @wp.kernel(grid_stride=False)
 def _pose(
+    lanes: int,
     program: Program,
     reach: Reach,
     starts: Starts,
     split: wp.uint32,
-    lanes: int,
     # Layouts in: qpos, start, grasps*, pending*, variant, bodies*
     layouts: LayoutsView,
     # Search in: restarts*
@@ -138,7 +138,7 @@ def _pose(
 ):
     if wp.tid() == 0:
         begin_reach_wave(reach_search)
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+    for c in range(wp.tid(), candidate_num(reach_search), lanes):
         row = reach_search.row[c]
         column = reach_search.column[row]
         kind = layouts.start[search.row_world[row]]
@@ -187,16 +187,15 @@ def _pose(
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Pose the robot of each candidate, and what it holds. Candidates fail where no joints lead there."""
-    lanes = work.size.lanes
-    inputs = [work.program, reach, work.starts, work.split, lanes, work.layouts, work.search]
-    work.launch(_pose, lanes, inputs, reach_search)
+    inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search]
+    work.launch_lanes(_pose, inputs, reach_search)
 
 
 @wp.kernel(grid_stride=False)
 def _accept(
+    lanes: int,
     program: Program,
     reach: Reach,
-    lanes: int,
     # Layouts out: state*, grasps*; both: row_rejections
     layouts: LayoutsView,
     # Search in: row_world; both: best
@@ -232,5 +231,4 @@ def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearc
 
     The bodies of a row stay posed as they were placed.
     """
-    lanes = work.size.lanes
-    work.launch(_accept, lanes, [work.program, reach, lanes], work.layouts, work.search, reach_search)
+    work.launch_lanes(_accept, [work.program, reach], work.layouts, work.search, reach_search)

@@ -10,15 +10,14 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import (
-    DEFERRED,
     MOST_AT_ONCE,
     STARTS,
     ReachSearch,
     ReachStep,
     begin_reach_wave,
+    candidate_num,
     queue_row,
     queue_target,
-    reach_candidate_num,
     takes_step,
 )
 from sceniris_gym.layout.wave.rounds import row_of_restart
@@ -156,9 +155,9 @@ def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -
 
 @wp.kernel(grid_stride=False)
 def _open_candidates(
+    lanes: int,
     reach: Reach,
     busy: int,
-    lanes: int,
     # Layouts in: grasp
     layouts: LayoutsView,
     # ReachSearch in: column, number, total, tried, queue, rows_left, source; out: first, trials, row, grasp, start,
@@ -190,9 +189,9 @@ def _open_candidates(
 
 @wp.kernel(grid_stride=False)
 def _look_up(
+    lanes: int,
     reach: Reach,
     starts: Starts,
-    lanes: int,
     # Layouts in: start, bodies*
     layouts: LayoutsView,
     # Search in: row_world
@@ -202,7 +201,7 @@ def _look_up(
 ):
     if wp.tid() == 0:
         begin_reach_wave(reach_search)
-    for c in range(wp.tid(), reach_candidate_num(reach_search), lanes):
+    for c in range(wp.tid(), candidate_num(reach_search), lanes):
         if takes_step(reach_search, c, ReachStep.MAP):
             row = reach_search.row[c]
             body_pos = layouts.body_pos[row]
@@ -221,14 +220,12 @@ def _look_up(
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Open candidates of the queued rows, more per row if few rows are left."""
-    size = work.size
-    work.launch(_open_candidates, size.lanes, [reach, size.busy, size.lanes, work.layouts], reach_search)
+    work.launch_lanes(_open_candidates, [reach, work.size.busy, work.layouts], reach_search)
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Look up the grasps of candidates in the arm's map, and among those that count for starts."""
-    lanes = work.size.lanes
-    work.launch(_look_up, lanes, [reach, work.kinds, lanes, work.layouts, work.search], reach_search)
+    work.launch_lanes(_look_up, [reach, work.kinds, work.layouts, work.search], reach_search)
 
 
 @wp.func
@@ -248,7 +245,7 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
-        if failed == wp.static(DEFERRED):
+        if failed == ReachStep.DEFERRED:
             break
         reach_search.furthest[row] = wp.max(reach_search.furthest[row], failed)
         if failed == ReachStep.PASSED:
@@ -279,8 +276,8 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
 
 @wp.kernel(grid_stride=False)
 def _accept(
-    reach: Reach,
     lanes: int,
+    reach: Reach,
     # Layouts in: present, variant, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp, row_rejections
     layouts: LayoutsView,
     # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
@@ -312,4 +309,4 @@ def _accept(
 
 def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Keep candidates that passed. A row without one continues with its next starts; out of starts, it has failed."""
-    work.launch(_accept, work.size.lanes, [reach, work.size.lanes], work.layouts, work.search, reach_search)
+    work.launch_lanes(_accept, [reach], work.layouts, work.search, reach_search)

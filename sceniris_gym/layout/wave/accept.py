@@ -179,11 +179,11 @@ def _advance(
 
 @wp.kernel(grid_stride=False)
 def _accept(
+    blocks: int,
     program: Program,
     reach: Reach,
     staged: bool,
     busy: int,
-    blocks: int,
     # Layouts in: present, record_all; out: grasp, variant, places*, record*; both: state*, row_rejections, bodies*,
     #   rejected_count
     layouts: LayoutsView,
@@ -217,5 +217,4 @@ def _accept(
 
 def launch_accept(work: Workspace, staged: bool) -> None:
     """Place the candidates of this wave that passed every test, and queue the rows that continue."""
-    inputs = [work.program, work.reach, staged, work.size.busy, work.size.blocks]
-    work.launch_blocks(_accept, inputs, work.layouts, work.search)
+    work.launch_blocks(_accept, [work.program, work.reach, staged, work.size.busy], work.layouts, work.search)

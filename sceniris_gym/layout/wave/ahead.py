@@ -37,10 +37,10 @@ def count_ahead(compiled: CompiledScene, size: SearchSize) -> int:
 
 @wp.kernel(grid_stride=False)
 def _draw_ahead(
+    lanes: int,
     program: Program,
     reach: Reach,
     split: wp.uint32,
-    lanes: int,
     # Layouts in: present, pending*; out: state*, grasp, variant, bounds; both: place, bodies*
     layouts: LayoutsView,
     # Search in: restarts*, queue, row_first, row_ahead, rows_left, source, trials*, free; out: row_free, placed*,
@@ -56,5 +56,4 @@ def _draw_ahead(
 
 def launch_draw_ahead(work: Workspace) -> None:
     """Draw and place the objects ahead of the queued rows, which have placed nothing."""
-    lanes = work.size.lanes
-    work.launch(_draw_ahead, lanes, [work.program, work.reach, work.split, lanes, work.layouts], work.search)
+    work.launch_lanes(_draw_ahead, [work.program, work.reach, work.split, work.layouts], work.search)

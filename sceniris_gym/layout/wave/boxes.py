@@ -63,9 +63,9 @@ def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
 
 @wp.kernel(module="unique", module_options={"enable_backward": False, "fuse_fp": False}, grid_stride=False)
 def _draw_in_boxes(
+    lanes: int,
     program: Program,
     split: wp.uint32,
-    lanes: int,
     columns: wp.array[int],
     # Layouts in: present, pending*, next_knob, default_knob, place, bodies*
     layouts: LayoutsView,
@@ -105,5 +105,4 @@ def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
         work: The arrays of the generator.
         columns: First column of each object's box in a row of knobs, -1 for none, shape (nobject,), int32.
     """
-    lanes = work.size.lanes
-    work.launch(_draw_in_boxes, lanes, [work.program, work.split, lanes, columns, work.layouts], work.search)
+    work.launch_lanes(_draw_in_boxes, [work.program, work.split, columns, work.layouts], work.search)

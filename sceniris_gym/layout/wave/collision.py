@@ -77,9 +77,9 @@ def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: in
 
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
 def _queue_narrow_pairs(
+    blocks: int,
     program: Program,
     reach: Reach,
-    blocks: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # Search in: row_world, candidates, row, obj, grasp, flags*, body_pos, body_quat; out: any_overflowed, overflowed,
@@ -118,8 +118,8 @@ def _queue_narrow_pairs(
 
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
 def _test_inner_boxes(
-    program: Program,
     lanes: int,
+    program: Program,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # Search in: row_world, narrow_pairs, row, obj, body_pos, body_quat, narrow_pair; both: cause
@@ -137,8 +137,8 @@ def _test_inner_boxes(
 # Without a bound on registers a multiprocessor holds few warps, too few to hide the latency of the arithmetic.
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_narrow_pairs(
-    program: Program,
     blocks: int,
+    program: Program,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # Search in: row_world, narrow_pairs, row, obj, body_pos, body_quat, narrow_pair; out: any_overflowed, overflowed;
@@ -172,9 +172,9 @@ def _test_narrow_pairs(
 
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_by_block(
+    blocks: int,
     program: Program,
     reach: Reach,
-    blocks: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # Search in: row_world, candidates, row, obj, grasp, flags*, body_pos, body_quat; out: any_overflowed, overflowed;
@@ -205,9 +205,9 @@ def _test_by_block(
 
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
 def _test_alone(
+    lanes: int,
     program: Program,
     reach: Reach,
-    lanes: int,
     tested_by_blocks: bool,
     # Layouts in: bodies*
     layouts: LayoutsView,
@@ -227,14 +227,14 @@ def _test_alone(
 
 def launch_test_collisions(work: Workspace) -> None:
     """Test the candidates that pass the prefilter for collision."""
-    program, reach, size, state = work.program, work.reach, work.size, [work.layouts, work.search]
-    if size.block_dim > 1 and program.visual:
-        work.launch_blocks(_test_by_block, [program, reach, size.blocks, *state])
-    elif size.block_dim > 1:
-        work.launch_blocks(_queue_narrow_pairs, [program, reach, size.blocks, *state])
-        work.launch(_test_inner_boxes, size.lanes, [program, size.lanes, *state])
-        work.launch_blocks(_test_narrow_pairs, [program, size.blocks, *state])
-    work.launch(_test_alone, size.lanes, [program, reach, size.lanes, size.block_dim > 1, *state])
+    program, reach, shared, state = work.program, work.reach, work.size.block_dim > 1, [work.layouts, work.search]
+    if shared and program.visual:
+        work.launch_blocks(_test_by_block, [program, reach, *state])
+    elif shared:
+        work.launch_blocks(_queue_narrow_pairs, [program, reach, *state])
+        work.launch_lanes(_test_inner_boxes, [program, *state])
+        work.launch_blocks(_test_narrow_pairs, [program, *state])
+    work.launch_lanes(_test_alone, [program, reach, shared, *state])
 
 
 def launched_kernels(work: Workspace) -> list[wp.Kernel]:

@@ -13,8 +13,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.kernel(grid_stride=False)
 def _test_containment(
-    program: Program,
     lanes: int,
+    program: Program,
     parts: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
@@ -32,5 +32,4 @@ def _test_containment(
 
 def launch_test_containment(work: Workspace) -> None:
     """Reject candidates that enclose a placed object or are enclosed by one."""
-    size = work.size
-    work.launch(_test_containment, size.lanes, [work.program, size.lanes, size.parts, work.layouts], work.search)
+    work.launch_lanes(_test_containment, [work.program, work.size.parts, work.layouts], work.search)

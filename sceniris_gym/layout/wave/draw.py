@@ -12,15 +12,7 @@ from sceniris_gym.device.transforms import apply, pose_of, quat_mat, quat_z
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.wave.posing import pose_candidate
-from sceniris_gym.layout.wave.search import (
-    Search,
-    Workspace,
-    begin_wave,
-    first_trial_of,
-    numbered_stream,
-    stream_of,
-    trial_of,
-)
+from sceniris_gym.layout.wave.search import Search, Workspace, first_trial_of, numbered_stream, stream_of, trial_of
 from sceniris_gym.layout.wave.sides import Regions
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
 from sceniris_gym.placement.measure import bounds_of, draw_variant, heading_of, measure
@@ -135,11 +127,24 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
         pose_candidate(program, layouts, search, c, row, obj)
 
 
+@wp.func
+def begin_wave(search: Search):
+    """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
+    search.candidates[0] = search.opened[0]
+    search.rows_before[0] = search.rows[0]
+    search.rows[0] = search.rows_left[0]
+    search.rows_left[0] = 0
+    search.source[0] = 1 - search.source[0]
+    search.narrow_pairs[0] = 0
+    search.hands[0] = 0
+    search.any_overflowed[0] = 0
+
+
 @wp.kernel(grid_stride=False)
 def _draw(
+    lanes: int,
     program: Program,
     split: wp.uint32,
-    lanes: int,
     # Layouts in: present, pending*, place, bodies*
     layouts: LayoutsView,
     # Out, if there are regions that differ between worlds:
@@ -162,5 +167,5 @@ def _draw(
 
 def launch_draw(work: Workspace, regions: "Regions | None") -> None:
     """Draw the candidates of this wave; for regions that differ between worlds, all but their points."""
-    lanes, counts = work.size.lanes, [None, None] if regions is None else [regions.cuts, regions.regions]
-    work.launch(_draw, lanes, [work.program, work.split, lanes, work.layouts, *counts], work.search)
+    counts = [None, None] if regions is None else [regions.cuts, regions.regions]
+    work.launch_lanes(_draw, [work.program, work.split, work.layouts, *counts], work.search)

@@ -234,9 +234,9 @@ def _race(
 
 @wp.kernel(grid_stride=False)
 def _draw_points(
+    blocks: int,
     program: Program,
     split: wp.uint32,
-    blocks: int,
     # Layouts in: present, pending*, places*, bodies*
     layouts: LayoutsView,
     # Search in: restarts*, trials*, turn, heading, qpos; out: cause, surface, grasp, places*, flags*; both: point,
@@ -270,5 +270,4 @@ def _draw_points(
 
 def launch_draw_points(work: Workspace, regions: Regions) -> None:
     """Draw the points of the listed candidates."""
-    inputs = [work.program, work.split, work.size.blocks, work.layouts]
-    work.launch_blocks(_draw_points, inputs, work.search, regions)
+    work.launch_blocks(_draw_points, [work.program, work.split, work.layouts], work.search, regions)

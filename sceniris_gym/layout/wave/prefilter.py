@@ -102,9 +102,9 @@ def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: in
 # With more registers per lane fewer warps fit on a multiprocessor, which was measured to be slower.
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _prefilter(
+    lanes: int,
     program: Program,
     reach: Reach,
-    lanes: int,
     least_parts: int,
     # Layouts in: present, variant, bodies*
     layouts: LayoutsView,
@@ -136,8 +136,8 @@ def _prefilter(
 
 @wp.kernel(grid_stride=False)
 def _prefilter_by_map(
-    reach: Reach,
     lanes: int,
+    reach: Reach,
     least_parts: int,
     # Layouts in: present, variant, bodies*
     layouts: LayoutsView,
@@ -155,8 +155,7 @@ def _prefilter_by_map(
 
 def launch_prefilter(work: Workspace) -> None:
     """Prefilter the candidates of this wave. `reject_cause` reads the result."""
-    lanes = work.size.lanes
-    rest = [lanes, work.size.parts, work.layouts, work.search]
+    rest = [work.size.parts, work.layouts, work.search]
     for reach in work.reaches[1:]:
-        work.launch(_prefilter_by_map, lanes, [reach, *rest])
-    work.launch(_prefilter, lanes, [work.program, work.reach, *rest])
+        work.launch_lanes(_prefilter_by_map, [reach, *rest])
+    work.launch_lanes(_prefilter, [work.program, work.reach, *rest])

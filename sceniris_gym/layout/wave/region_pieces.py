@@ -120,8 +120,8 @@ def cut_triangle(
 
 @wp.kernel(grid_stride=False)
 def _find_pieces(
-    program: Program,
     lanes: int,
+    program: Program,
     least_parts: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
@@ -153,8 +153,8 @@ def _find_pieces(
 # A kernel of its own, so that the pieces found above are spread evenly over the lanes that clip them.
 @wp.kernel(grid_stride=False)
 def _measure_pieces(
-    program: Program,
     lanes: int,
+    program: Program,
     least_parts: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
@@ -184,6 +184,6 @@ def _measure_pieces(
 
 def launch_cut_regions(work: Workspace, regions: Regions) -> None:
     """List the pieces of all regions that may have positive area, and measure them."""
-    inputs = [work.program, work.size.lanes, work.size.parts, work.layouts]
+    inputs = [work.program, work.size.parts, work.layouts]
     for kernel in (_find_pieces, _measure_pieces):
-        work.launch(kernel, work.size.lanes, inputs, work.search, regions)
+        work.launch_lanes(kernel, inputs, work.search, regions)

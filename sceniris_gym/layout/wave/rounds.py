@@ -115,13 +115,13 @@ def _plan_round(
 
 @wp.kernel(grid_stride=False)
 def _open_rows(
+    lanes: int,
     program: Program,
     reach: Reach,
     starts: Starts,
     staged: bool,
     ahead: int,
     busy: int,
-    lanes: int,
     # Layouts out: mocap_pos, mocap_quat, grasp, row_rejections, places*; both: qpos, choices*, bodies*
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, restarts_at_once, source, rows, rows_before; out: waiting, row_attempts,
@@ -162,7 +162,7 @@ def _open_rows(
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open rows for the pending worlds, one for each restart of this round."""
-    busy, lanes = work.size.busy, work.size.lanes
+    busy = work.size.busy
     work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
-    inputs = [work.program, work.reach, work.kinds, staged, work.ahead, busy, lanes]
-    work.launch(_open_rows, lanes, inputs, work.layouts, work.search)
+    inputs = [work.program, work.reach, work.kinds, staged, work.ahead, busy]
+    work.launch_lanes(_open_rows, inputs, work.layouts, work.search)

@@ -20,7 +20,6 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.placement.measure import DrawnVariant
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
-from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Reach, Starts
 from sceniris_gym.program.device_statics import Statics
 
@@ -160,19 +159,6 @@ def finish_row(search: Search, row: int, staged: bool):
 
 
 @wp.func
-def begin_wave(search: Search):
-    """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
-    search.candidates[0] = search.opened[0]
-    search.rows_before[0] = search.rows[0]
-    search.rows[0] = search.rows_left[0]
-    search.rows_left[0] = 0
-    search.source[0] = 1 - search.source[0]
-    search.narrow_pairs[0] = 0
-    search.hands[0] = 0
-    search.any_overflowed[0] = 0
-
-
-@wp.func
 def first_trial_of(program: Program, search: Search, candidate: int) -> int:
     """Return the number of the first trial of a candidate's restart, counted over all restarts."""
     return search.row_restart[search.row[candidate]] * program.attempts
@@ -260,32 +246,26 @@ class Workspace:
     """The arrays and capacities that all launches of a generator share.
 
     Attributes:
-        program: The placement program.
-        statics: How objects stand, None if none can fall.
-        starts: The kinds of starts, None if there are none.
-        bank: The layouts that worlds fall back on.
-        related: Whether there are regions that differ between worlds.
+        compiled: The compiled scene.
+        program: Its placement program, some numbers of which differ between worlds.
+        statics: How objects stand, None if none can fall; the same holds.
         ahead: Number of objects that are drawn ahead.
         reaches: The arms; a single empty one if there are no reach targets.
         split: Number of the split.
         size: Capacities.
         layouts: The layouts of all rows.
         search: The state of the search for them.
-        device: Warp's name of the device of all arrays.
     """
 
+    compiled: CompiledScene
     program: Program
     statics: Statics | None
-    starts: Starts | None
-    bank: Bank
-    related: bool
     ahead: int
     reaches: Sequence[Reach]
     split: int
     size: SearchSize
     layouts: LayoutsView
     search: Search
-    device: str
 
     @property
     def reach(self) -> Reach:
@@ -295,7 +275,7 @@ class Workspace:
     @property
     def kinds(self) -> Starts:
         """The kinds of starts, for kernels that all scenes launch."""
-        return Starts() if self.starts is None else self.starts
+        return Starts() if self.compiled.starts is None else self.compiled.starts
 
     @property
     def nworld(self) -> int:
@@ -309,13 +289,20 @@ class Workspace:
 
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
-        words = {"block_dim": self.size.block_dim, "device": self.device}
+        words = {"block_dim": self.size.block_dim, "device": self.compiled.device}
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **words)
 
+    def launch_lanes(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
+        """Launch a kernel whose lanes step through a queue, and which takes their number first."""
+        self.launch(kernel, self.size.lanes, [self.size.lanes, *inputs], *outputs)
+
     def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any, blocks: int | None = None) -> None:
-        """Launch a kernel in which the lanes of a block share a candidate, by default with all blocks."""
-        words = {"block_dim": self.size.block_dim, "device": self.device}
-        wp.launch_tiled(kernel, dim=[blocks or self.size.blocks], inputs=inputs, outputs=outputs, **words)
+        """Launch a kernel in which the lanes of a block share a candidate, and which takes the number of blocks first.
+
+        By default it is launched with all blocks.
+        """
+        blocks, words = blocks or self.size.blocks, {"block_dim": self.size.block_dim, "device": self.compiled.device}
+        wp.launch_tiled(kernel, dim=[blocks], inputs=[blocks, *inputs], outputs=outputs, **words)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:

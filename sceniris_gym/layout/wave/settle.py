@@ -111,11 +111,11 @@ def _copy_row(layouts: LayoutsView, row: int, worldid: int, width: int, lane: in
 
 @wp.kernel(grid_stride=False)
 def _settle(
+    blocks: int,
     program: Program,
     bank: Bank,
     split: wp.uint32,
     width: int,
-    blocks: int,
     # Layouts in: pending*, stream; out: draws*, status, first_pass_valid; both: state*, choices*, grasps*, attempts,
     #   row_rejections, variant, places*, bodies*
     layouts: LayoutsView,
@@ -161,5 +161,5 @@ def _settle(
 
 def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
-    inputs = [work.program, work.bank, work.split, layout_width(work.layouts), work.size.blocks]
+    inputs = [work.program, work.compiled.bank, work.split, layout_width(work.layouts)]
     work.launch_blocks(_settle, inputs, work.layouts, work.search)

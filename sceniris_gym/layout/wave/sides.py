@@ -107,8 +107,8 @@ def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int
 
 @wp.kernel(grid_stride=False)
 def _build_sides(
-    program: Program,
     lanes: int,
+    program: Program,
     # Layouts in: present, places*, bodies*
     layouts: LayoutsView,
     # Search in: row_world, row_first, candidates, row, obj, turn, heading; both: cause
@@ -141,5 +141,4 @@ def _build_sides(
 
 def launch_build_sides(work: Workspace, regions: Regions) -> None:
     """List the candidates of this wave whose region differs between worlds, and bound their regions by half-planes."""
-    inputs = [work.program, work.size.lanes, work.layouts]
-    work.launch(_build_sides, work.size.lanes, inputs, work.search, regions)
+    work.launch_lanes(_build_sides, [work.program, work.layouts], work.search, regions)

@@ -91,9 +91,9 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
 
 @wp.kernel(grid_stride=False)
 def _test_standing(
+    lanes: int,
     program: Program,
     statics: Statics,
-    lanes: int,
     # Layouts in: present, place, bodies*
     layouts: LayoutsView,
     # Search in: row_world, placed*, candidates, row, obj, turn, surface, place, body_pos, body_quat; both: cause
@@ -109,5 +109,4 @@ def _test_standing(
 
 def launch_test_standing(work: Workspace) -> None:
     """Reject candidates that would fall, or make what they are put on fall."""
-    lanes = work.size.lanes
-    work.launch(_test_standing, lanes, [work.program, work.statics, lanes, work.layouts, work.search])
+    work.launch_lanes(_test_standing, [work.program, work.statics, work.layouts, work.search])

@@ -62,16 +62,16 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) 
         mask: Which worlds, shape (nworld,), bool; all if None.
         column: First column of their weights in a row of knobs, -1 for none.
     """
-    inputs = [work.starts, mask, work.split, column]
+    inputs = [work.compiled.starts, mask, work.split, column]
     work.launch(_draw_kinds, work.nworld, inputs, work.layouts, work.program.draw_range)
 
 
 @wp.kernel(grid_stride=False)
 def _put_at_markers(
+    lanes: int,
     program: Program,
     starts: Starts,
     end: int,
-    lanes: int,
     # Layouts in: choices*, place, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_surface, candidates, row, obj, turn, heading, qpos; out: cause, surface, grasp, places*,
@@ -96,5 +96,4 @@ def _put_at_markers(
 
 def launch_put_at_markers(work: Workspace, end: int) -> None:
     """Move the candidates of this wave that their kind of start places at a marker, all of objects before `end`."""
-    lanes = work.size.lanes
-    work.launch(_put_at_markers, lanes, [work.program, work.starts, end, lanes, work.layouts], work.search)
+    work.launch_lanes(_put_at_markers, [work.program, work.compiled.starts, end, work.layouts], work.search)

@@ -33,7 +33,7 @@ def _starts(compiled: CompiledScene, split: int = 0) -> tuple[np.ndarray, np.nda
     generator, stage = waiting(compiled, N, busy=STARTS * N, grasps=STARTS * N)
     reach, search, view = stage._arms[0][0], stage.search, generator.layouts.view
     launch_open_wave(generator._work, reach, search)
-    inputs = [reach, wp.uint32(split), 1, view, generator._work.search]
+    inputs = [1, reach, wp.uint32(split), view, generator._work.search]
     wp.launch(ik._choose_starts, dim=1, inputs=inputs, outputs=[search], device="cpu")
     order = search.first.numpy()[:, None] + np.arange(STARTS)
     assert (search.start.numpy()[order] == np.arange(STARTS)).all()

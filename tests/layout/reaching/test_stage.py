@@ -170,7 +170,7 @@ def test_a_scene_launches_the_steps_of_its_tiers_alone(
 
         def recorded(kernel: wp.Kernel, *args: Any, **words: Any) -> None:
             if "layout.reaching" in kernel.module.name:
-                steps = "-".join(map(str, words["inputs"][2:4]))
+                steps = "-".join(map(str, words["inputs"][3:5]))
                 launched.append(f"_test {steps}" if kernel.key == "_test" else kernel.key)
             launch(kernel, *args, **words)
 

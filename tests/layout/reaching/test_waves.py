@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.reaching import waves as reach_waves
-from sceniris_gym.layout.reaching.search import DEFERRED, MOST_AT_ONCE, STARTS, ReachStep
+from sceniris_gym.layout.reaching.search import MOST_AT_ONCE, STARTS, ReachStep
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.grasped import cluttered, waiting
 
@@ -65,14 +65,14 @@ def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
     assert (layouts.grasp.numpy()[rows, 0] == grasp[rows, which[rows]]).all()
     assert (layouts.grasp_qpos.numpy()[rows, 0, :6] == joints[rows, which[rows], :6]).all()
     others = np.flatnonzero(~kept)
-    tested = np.where((failed == DEFERRED).any(axis=1), (failed == DEFERRED).argmax(axis=1), 24)
+    tested = np.where((failed == ReachStep.DEFERRED).any(axis=1), (failed == ReachStep.DEFERRED).argmax(axis=1), 24)
     counted = np.arange(24) < tested[:, None]
     assert (search.furthest.numpy()[others] == np.where(counted, failed, -1)[others].max(axis=1)).all()
     assert (search.number.numpy()[others] == tested[others]).all()
     assert (search.tried.numpy()[others] == ((failed >= ReachStep.IK_AT_GRASP) & counted)[others].sum(axis=1)).all()
     # the arm is tested with the first joints that are found, and no others
     assert ((failed >= ReachStep.SELF_AT_GRASP).sum(axis=1) == (failed >= ReachStep.SELF_AT_GRASP).any(axis=1)).all()
-    has_joints = (failed >= ReachStep.SELF_AT_GRASP) | (failed == DEFERRED)
+    has_joints = (failed >= ReachStep.SELF_AT_GRASP) | (failed == ReachStep.DEFERRED)
     assert (has_joints.argmax(axis=1) == (failed >= ReachStep.SELF_AT_GRASP).argmax(axis=1)).all()
     # what is found of a grasp holds for all of its starts
     by_grasp = np.where(has_joints, ReachStep.PASSED, failed).reshape(N, 3, STARTS)

@@ -11,7 +11,8 @@ import warp as wp
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.wave import rounds
-from sceniris_gym.layout.wave.search import Search, begin_wave, create_search, default_size, queue_row
+from sceniris_gym.layout.wave.draw import begin_wave
+from sceniris_gym.layout.wave.search import Search, create_search, default_size, queue_row
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program
 from tests.layout.scenes import box_mjcf, compile_on_cpu
