@@ -6,7 +6,7 @@ import functools
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from json import dumps
 from math import radians
 from pathlib import Path
@@ -39,7 +39,7 @@ from sceniris_gym.files import UNWRITABLE, as_json, check_picture, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.records import CONFIG
 from sceniris_gym.training.settings import Options
-from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, opened_page
+from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, close_server, open_server
 
 P = ParamSpec("P")
 _MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
@@ -352,17 +352,19 @@ def view(
     from sceniris_gym.viewer import command
 
     overrides = read_changes(changes)
-    with opened_page(host, port, allow_origin) as server:
+    server = open_server(host, port, allow_origin)
+    with ExitStack() as stack:
+        stack.callback(close_server, server)
         print(address(server), flush=True)  # before anything that takes a while
         if server.get_port() != port:
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
-        with _stdout_to_stderr():
-            if scene is None:
-                ids = command.read_ids(layouts)
-                words = {"num": worlds, "split": split, "device": device, "changes": overrides, "trust": trust}
-                command.view_env(server, str(env), policy, ids, **words)
-            else:
-                command.view_scene(server, scene, overrides, split=split, seed=seed, episode=episode, num=worlds)
+        stack.enter_context(_stdout_to_stderr())
+        if scene is None:
+            ids = command.read_ids(layouts)
+            words = {"num": worlds, "split": split, "device": device, "changes": overrides, "trust": trust}
+            command.view_env(server, str(env), policy, ids, **words)
+        else:
+            command.view_scene(server, scene, overrides, split=split, seed=seed, episode=episode, num=worlds)
     return ""
 
 

@@ -147,7 +147,9 @@ def picture(found: Narrowing, title: str) -> Image.Image:
                 px, py = origin[0] + scale * x, origin[1] - scale * y
                 draw.ellipse((px - 1.5, py - 1.5, px + 1.5, py + 1.5), fill=_COLOURS[k % len(_COLOURS)])
         for base in found.bases:
-            _draw_base(draw, origin, scale, base)
+            x, y = origin[0] + scale * base[0], origin[1] - scale * base[1]
+            draw.ellipse((x - 7, y - 7, x + 7, y + 7), fill=_ARM)
+            draw.line((x, y, x + 18 * np.cos(base[2]), y - 18 * np.sin(base[2])), fill=_ARM, width=3)
     for k, (text, x, line) in enumerate(places):
         draw.text((x, height + (1 + line) * _STRIP + 4), text, _COLOURS[k % len(_COLOURS)], font)
     return sheet
@@ -163,14 +165,6 @@ def _wrapped(texts: list[str], wide: int, font: ImageFont.FreeTypeFont | ImageFo
         places.append((text, x, line))
         x += length + 2 * _GAP
     return places
-
-
-def _draw_base(draw: ImageDraw.ImageDraw, origin: np.ndarray, scale: float, base: np.ndarray) -> None:
-    """Draw a disc at the robot's base, and a tick along its x axis."""
-    x, y = origin[0] + scale * base[0], origin[1] - scale * base[1]
-    tip = (x + 18 * np.cos(base[2]), y - 18 * np.sin(base[2]))
-    draw.ellipse((x - 7, y - 7, x + 7, y + 7), fill=_ARM)
-    draw.line((x, y, *tip), fill=_ARM, width=3)
 
 
 def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.ndarray:

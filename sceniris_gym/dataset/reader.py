@@ -73,11 +73,9 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             raise DatasetError(
                 f"{self.folder / MANIFEST}: its parts do not add up to {short(self.manifest['layouts'])} rows."
             )
-        missing = [
-            path.name
-            for path, nrow in zip(map(self.folder.joinpath, map(part_name, range(len(rows)))), rows, strict=True)
-            if not path.is_file() or path.stat().st_size < nrow * self._row.itemsize
-        ]
+        paths = [self.folder / part_name(part) for part in range(len(rows))]
+        sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
+        missing = [path.name for path, size, n in zip(paths, sizes, rows, strict=True) if size < n * self._row.itemsize]
         if missing:
             raise DatasetError(
                 f"{self.folder}: {len(missing)} of its {len(rows)} parts are missing or cut off, among them "

@@ -126,10 +126,8 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     Raises:
         SeedError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of them.
     """
-    if isinstance(seed, bool | np.bool_):
-        raise SeedError(f"seed={seed} should be an integer from 0 to 2^64 - 1, not a boolean.")
-    if isinstance(seed, int | np.integer):
-        if not 0 <= int(seed) < 1 << 64:
+    if isinstance(seed, int | np.integer | np.bool_):
+        if not _is_seed(seed):
             raise SeedError(f"seed={short(seed)} should be an integer from 0 to 2^64 - 1.")
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)

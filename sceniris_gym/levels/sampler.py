@@ -83,17 +83,8 @@ class LevelSampler(StaysHere):
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
         layouts = self.layouts.view
-        episodes = Episodes(
-            self.level,
-            layouts.seed,
-            layouts.episode,
-            success,
-            layouts.knob,
-            mask=finished,
-            status=layouts.status,
-            probe=self.probe,
-        )
-        launch_update(self._buffer, episodes)
+        played = Episodes(self.level, layouts.seed, layouts.episode, success, layouts.knob)
+        launch_update(self._buffer, played._replace(mask=finished, status=layouts.status, probe=self.probe))
 
     def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
         """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""

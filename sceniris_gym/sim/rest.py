@@ -178,10 +178,9 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     ctrladr, ctrlnum = actuator_controls(mjm)
     address, control = [], []
     for i, (nsample, _) in enumerate(mjm.actuator_history):
-        first = mjm.actuator_historyadr[i] + 2 + nsample
-        for k in range(nsample * ctrlnum[i] if nsample > 0 else 0):
-            address.append(first + k)
-            control.append(ctrladr[i] + k % ctrlnum[i])
+        kept = np.arange(max(nsample, 0) * ctrlnum[i])
+        address += (mjm.actuator_historyadr[i] + 2 + nsample + kept).tolist()
+        control += (ctrladr[i] + kept % ctrlnum[i]).tolist()
     return np.array(address, np.int32), np.array(control, np.int32)
 
 

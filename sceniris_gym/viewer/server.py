@@ -133,16 +133,6 @@ def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
         server.serve = serve  # type: ignore[misc]
 
 
-@contextlib.contextmanager
-def opened_page(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[viser.ViserServer]:
-    """Open a page, and close it in the end; see `open_server`."""
-    server = open_server(host, port, origins)
-    try:
-        yield server
-    finally:
-        close_server(server)
-
-
 def light(server: viser.ViserServer) -> None:
     """Light the page, mostly from the front left, before a pale background."""
     scene = server.scene
