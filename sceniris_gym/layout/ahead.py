@@ -241,7 +241,10 @@ class Ahead(StaysHere):
     def __init__(self, maker: LayoutSource, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
         check_type(maker, LayoutSource, "Ahead: maker")
         device = self._device = maker.layouts.seed.device
-        _check_stream(stream, device)
+        if stream is not None:
+            check_type(stream, wp.Stream, "Ahead: stream")
+            if stream.device != device:
+                raise ArgumentError(f"Ahead: stream should be one of {device}, got one of {stream.device}.")
         nworld, ahead = maker.layouts.nworld, maker.twin()
         self._layouts, self._ahead = maker.layouts, ahead
         # a graph without loops would make the last layouts again at every replay, also while they are served
@@ -325,14 +328,6 @@ class Ahead(StaysHere):
         """Forget what was made ahead for the masked worlds whose knobs are others now."""
         inputs, outputs = [self._layouts.view, self._ahead.layouts.view, mask], [self._stage, self._nwaiting]
         wp.launch(_forget, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
-
-
-def _check_stream(stream: wp.Stream | None, device: wp.Device) -> None:
-    if stream is None:
-        return
-    check_type(stream, wp.Stream, "Ahead: stream")
-    if stream.device != device:
-        raise ArgumentError(f"Ahead: stream should be one of {device}, got one of {stream.device}.")
 
 
 def side_stream(device: wp.Device) -> wp.Stream:

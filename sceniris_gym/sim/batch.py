@@ -14,7 +14,7 @@ import warp as wp
 
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import ContactBudgetError, UnknownNameError, check_names
+from sceniris_gym.errors import ContactBudgetError, check_names
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.program.checks.simulation import check_memory, put_simulated
 from sceniris_gym.scene.model import SceneModel
@@ -67,11 +67,9 @@ def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjMo
     """
     if not options:
         return mjm
+    check_names("option", options, "options", [name for name in dir(mjm.opt) if not name.startswith("_")])
     mjm = copy.copy(mjm)
     for name, value in options.items():
-        if not hasattr(mjm.opt, name):
-            fields = [field for field in dir(mjm.opt) if not field.startswith("_")]
-            raise UnknownNameError("option", name, "options", fields)
         setattr(mjm.opt, name, value)
     return mjm
 

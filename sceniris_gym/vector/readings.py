@@ -10,6 +10,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.errors import check_names
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.support import subtree
@@ -63,9 +64,7 @@ class Readings:
 
         def find() -> Tensor:
             objects = list(self.scene.config.objects)
-            strange = [name for name in names if name not in objects]
-            if strange:
-                raise unknown(self.scene, "object", strange[0], "State.present", objects)
+            check_names("object", names, f"scene '{self.scene.config.name}': State.present", objects)
             slots, always = slot_names(self.variants.scene.config), present.shape[1]
             return self._index([always if name in self.variants.names else slots.index(name) for name in names])
 
