@@ -232,24 +232,19 @@ class ReachSlice:
         return np.array([*(data.xpos[self.body] + axis)[:2], height]), data.xquat[self.body]
 
 
-SKETCHES: dict[str, Callable[[ShownWorld, str | None], Sketch]] = {
-    "names": sketch_names,
-    "regions": sketch_regions,
-    "relations": sketch_relations,
-    "clearances": sketch_clearances,
-    "grasps": sketch_grasps,
-}
-"""The function of each layer. It sketches one object of a world, or all."""
 PARKED, REACH = "parked objects", "reach map"
-"""Layers without a sketch: they move bodies, or are a picture."""
 SEEN, COLLIDED, BOTH = "what is seen", "what collides", "both"
 """The geometry of the worlds that is drawn. Colliding geometry is drawn in the first world only."""
-HINTS = {
-    "names": "The name of every object.",
-    "regions": "Where the words of the scene let each object stand, in this world's joint state.",
-    "relations": "An arrow from each anchor, and the area that a relation leaves.",
-    "clearances": "From each object to what is nearest, and how far it has to be. Red: too near.",
-    "grasps": "Grasps that the layout was accepted for; blue is the approach.",
-    PARKED: "Objects that their group left out, in a row before the scene.",
-    REACH: "A slice of the arm's reachability map, at the height below.",
+LAYERS: dict[str, tuple[Callable[[ShownWorld, str | None], Sketch] | None, str]] = {
+    "names": (sketch_names, "The name of every object."),
+    "regions": (sketch_regions, "Where the words of the scene let each object stand, in this world's joint state."),
+    "relations": (sketch_relations, "An arrow from each anchor, and the area that a relation leaves."),
+    "clearances": (sketch_clearances, "From each object to what is nearest, and how far it has to be. Red: too near."),
+    "grasps": (sketch_grasps, "Grasps that the layout was accepted for; blue is the approach."),
+    PARKED: (None, "Objects that their group left out, in a row before the scene."),
+    REACH: (None, "A slice of the arm's reachability map, at the height below."),
 }
+"""The function of each layer and a sentence about it. It sketches one object of a world, or all.
+
+Layers without a function move bodies, or are a picture.
+"""

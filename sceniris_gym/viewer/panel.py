@@ -13,7 +13,7 @@ import viser
 from sceniris_gym.program.compiled import USER_SPLITS
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.grasps import START
-from sceniris_gym.viewer.layers import BOTH, COLLIDED, HINTS, PARKED, REACH, SEEN, SKETCHES
+from sceniris_gym.viewer.layers import BOTH, COLLIDED, LAYERS, REACH, SEEN
 from sceniris_gym.viewer.server import Requests
 
 ALL = "all objects"
@@ -142,8 +142,8 @@ class Panel:
         self._layers = {}
         geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Of the first world: a colour a body.")
         self._on(geometry, "geometry", self._do.show_geometry)
-        for name in (*SKETCHES, PARKED, REACH):
-            handle = gui.add_checkbox(name, False, hint=HINTS[name])
+        for name, (_, hint) in LAYERS.items():
+            handle = gui.add_checkbox(name, False, hint=hint)
             self._layers[name] = self._on(handle, name, lambda on, name=name: self._do.show_layer(name, on))
         self._height = gui.add_slider("height of slice [m]", 0.0, 2.0, 0.01, 0.5)
         self._on(self._height, "height", self._do.move_slice)

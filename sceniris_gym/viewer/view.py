@@ -16,7 +16,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.viewer import why
 from sceniris_gym.viewer.deck import Candidate, LayoutDeck, Where
 from sceniris_gym.viewer.grasps import START, poses_of_arm, with_arm
-from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES, ReachSlice, sketch_pieces
+from sceniris_gym.viewer.layers import COLLIDED, LAYERS, PARKED, REACH, SEEN, ReachSlice, sketch_pieces
 from sceniris_gym.viewer.panel import Panel
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.server import Requests
@@ -267,8 +267,8 @@ class SceneView:
         sketch.draw(self.server, name, self._worlds.origins[0], self._worlds.size)
 
     def _show_layers(self, world: ShownWorld) -> None:
-        for name, sketch in SKETCHES.items():
-            if name in self._layers and self._player is None:
+        for name, (sketch, _) in LAYERS.items():
+            if sketch is not None and name in self._layers and self._player is None:
                 self._sketch(f"layer_{name}", sketch(world, self._only))
             else:
                 erase(self.server, f"layer_{name}")

@@ -18,7 +18,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.viewer import view as view_module
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.grasps import START
-from sceniris_gym.viewer.layers import COLLIDED, PARKED, REACH, SEEN, SKETCHES
+from sceniris_gym.viewer.layers import COLLIDED, LAYERS, PARKED, REACH, SEEN
 from sceniris_gym.viewer.panel import ALL
 from sceniris_gym.viewer.scene_file import SceneFile
 from sceniris_gym.viewer.sketch import Sketch
@@ -130,7 +130,7 @@ def test_a_scene_that_cannot_be_made_shows_what_was_tried(view: SceneView, path:
 
 def test_layers_are_drawn_and_go(view: SceneView):
     """Each of them, of all objects and of one; what collides takes the place of what is seen."""
-    for name in SKETCHES:
+    for name in (name for name, (sketch, _) in LAYERS.items() if sketch is not None):
         view.show_layer(name, True)
         assert view.server.scene.get_handle_by_name(f"/layer_{name}") is not None
         view.look_at_object("apple")
@@ -262,7 +262,7 @@ def test_cameras_stay_when_a_scene_is_saved(view: SceneView, path: Path, monkeyp
 def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path, monkeypatch: pytest.MonkeyPatch):
     """Candidates stay on where they were on, and so does the object that layers are of, as long as there is one."""
     drawn: list[str | None] = []
-    monkeypatch.setitem(SKETCHES, "names", lambda world, name: (drawn.append(name), Sketch())[1])
+    monkeypatch.setitem(LAYERS, "names", (lambda world, name: (drawn.append(name), Sketch())[1], ""))
     for label, value in [("rejected candidates", True), ("layers of", "pear"), ("names", True)]:
         press(view.server, label, value)
     view.turn(0.0)
