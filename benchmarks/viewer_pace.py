@@ -16,7 +16,7 @@ from pathlib import Path
 
 from sceniris_gym.viewer.deck import Where
 from sceniris_gym.viewer.scene_file import SceneFile
-from sceniris_gym.viewer.server import opened_page
+from sceniris_gym.viewer.server import close_server, open_server
 from sceniris_gym.viewer.view import SceneView
 
 _PHYSICS = 5.0  # s of physics that is played
@@ -58,17 +58,18 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=8099)
     words = parser.parse_args()
     found: dict[str, float] = {}
-    with opened_page("127.0.0.1", words.port) as server:
-        view = SceneView(server, SceneFile(words.scene, {}), Where(), words.worlds)
-        view.load()
-        seed_changes(view, 20)
-        found["seed_change_ms"] = statistics.median(seed_changes(view, 100))
-        view.show_worlds(1)
-        seed_changes(view, 100)
-        before = resident()
-        found["seed_change_one_world_ms"] = statistics.median(seed_changes(view, words.seeds))
-        found["memory_mb"] = resident() - before
-        found["frames_per_second"] = frames(view)
+    server = open_server("127.0.0.1", words.port)
+    view = SceneView(server, SceneFile(words.scene, {}), Where(), words.worlds)
+    view.load()
+    seed_changes(view, 20)
+    found["seed_change_ms"] = statistics.median(seed_changes(view, 100))
+    view.show_worlds(1)
+    seed_changes(view, 100)
+    before = resident()
+    found["seed_change_one_world_ms"] = statistics.median(seed_changes(view, words.seeds))
+    found["memory_mb"] = resident() - before
+    found["frames_per_second"] = frames(view)
+    close_server(server)
     print(json.dumps({name: round(value, 2) for name, value in found.items()}))
 
 

@@ -2,9 +2,9 @@
 
 scene.py         the scene, and objects from above       geometry.py      geoms as solids, and their poses
 distance.py      exact distances, containment            collisions.py    pairs too near, false alarms
-starts.py        objects held, objects at markers        supports.py      level surfaces, rays
-standing.py      objects on their supports, heaps        relations.py     relations and orientations, counts
-physics.py       rest and equalities in MuJoCo C         contacts.py      penetration in MuJoCo C
-reach.py         claims that an arm reaches an object    chain.py         the arm's kinematics
+standing.py      objects on their supports, heaps        supports.py      level surfaces, rays
+relations.py     relations and orientations, counts      contacts.py      penetration in MuJoCo C
+physics.py       rest and equalities in MuJoCo C         chain.py         the arm's kinematics
+reach.py         objects that an arm reaches or holds, and objects at markers
 auditor.py       all but reach and equalities, as one report, and groups
 """

@@ -19,10 +19,10 @@ from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, 
 from sceniris_gym.audit.contacts import ROUNDING, Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
+from sceniris_gym.audit.reach import StartAudit
 from sceniris_gym.audit.relations import Excess, Kept, count
 from sceniris_gym.audit.scene import JudgedScene, Outlines, Seen
 from sceniris_gym.audit.standing import HeapAudit, Misplaced, StandingAudit
-from sceniris_gym.audit.starts import StartAudit
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable

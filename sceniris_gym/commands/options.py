@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from sceniris_gym.config.limits import MOST_WORLDS
+from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.errors import CountError, SceneKeyError, SeedError
 
 if TYPE_CHECKING:

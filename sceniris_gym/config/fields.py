@@ -11,8 +11,7 @@ import shapely
 from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict, WrapValidator
 from pydantic_core import PydanticCustomError
 
-from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP
-from sceniris_gym.config.limits import MAX_POINTS
+from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP, MAX_POINTS
 from sceniris_gym.config.messages import ADVICE
 from sceniris_gym.config.tier import TIERS
 from sceniris_gym.errors import did_you_mean

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from sceniris_gym.config.bounds import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.config.fields import Direction2, Length, Names, Number, Turn, Width, must, wrong
-from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.config.section import Section, check_one_of
 
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}

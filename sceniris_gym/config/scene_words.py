@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, field_validator, model_validator
 
+from sceniris_gym.config.bounds import MOST_ATTEMPTS
 from sceniris_gym.config.fields import ROBOT, Extents2, Model, Number, ObjectName, PartName, Point3, within, wrong
 from sceniris_gym.config.groups import GroupConfig, HeapConfig, StackConfig
-from sceniris_gym.config.limits import MOST_ATTEMPTS
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig, StartConfig

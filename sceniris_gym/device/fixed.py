@@ -1,10 +1,30 @@
-"""`Fixed`: refuses assignments to attributes that captured graphs already use, which would have no effect."""
+"""Objects that hold memory of a device: they belong to one process, and captured graphs use their attributes."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
-from sceniris_gym.errors import FixedError
+from sceniris_gym.errors import FixedError, NotSupportedError
+
+
+class StaysHere:
+    """Base class of objects that hold memory of a device, and so belong to one process.
+
+    Attributes:
+        SEND: The object to send instead, as the error message says it.
+    """
+
+    SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be pickled or copied.
+
+        Raises:
+            NotSupportedError: Always.
+        """
+        raise NotSupportedError(
+            f"{type(self).__name__} holds memory of a device and cannot be pickled or copied. Send {self.SEND}."
+        )
 
 
 class Fixed:

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPoint
 
-from sceniris_gym.config.limits import MAX_FOOT
+from sceniris_gym.config.bounds import MAX_FOOT
 from sceniris_gym.geometry.resting_poses import ROCKING
 
 # Points this far [m] above the lowest one are on the same level.

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sceniris_gym.config.limits import MOST_ATTEMPTS
+from sceniris_gym.config.bounds import MOST_ATTEMPTS
 from sceniris_gym.errors import AttemptsWarning
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status

@@ -25,8 +25,7 @@ from sceniris_gym.layout.blame import infeasible, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.scene_cache import UNREADABLE, load_arrays, scene_key, store_arrays
-from sceniris_gym.program.archive import from_arrays, to_arrays
+from sceniris_gym.layout.scene_cache import UNREADABLE, from_arrays, load_arrays, scene_key, store_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_bank import Bank

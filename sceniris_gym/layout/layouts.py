@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.knobs import KnobTable

@@ -10,7 +10,7 @@ from typing import Any, SupportsIndex
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.limits import MOST_WORLDS
+from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.config.messages import short
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError
 

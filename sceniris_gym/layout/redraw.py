@@ -16,7 +16,7 @@ import warp as wp
 
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.device.angles import unit_circle
-from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
 from sceniris_gym.device.transforms import quat_mat, quat_z

@@ -10,7 +10,7 @@ import warp as wp
 from warp.utils import array_cast
 
 from sceniris_gym.config.messages import short
-from sceniris_gym.device.pickling import StaysHere
+from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.knobs import launch_set

@@ -9,7 +9,7 @@ import math
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_ANCHORS
+from sceniris_gym.config.bounds import MAX_ANCHORS
 from sceniris_gym.config.relations import RelationType
 from sceniris_gym.device.angles import angle_of, unit_circle
 from sceniris_gym.placement.placed import (

@@ -19,7 +19,7 @@ exact one.
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_FOOT, MAX_LEVELS
+from sceniris_gym.config.bounds import MAX_FOOT, MAX_LEVELS
 from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.transforms import Pose, apply, pose_of
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2

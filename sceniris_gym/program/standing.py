@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPoint, Polygon
 
-from sceniris_gym.config.limits import MAX_FOOT
+from sceniris_gym.config.bounds import MAX_FOOT
 from sceniris_gym.geometry.feet import around, curved_foot, flat_foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, weights

@@ -11,9 +11,8 @@ import mujoco
 import mujoco_warp as mjw
 import warp as wp
 
-from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.launch_lock import launching
-from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import MaskTypeError, check_names, check_type

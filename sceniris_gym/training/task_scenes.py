@@ -11,7 +11,7 @@ import gymnasium
 from gymnasium.envs.registration import EnvSpec
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, check_names
+from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.arguments import as_task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -53,10 +53,11 @@ def spec_of(task: str) -> EnvSpec:
         ArgumentError: The module cannot be imported.
         UnknownNameError: No environment is registered under this id with a task.
     """
-    name = registered_id(task).removeprefix(NAMESPACE)
+    name = registered_id(task)
     tasks = {key.removeprefix(NAMESPACE): spec for key, spec in gymnasium.registry.items() if "task" in spec.kwargs}
-    check_names("task", [name], "environments registered with a task", tasks)
-    return tasks[name]
+    if name.removeprefix(NAMESPACE) not in tasks:
+        raise UnknownNameError("task", name, "environments registered with a task", tasks)
+    return tasks[name.removeprefix(NAMESPACE)]
 
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:

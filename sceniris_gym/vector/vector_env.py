@@ -18,9 +18,8 @@ from torch import Tensor
 
 from sceniris_gym.config.messages import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
-from sceniris_gym.device.pickling import StaysHere
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.masks import as_count, as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
@@ -38,8 +37,7 @@ from sceniris_gym.vector.sensing import Sensing, as_sensing
 from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
-from sceniris_gym.vector.task_worlds import TaskWorlds
-from sceniris_gym.vector.torch_stream import on_torch_stream
+from sceniris_gym.vector.task_worlds import TaskWorlds, on_torch_stream
 
 OUTPUTS = ("torch", "numpy")
 

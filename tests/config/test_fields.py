@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sceniris_gym.config.limits import MAX_POINTS
+from sceniris_gym.config.bounds import MAX_POINTS
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.errors import SceneKeyError, ScenirisError

@@ -7,7 +7,7 @@ import pytest
 import shapely
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_ANCHORS, MAX_CORNERS
+from sceniris_gym.config.bounds import MAX_ANCHORS, MAX_CORNERS
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, convex_hull, draw_in_polygon, set_triangle
 
 wp.set_module_options({"enable_backward": False})

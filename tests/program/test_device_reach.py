@@ -13,7 +13,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.program.archive import from_arrays, to_arrays
+from sceniris_gym.layout.scene_cache import from_arrays, to_arrays
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device_reach import Reach, Starts
 from sceniris_gym.program.reach import Reaching

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from sceniris_gym.program.archive import from_arrays, to_arrays
+from sceniris_gym.layout.scene_cache import from_arrays, to_arrays
 from sceniris_gym.program.device_statics import Statics
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 

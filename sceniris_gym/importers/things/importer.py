@@ -26,9 +26,8 @@ from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, iner
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
 from sceniris_gym.importers.things.meshes import read_urdf
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
-from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing
+from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing, write_asset
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
-from sceniris_gym.importers.things.write import write_asset
 
 SECONDS, STILL = 0.5, 0.01
 """An asset rests in a pose if no point of its bounds moves by more than 1 cm in half a second."""

@@ -22,7 +22,7 @@ from sceniris_gym.layout.reaching.search import (
 )
 from sceniris_gym.layout.wave.rounds import row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace
-from sceniris_gym.layout.wave.soundness import is_sound
+from sceniris_gym.layout.wave.settle import is_sound
 from sceniris_gym.placement.grasps import first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach, Starts, reaches

@@ -5,7 +5,7 @@ The region's triangles are clipped to the box, and a point is uniform by area in
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.config.bounds import MAX_CORNERS
 from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import apply, pose_of
 from sceniris_gym.layout.layouts import LayoutsView

@@ -11,7 +11,7 @@ Letters 97, 2006.
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.config.bounds import MAX_CORNERS
 from sceniris_gym.device.angles import log_of
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.random import uniforms

@@ -6,7 +6,7 @@ combination * triangles + triangle. Several lanes share the pieces of a region: 
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.config.bounds import MAX_CORNERS
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, lanes_for_each

@@ -8,7 +8,7 @@ from functools import partial
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_ANCHORS, MAX_RELATIONS
+from sceniris_gym.config.bounds import MAX_ANCHORS, MAX_RELATIONS
 from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.transforms import Pose, pose_of
 from sceniris_gym.layout.layouts import LayoutsView

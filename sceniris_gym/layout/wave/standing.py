@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.config.limits import MAX_LEVELS
+from sceniris_gym.config.bounds import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num

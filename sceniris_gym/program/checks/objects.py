@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sceniris_gym.config.limits import MAX_CORNERS, MAX_PIECES
+from sceniris_gym.config.bounds import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.config.relations import Beside
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import HeapError, MapError, NotSupportedError, ReachWarning, SceneKeyError

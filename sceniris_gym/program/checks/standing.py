@@ -8,7 +8,7 @@ import itertools
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.limits import MAX_LEVELS
+from sceniris_gym.config.bounds import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind

@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 import shapely
 
-from sceniris_gym.config.bounds import MOST_WIDE
+from sceniris_gym.config.bounds import MAX_FOOT, MOST_WIDE
 from sceniris_gym.config.groups import SPLITS, GroupConfig
-from sceniris_gym.config.limits import MAX_FOOT
 from sceniris_gym.geometry.colliders import NO_INNER_BOX, Collider, inner_box
 from sceniris_gym.geometry.feet import around
 from sceniris_gym.geometry.pieces import Piece

@@ -10,7 +10,7 @@ import shapely
 import warp as wp
 from shapely.geometry.base import BaseGeometry
 
-from sceniris_gym.config.limits import MAX_CORNERS
+from sceniris_gym.config.bounds import MAX_CORNERS
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave import region_pieces

@@ -5,13 +5,17 @@ Worlds out of restarts get an entry of the bank, each a valid layout, of their o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 from scipy import stats
 
+from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.layout.compile import _with_bank
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.wave.rounds import NEVER, launch_start
@@ -20,7 +24,7 @@ from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
 from sceniris_gym.program.device_bank import Bank
-from tests.layout.scenes import Rows, bank_rows, box_mjcf, compile_on_cpu, full_tray, make, posed, read
+from tests.layout.scenes import FLOOR, Rows, bank_rows, box_mjcf, compile_on_cpu, full_tray, make, posed, read
 from tests.oracle.solids import Solids
 
 RESTARTS = 5
@@ -179,3 +183,55 @@ def test_a_fallback_is_nearest_to_what_was_drawn(tmp_path: Path, split: str):
         assert make(compiled, 1, seed=world, split=split).qpos.tobytes() == usual.layouts.qpos.numpy()[world].tobytes()
     ids = {usual.layouts.qpos.numpy()[world].tobytes() for world in np.flatnonzero(fell)}
     assert len(ids) > len(states) // 2  # and many rows are served
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """A free cube, and a stand with a mocap root."""
+    folder = tmp_path_factory.mktemp("sound")
+    cube, stand = box_mjcf(folder, "cube", 0.04, 0.04, 0.04), box_mjcf(folder, "stand", 0.1, 0.1, 0.02)
+    objects = {"stand": {"asset": stand, "kind": "fixture", "on": "floor"}, "cube": {"asset": cube, "on": "floor"}}
+    return compile_on_cpu({"floor": FLOOR, "objects": objects}, bank=4)
+
+
+def _with(compiled: CompiledScene, name: str, change: Callable[[np.ndarray], np.ndarray]) -> CompiledScene:
+    program = copied(Program, compiled.program)
+    field = getattr(program, name)
+    setattr(program, name, wp.array(change(field.numpy()), dtype=field.dtype, device=compiled.device))
+    return replace(compiled, program=program)
+
+
+BROKEN = {
+    "a height out of bounds": ("obj_gap", lambda x: np.full_like(x, 1e6)),
+    "a turn of nan": ("obj_yaw", lambda x: np.full_like(x, np.nan)),
+    "poses of no length": ("variant_quat", np.zeros_like),
+    "a joint beyond what is drawn": ("bound_qpos", lambda x: 0.0 * x),
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_what_is_not_sound_is_replaced_by_a_valid_layout(compiled: CompiledScene, kind: str):
+    """The bank was made before it broke, so worlds fall back on it, and say so; the counts name the cause."""
+    generator = LayoutGenerator(_with(compiled, *BROKEN[kind]), 32)
+    generator.generate()
+    rows = read(generator.layouts)
+    assert (rows.status == Status.FALLBACK).all()
+    assert np.isfinite(rows.qpos).all()
+    assert (np.abs(rows.qpos[:, :3]) < 1.0).all()
+    np.testing.assert_allclose(np.linalg.norm(rows.qpos[:, 3:], axis=1), 1.0, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(rows.mocap_quat, axis=2), 1.0, atol=1e-5)
+    assert generator.rejection_counts()["cube"]["unsound"] == 32
+
+
+def test_a_scene_without_a_sound_layout_is_refused(compiled: CompiledScene):
+    """By the cause."""
+    with pytest.raises(InfeasibleSceneError, match=r"mostly because of unsound.*look for such numbers"):
+        _with_bank(_with(compiled, *BROKEN["a turn of nan"]))
+
+
+def test_sound_layouts_are_served_as_they_are(compiled: CompiledScene):
+    """And nothing is counted."""
+    generator = LayoutGenerator(compiled, 32)
+    generator.generate()
+    assert (read(generator.layouts).status == Status.VALID).all()
+    assert "unsound" not in generator.rejection_counts()["cube"]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from sceniris_gym.config.limits import MAX_CORNERS, MAX_PIECES
+from sceniris_gym.config.bounds import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import HeapError, MapError, NotSupportedError, ReachWarning, SceneKeyError, ScenirisError
