@@ -13,7 +13,7 @@ NEWTON := .venv-newton
 # What the first import compiles is kept for all others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup test check test-changed test-marked-oldest test-oldest lint types docs test-recipes test-mjlab test-jax test-newton demo bench clean
+.PHONY: setup test check test-changed test-suite test-marked-oldest test-oldest lint types docs test-recipes test-mjlab test-jax test-newton demo bench clean
 
 setup: $(STAMP)
 
@@ -34,10 +34,13 @@ $(OLDEST_STAMP): constraints-oldest.txt $(STAMP)
 	echo "import site; site.addsitedir('$$(site $(BIN)/python)')" > "$$(site $(OLDEST)/bin/python)/rest.pth"
 	touch $@
 
-# Types take one core: the oldest versions are installed and tested beside. Each part prints its lines once it is done.
+# Types take one core: the oldest versions are installed and tested beside, and the suite begins once either has ended.
+# Each part prints its lines when it is done, but the suite (+) as it goes.
 test: $(STAMP)
-	+$(MAKE) --no-print-directory -j 2 --output-sync=target lint types test-marked-oldest
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile --durations=15
+	+$(MAKE) --no-print-directory -j 2 --output-sync=target lint types test-marked-oldest test-suite
+
+test-suite: $(STAMP)
+	+$(BIN)/python -m pytest -q -n 2 --dist loadfile --durations=15
 
 # Lint, types and the tests that import what changed since origin/main, side by side.
 check: $(STAMP)
