@@ -15,9 +15,9 @@ DOCUMENTED = ("sceniris_gym", "envs", "examples", "assets", "benchmarks", "docs"
 PROBES = {"isinstance", "issubclass", "getattr", "hasattr", "type"}
 PARTS = {"source", "layout_source", "maker", "generator", "pipeline", "ahead", "chooser", "sampler", "levels"}
 STATE = {  # names of modules that hold state, each with its reason beside it
-    "config/messages.py: where_now",
+    "config/fields.py: where_now",
     "device/kernel_log.py: _told",
-    "device/launch_lock.py: _LAUNCH_LOCK",
+    "device/sequence.py: _LAUNCH_LOCK",
     "layout/ahead.py: _kept_longer",
     "program/notices.py: _noted",
     "progress.py: _listener",

@@ -13,7 +13,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.adapters.mjlab_variants import VariantRows, model_of_variants
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
 from sceniris_gym.layout.compile import compile_scene

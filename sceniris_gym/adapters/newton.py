@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.fixed import StaysHere
-from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type, import_extra
 from sceniris_gym.layout.masks import as_mask, fill_mask
 from sceniris_gym.layout.source import LayoutSource

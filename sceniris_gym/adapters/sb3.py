@@ -13,7 +13,7 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, check_names
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
 from sceniris_gym.vector.images import GROUP, picture_names

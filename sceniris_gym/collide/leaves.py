@@ -9,8 +9,7 @@ import warp as wp
 from sceniris_gym.collide.box_pairs import inner_boxes_within, near_parts_separated
 from sceniris_gym.collide.convex import Shape, least_extent, piece_shape
 from sceniris_gym.collide.triangles import triangles_separated
-from sceniris_gym.device.quaternions import rot_vec_quat
-from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative
+from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relative, rot_vec_quat
 from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind, Program

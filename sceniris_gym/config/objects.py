@@ -16,9 +16,8 @@ from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config import fields
 from sceniris_gym.config.bounds import STANDING_GAP
-from sceniris_gym.config.fields import FLOOR, ROBOT, wrong
+from sceniris_gym.config.fields import DRAWN, FLOOR, ROBOT, wrong
 from sceniris_gym.config.loader import JOINT_FORMS, OF_VARIANTS, REGION_FORMS, SUPPORT_WORDS
-from sceniris_gym.config.messages import DRAWN
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations

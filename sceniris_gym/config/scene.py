@@ -9,11 +9,10 @@ from typing import Any
 
 from pydantic import ModelWrapValidatorHandler, PrivateAttr, TypeAdapter, ValidationInfo, model_validator
 
-from sceniris_gym.config.fields import in_memory, wrong
+from sceniris_gym.config.fields import in_memory, reading, where_now, wrong
 from sceniris_gym.config.folders import is_pattern
 from sceniris_gym.config.groups import with_chains, with_places
 from sceniris_gym.config.loader import override, read_scene
-from sceniris_gym.config.messages import reading, where_now
 from sceniris_gym.config.scene_words import SceneWords
 from sceniris_gym.config.validation import check_names
 from sceniris_gym.config.variants import check_shared, with_members, with_variants

@@ -10,8 +10,7 @@ from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationErro
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 from pydantic_core.core_schema import no_info_wrap_validator_function
 
-from sceniris_gym.config.fields import wrong
-from sceniris_gym.config.messages import UNKNOWN_KEY, reading, where_now
+from sceniris_gym.config.fields import UNKNOWN_KEY, reading, where_now, wrong
 
 
 class Section(BaseModel):

@@ -16,11 +16,10 @@ from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from sceniris_gym.config.bounds import BOUNDS
-from sceniris_gym.config.fields import MemberName, listed, object_name, wrong
+from sceniris_gym.config.fields import DRAWN, MemberName, listed, object_name, where_now, wrong
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, merge
-from sceniris_gym.config.messages import DRAWN, where_now
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.errors import UnknownNameError
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.stored_arrays import UNREADABLE
 from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.device.random import named_stream

@@ -14,8 +14,7 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.device.fixed import StaysHere
-from sceniris_gym.device.launch_lock import launching
-from sceniris_gym.device.sequence import LaunchSequence, repeat_launches, repeats_in_graphs
+from sceniris_gym.device.sequence import LaunchSequence, launching, repeat_launches, repeats_in_graphs
 from sceniris_gym.errors import ArgumentError, check_type
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, next_key, open_episode
 from sceniris_gym.layout.seeds import count_rejections

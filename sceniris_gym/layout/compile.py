@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
-from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.random import SPLITS
+from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import FallbackWarning, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import infeasible, recording
@@ -28,8 +28,8 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, from_arrays, load_arrays, scene_key, store_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
-from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Starts
+from sceniris_gym.program.device_statics import Bank
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model

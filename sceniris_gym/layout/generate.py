@@ -9,11 +9,10 @@ from functools import partial
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import Fixed
-from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.random import SPLITS
-from sceniris_gym.device.sequence import repeat_launches
+from sceniris_gym.device.sequence import launching, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.loading import load_kernels

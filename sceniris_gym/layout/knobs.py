@@ -14,7 +14,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_names, check_type
 from sceniris_gym.layout.masks import as_numbers
 from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import LayoutIdError, SceneMismatchError
 from sceniris_gym.layout.knobs import PARTS
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS

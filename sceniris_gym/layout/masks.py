@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.bounds import MOST_WORLDS
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import CountError, MaskError, MaskTypeError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

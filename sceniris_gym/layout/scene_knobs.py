@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sceniris_gym.config.bounds import BOUNDS
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.masks import as_numbers

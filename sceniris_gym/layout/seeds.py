@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import SeedError
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
 from sceniris_gym.program.compiled import MOST_EPISODES

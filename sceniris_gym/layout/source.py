@@ -10,8 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.fixed import StaysHere
-from sceniris_gym.device.launch_lock import launching
-from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.knobs import KnobTable

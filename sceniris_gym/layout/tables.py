@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.fixed import StaysHere
-from sceniris_gym.device.launch_lock import launching
+from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import check_type
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from warp.utils import array_cast
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type

@@ -2,8 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
-from sceniris_gym.device.transforms import Pose, apply, pose_of, quat_mat, relative
+from sceniris_gym.device.transforms import Pose, apply, mul_quat, pose_of, quat_mat, relative, rot_vec_quat
 from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.lookup import map_verdict

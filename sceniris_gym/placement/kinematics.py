@@ -2,9 +2,8 @@
 
 import warp as wp
 
-from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
 from sceniris_gym.device.random import uniforms
-from sceniris_gym.device.transforms import axis_angle_quat
+from sceniris_gym.device.transforms import axis_angle_quat, mul_quat, rot_vec_quat
 from sceniris_gym.program.device import ObjectKind, Program
 
 # Number of the first draw of a trial that is for joints; each draw has four numbers.

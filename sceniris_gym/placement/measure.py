@@ -11,8 +11,7 @@ import warp as wp
 
 from sceniris_gym.collide.leaves import lowest
 from sceniris_gym.device.angles import angle_of, unit_circle
-from sceniris_gym.device.quaternions import mul_quat
-from sceniris_gym.device.transforms import quat_mat, quat_z
+from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z
 from sceniris_gym.placement.kinematics import pose_bodies
 from sceniris_gym.placement.placed import turned
 from sceniris_gym.program.device import Measure, OrientationType, Program

@@ -13,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.config.tier import Verdict
 from sceniris_gym.device.angles import angle_of, unit_circle
-from sceniris_gym.device.quaternions import mul_quat, neg_quat, z_axis
+from sceniris_gym.device.transforms import mul_quat, neg_quat, z_axis
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import vec8
 

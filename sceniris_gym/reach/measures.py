@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.device.quaternions import z_axis
+from sceniris_gym.device.transforms import z_axis
 from sceniris_gym.progress import tell
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import WITNESS_CELLS, ReachMap

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, rotation_vector, turn_z, z_axis
+from sceniris_gym.device.transforms import mul_quat, neg_quat, rot_vec_quat, rotation_vector, turn_z, z_axis
 from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -8,8 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.config.messages import reading
+from sceniris_gym.config.fields import FLOOR, reading
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.validation import check_variant_has_asset

@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple, get_origin, get_type_hints
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type
 
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import MaskError, MaskTypeError, ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.model import SceneModel

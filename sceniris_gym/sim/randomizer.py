@@ -12,9 +12,8 @@ import mujoco_warp as mjw
 import warp as wp
 
 from sceniris_gym.device.fixed import Fixed, StaysHere
-from sceniris_gym.device.launch_lock import launching
 from sceniris_gym.device.random import named_stream
-from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.errors import MaskTypeError, check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, as_shape, fill_mask, mask_of_ids, mask_of_rows

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 from pydantic import ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt, TypeAdapter
 
-from sceniris_gym.config.messages import reading
+from sceniris_gym.config.fields import reading
 from sceniris_gym.errors import ArgumentError
 
 

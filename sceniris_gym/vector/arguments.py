@@ -13,7 +13,7 @@ from gymnasium import Space
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError, SeedError, check_names
 from sceniris_gym.layout.compile import compile_scene, device_name

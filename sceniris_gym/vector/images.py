@@ -11,7 +11,7 @@ import warp as wp
 from gymnasium import spaces
 from torch import Tensor
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, check_names, check_type
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import CHANNELS, Looks, Shot

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco_warp as mjw
 import numpy as np
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
 from sceniris_gym.vector.state import State

@@ -16,10 +16,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import Fixed, StaysHere
-from sceniris_gym.device.launch_lock import ObjectLock, exclusive, launching
+from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.masks import as_count, as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource

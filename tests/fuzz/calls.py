@@ -16,7 +16,7 @@ import warp as wp
 
 from sceniris_gym.commands.reach import read_poses
 from sceniris_gym.commands.replay import LayoutId
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.dataset.manifest import MANIFEST, part_name, row_of
 from sceniris_gym.dataset.reader import LayoutDataset, verify

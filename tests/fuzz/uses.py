@@ -17,7 +17,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.stored import StoredLayouts

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sceniris_gym.config.messages import short
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import CycleError, SceneKeyError, ScenirisError, ScenirisWarning, UnknownNameError
 
 CONFIGURATION = "original configuration"

@@ -10,8 +10,7 @@ import numpy as np
 from benchmarks.paper.sceniris.keys import KeyReader, numbers
 from benchmarks.paper.sceniris.placement import GROUND
 from sceniris_gym.config.bounds import MOST_FAR
-from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.config.messages import reading, short
+from sceniris_gym.config.fields import FLOOR, reading, short
 from sceniris_gym.config.robot import RobotConfig
 
 _KEY = "robot_position"

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 
+from sceniris_gym.config.fields import short
 from sceniris_gym.config.loader import user_path
-from sceniris_gym.config.messages import short
 from sceniris_gym.errors import SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.files import read_bytes
 

@@ -11,8 +11,7 @@ import warp as wp
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
 from sceniris_gym.collide.leaves import margin_of
 from sceniris_gym.device.blocks import block_sync
-from sceniris_gym.device.quaternions import mul_quat, rot_vec_quat
-from sceniris_gym.device.transforms import pose_of
+from sceniris_gym.device.transforms import mul_quat, pose_of, rot_vec_quat
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.poses import pose_hand
 from sceniris_gym.layout.reaching.search import ReachSearch

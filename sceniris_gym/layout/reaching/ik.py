@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from sceniris_gym.device.quaternions import z_axis
 from sceniris_gym.device.random import REACH_STREAM, uniforms
+from sceniris_gym.device.transforms import z_axis
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.poses import in_base
 from sceniris_gym.layout.reaching.search import (

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat, z_axis
+from sceniris_gym.device.transforms import mul_quat, neg_quat, rot_vec_quat, z_axis
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE, ReachSearch, ReachStep, candidate_num, takes_step
 from sceniris_gym.layout.wave.search import Workspace

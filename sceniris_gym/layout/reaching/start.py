@@ -8,8 +8,8 @@ restart without one has failed, and the next one follows. A *candidate* here is 
 import warp as wp
 
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.device.quaternions import mul_quat, neg_quat, rot_vec_quat
 from sceniris_gym.device.random import START_STREAM, uniforms
+from sceniris_gym.device.transforms import mul_quat, neg_quat, rot_vec_quat
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.poses import in_base, open_gripper, pose_arm, set_gripper, take_joints
 from sceniris_gym.layout.reaching.search import (

@@ -6,9 +6,8 @@ Where relations leave a different region in every world, `points.py` draws the p
 import warp as wp
 
 from sceniris_gym.device.angles import angle_of
-from sceniris_gym.device.quaternions import mul_quat
 from sceniris_gym.device.random import uniforms
-from sceniris_gym.device.transforms import apply, pose_of, quat_mat, quat_z
+from sceniris_gym.device.transforms import apply, mul_quat, pose_of, quat_mat, quat_z
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.wave.posing import pose_candidate

@@ -3,8 +3,7 @@
 import warp as wp
 
 from sceniris_gym.collide.leaves import PairPoses, pair_poses
-from sceniris_gym.device.quaternions import mul_quat
-from sceniris_gym.device.transforms import quat_mat, quat_z
+from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import NO_GRASP, Search
 from sceniris_gym.placement.kinematics import pose_bodies
