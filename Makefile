@@ -34,13 +34,12 @@ $(OLDEST_STAMP): constraints-oldest.txt $(STAMP)
 	echo "import site; site.addsitedir('$$(site $(BIN)/python)')" > "$$(site $(OLDEST)/bin/python)/rest.pth"
 	touch $@
 
-# Types take one core: the oldest versions are installed and tested beside, and the suite begins once either has ended.
-# Each part prints its lines when it is done, but the suite (+) as it goes.
+# Types take one core and the oldest versions wait for their installation: the suite runs beside what is left of them.
 test: $(STAMP)
-	+$(MAKE) --no-print-directory -j 2 --output-sync=target lint types test-marked-oldest test-suite
+	+$(MAKE) --no-print-directory -j 2 lint types test-marked-oldest test-suite
 
 test-suite: $(STAMP)
-	+$(BIN)/python -m pytest -q -n 2 --dist loadfile --durations=15
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --durations=15
 
 # Lint, types and the tests that import what changed since origin/main, side by side.
 check: $(STAMP)

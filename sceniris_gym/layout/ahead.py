@@ -228,11 +228,13 @@ class Ahead(StaysHere):
         graph: Capture a prefetch into a graph and replay it.
 
     Attributes:
+        maker: The maker.
         missing: Worlds that the maker makes a layout of now, shape (nworld,), bool.
 
     Raises:
         ArgumentTypeError: A maker without a `twin`, or a stream of another type.
-        ArgumentError: A generator that records rejected candidates: those of prefetched layouts would be missing. Or a
+        ArgumentError: A `twin` of another scene, split or number of worlds.
+            A generator that records rejected candidates: those of prefetched layouts would be missing. Or a
             stream of another device.
     """
 
@@ -245,7 +247,14 @@ class Ahead(StaysHere):
             if stream.device != device:
                 raise ArgumentError(f"Ahead: stream should be one of {device}, got one of {stream.device}.")
         nworld, ahead = maker.layouts.nworld, maker.twin()
-        self._layouts, self._ahead = maker.layouts, ahead
+        self.maker, self._layouts, self._ahead = maker, maker.layouts, ahead
+        check_type(ahead, LayoutSource, "Ahead: maker.twin()")
+        rows = [(of.compiled.hash, of.nworld, of.knobs.names, of.seed.device) for of in (self._layouts, ahead.layouts)]
+        if ahead is maker or rows[0] != rows[1] or ahead.split != maker.split:
+            raise ArgumentError(
+                "Ahead: maker.twin() should return another source, with the same scene, split, knobs and device, for "
+                f"{nworld} worlds."
+            )
         # a graph without loops would make the last layouts again at every replay, also while they are served
         self._works_ahead = repeats_in_graphs(device) or not graph
         being_made, self.missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))

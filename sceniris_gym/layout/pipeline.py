@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any
 
 import warp as wp
 
+from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.errors import ArgumentError, check_type
 from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.layouts import LayoutKeys
 from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.program.compiled import USER_SPLITS
 
 
-class Chooser(Protocol):
+class Chooser:
     """Asks for other layouts than the next episode of a seed.
 
     An environment takes one as `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. It writes
-    `next_seed`, `next_episode` and `next_knob` of a LayoutsView, which snapshots have rows of; they have none of its
-    own memory. Its launches check nothing, never wait for the host, and take a mask of worlds, shape (nworld,), bool;
-    None is all.
+    `next_seed`, `next_episode` and `next_knob` of a LayoutsView. Its launches check nothing, never wait for the host,
+    and take a mask of worlds, shape (nworld,), bool; None is all. Work on the host is done once, at the capture, unless
+    the environment has `graph=False`.
+
+    Attributes:
+        layouts: The layouts that it chooses for; None is those of any maker.
+        rows: Arrays with a row for each world, by name, that snapshots have in place of the chosen layouts; None has
+            the chosen ones.
     """
+
+    layouts: Any = None
+    rows: Mapping[str, wp.array] | None = None
 
     def launch_choose(self, mask: wp.array | None) -> None:
         """Choose the layouts that follow those which the masked worlds were just served.
@@ -45,7 +57,7 @@ class LayoutPipeline(Fixed, LayoutSource):
 
     Args:
         maker: Makes the layouts; use it for nothing else from now on.
-        split: Split of the layouts if the maker has none of its own.
+        split: Split of the layouts, if the maker has none of its own; None is that of the randomizer.
         ahead: Prefetches the layouts of the maker; None makes each as it is served.
         chooser: Chooses which layout follows; None goes from episode to episode of one seed.
 
@@ -54,17 +66,37 @@ class LayoutPipeline(Fixed, LayoutSource):
         split: Split of the layouts.
 
     Raises:
+        ArgumentTypeError: A maker, a prefetch or a chooser of another type.
+        ArgumentError: A prefetch or a chooser of another maker, or another split than that of the maker.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("maker", "ahead", "chooser", "layouts", "split", "hears")
+    FIXED = ("maker", "ahead", "chooser", "layouts", "split", "hears", "rows")
 
     def __init__(
-        self, maker: LayoutSource, split: str = "train", *, ahead: Ahead | None = None, chooser: Chooser | None = None
+        self,
+        maker: LayoutSource,
+        split: str | None = None,
+        *,
+        ahead: Ahead | None = None,
+        chooser: Chooser | None = None,
     ) -> None:
+        check_type(maker, LayoutSource, "LayoutPipeline: maker")
+        valid = USER_SPLITS if maker.split is None else (maker.split,)
+        if split is not None and split not in valid:
+            raise ArgumentError(f"LayoutPipeline: split should be {' or '.join(valid)}, got {short(split)}.")
+        if ahead is not None:
+            check_type(ahead, Ahead, "LayoutPipeline: ahead")
+            if ahead.maker is not maker:
+                raise ArgumentError("LayoutPipeline: ahead should prefetch for this maker: Ahead(maker).")
+        if chooser is not None:
+            check_type(chooser, Chooser, "LayoutPipeline: chooser")
+            if chooser.layouts is not None and chooser.layouts is not maker.layouts:
+                raise ArgumentError("LayoutPipeline: chooser should choose for the layouts of this maker.")
         self.maker, self.ahead, self.chooser, self.layouts = maker, ahead, chooser, maker.layouts
-        self.split: str = maker.split or split
+        self.split = maker.split or split
         self.hears = maker.hears or chooser is not None
+        self.rows = maker.rows if chooser is None else chooser.rows
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""

@@ -29,12 +29,16 @@ class LayoutSource(StaysHere):
     Attributes:
         layouts: The latest layout of each world, always in the same arrays.
         split: Split of the layouts, "train" or "eval"; None is that of the randomizer that serves them.
-        hears: Whether `launch_finish` does anything.
+        hears: Whether `launch_finish` does anything, and is called.
+        rows: Arrays of a chooser that snapshots have rows of; see `Chooser`.
+        chooser: The chooser of a LayoutPipeline.
     """
 
     layouts: Layouts
     split: str | None = None
     hears: bool = False
+    rows: Mapping[str, wp.array] | None = None
+    chooser: Any = None
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Write the rows of `layouts.view` that the masked worlds get next.
@@ -45,7 +49,7 @@ class LayoutSource(StaysHere):
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
-        raise NotImplementedError
+        raise ArgumentTypeError(f"{type(self).__name__}: should have a method `launch_make(mask)` of its own.")
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.

@@ -12,18 +12,20 @@ from warp.utils import array_cast
 from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
-from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_names, check_type
 from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count, as_numbers
+from sceniris_gym.layout.pipeline import Chooser
 from sceniris_gym.levels.buffer import Episodes, bounds_of, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.levels.refresh import launch_move, launch_refresh, set_ranges
+from sceniris_gym.program.compiled import USER_SPLITS
 
 LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
 
-class LevelSampler(StaysHere):
+class LevelSampler(Chooser, StaysHere):
     """A `Chooser` whose worlds play levels: layouts that are chosen by how earlier episodes on them went.
 
     A world's next level is chosen when its present one begins, so that it can be made ahead, and the score of an
@@ -46,11 +48,15 @@ class LevelSampler(StaysHere):
     """
 
     def __init__(self, levels: Levels, layouts: Layouts, split: str = "train") -> None:
+        check_type(levels, Levels, "LevelSampler: levels")
+        check_type(layouts, Layouts, "LevelSampler: layouts")
+        check_names("split", [split], "LevelSampler", USER_SPLITS)
         self.levels, self.layouts, self.split = levels, layouts, split
         self._device, self._since = layouts.qpos.device, 0
         self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
         self._buffer = buffer = create_buffer(levels, self.layouts.view)
         self.level, self.probe = buffer.level, buffer.probe
+        self.rows = {"level": self.level, "probe": self.probe}
         if levels.ranges is not None:
             set_ranges(buffer, levels.ranges, self.layouts.knobs)
         launch_forget(buffer, None, None)

@@ -143,11 +143,12 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     if given not in counts:
         _refuse(f"{where}.{config.form}", f"it should have {' or '.join(map(str, counts))} numbers, got {given}.")
     count = given if given > 1 else (word.shared or word.width)
-    needed = config.scale is not None or word.field in {"body_mass", "dof_frictionloss"}
+    constrains = word.field in {"body_mass", "dof_frictionloss"}  # MuJoCo leaves out what is 0 when it compiles
+    needed = config.scale is not None or constrains
     part = slice(word.first, word.first + word.width)
     kept = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
     if not len(kept):
-        zero = "it is 0 in the model. Change it there, or give it by 'abs'."
+        zero = "it is 0 in the model. Change it there" + ("." if constrains else ", or give it by 'abs'.")
         _refuse(where, zero if rows else "nothing in the model has it, or it has no effect. Leave it out.")
     one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
     numbers = np.broadcast_to(one, (len(kept), count))

@@ -156,7 +156,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
         self.fields.columns.use_knobs(self.layouts.knobs)
-        self._update, self.split = partial(updater(needs), model, data), self.pipeline.split
+        self._update, self.split = partial(updater(needs), model, data), self.pipeline.split or split
         self.layouts.view.stream = named_stream(self.split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
         if origins is not None:

@@ -57,6 +57,8 @@ def make_pipeline(
         check_type(levels, Levels, f"{where}: levels")
         named = () if levels.ranges is None else tuple(levels.ranges.start)
         knobs = (*as_names(knobs, "knobs"), *named)
+        if layout_source is not None and layout_source.chooser is not None:
+            raise ArgumentError(f"{where}: levels choose layouts, and so does the layout_source. Give one of them.")
     if layout_source is None:
         layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch

@@ -208,7 +208,7 @@ def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> Ch
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a knob that the worlds do not have.
     """
-    scene, table, split = pipeline.layouts.compiled.scene, pipeline.layouts.knobs, pipeline.split
+    scene, table, split = pipeline.layouts.compiled.scene, pipeline.layouts.knobs, pipeline.split or "train"
     where = f"options['{LAYOUTS}']"
     if isinstance(value, Mapping):
         if {*value, KNOBS} != {"seed", "episode", KNOBS}:

@@ -100,11 +100,11 @@ class TaskWorlds:
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
-        sampler, replacer = self.randomizer.levels, self.randomizer.replacer
-        level = () if sampler is None else (wp.to_torch(sampler.level), wp.to_torch(sampler.probe))
+        rows, replacer = self.randomizer.pipeline.rows, self.randomizer.replacer
+        chosen = {name: wp.to_torch(array) for name, array in (rows or {}).items()}
         redraws = wp.to_torch(replacer.number), wp.to_torch(replacer.status)
-        memory = {"task": self._task, "redraws": redraws, "level": level, **memory}
-        return live_tensors(self.state, self.randomizer.layouts, memory, NEXT if sampler is None else ())
+        memory = {"task": self._task, "redraws": redraws, "chooser": chosen, **memory}
+        return live_tensors(self.state, self.randomizer.layouts, memory, NEXT if rows is None else ())
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
         """Write a snapshot into its own worlds, or into those of a mask, and return the mask of them; see `put`."""

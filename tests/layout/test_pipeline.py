@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import FixedError
+from sceniris_gym.errors import FixedError, ScenirisError
+from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.pipeline import LayoutPipeline
+from sceniris_gym.layout.pipeline import Chooser, LayoutPipeline
 from sceniris_gym.layout.seeds import launch_open
+from sceniris_gym.levels import Levels
+from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, prefetched
 
 NWORLD = 3
 
 
-class Backwards:
+class Backwards(Chooser):
     """A chooser of somebody's own: each world goes from episode 9 of a seed back to its beginning."""
 
     def __init__(self, layouts: Layouts) -> None:
@@ -89,6 +95,44 @@ def test_a_key_is_opened_without_touching_what_is_served(mid: CompiledScene):
     launch_open(generator.layouts.view, wp.array([True, False, True], dtype=wp.bool, device="cpu"))
     assert {name: getattr(generator.layouts, name).numpy().tobytes() for name in names} == before
     assert generator.layouts.view.pending_episode.numpy().tolist() == [1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (lambda maker, other: {"maker": 3}, "maker should be a LayoutSource"),
+        (lambda maker, other: {"ahead": True}, "ahead should be a Ahead"),
+        (lambda maker, other: {"ahead": Ahead(other)}, r"ahead should prefetch for this maker: Ahead\(maker\)"),
+        (lambda maker, other: {"chooser": 3}, "chooser should be a Chooser"),
+        (lambda maker, other: {"chooser": LevelSampler(Levels(), other.layouts)}, "for the layouts of this maker"),
+        (lambda maker, other: {"split": "bogus"}, "split should be train, got 'bogus'"),
+        (lambda maker, other: {"split": "eval"}, "split should be train, got 'eval'"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(mid: CompiledScene, words: Callable[..., dict], message: str):
+    """Another type, another maker's, or another split than the maker's own."""
+    maker, other = LayoutGenerator(mid, NWORLD), LayoutGenerator(mid, NWORLD + 1)
+    with pytest.raises(ScenirisError, match=f"LayoutPipeline: .*{message}"):
+        LayoutPipeline(**{"maker": maker, **words(maker, other)})
+
+
+@pytest.mark.parametrize("twin", ["self", "none", "worlds", "split", "knobs"])
+def test_a_twin_that_makes_other_layouts_is_refused(mid: CompiledScene, twin: str):
+    """Its rows would be copied into those of the maker."""
+    twins: dict[str, Any] = {
+        "worlds": LayoutGenerator(mid, NWORLD - 1),
+        "split": LayoutGenerator(mid, NWORLD, split="eval"),
+        "knobs": LayoutGenerator(mid, NWORLD, knobs="objects.*.region"),
+        "none": None,
+    }
+
+    class Own(LayoutGenerator):
+        def twin(self) -> Any:
+            """Return another, or itself."""
+            return twins.get(twin, self)
+
+    with pytest.raises(ScenirisError, match=r"Ahead: maker\.twin\(\) should"):
+        Ahead(Own(mid, NWORLD))
 
 
 def test_the_parts_of_a_pipeline_cannot_be_exchanged(mid: CompiledScene):

@@ -173,7 +173,7 @@ def test_what_is_no_source_is_refused(mid: CompiledScene):
     batch = Batch(mid.scene, NWORLD, "cpu")
     with pytest.raises(ArgumentTypeError, match="ResetRandomizer: layout_source should be a LayoutSource, got"):
         ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # type: ignore[arg-type]
-    with pytest.raises(NotImplementedError):
+    with pytest.raises(ArgumentTypeError, match=r"LayoutSource: should have a method `launch_make\(mask\)`"):
         LayoutSource().launch_make(None)
 
 

@@ -9,7 +9,11 @@ import pytest
 import torch
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, ScenirisError
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.levels import Levels, Ranges
+from sceniris_gym.levels.sampler import LevelSampler
+from sceniris_gym.program.compiled import CompiledScene
 from tests.vector.conftest import Reach, make_env, reach_scene  # noqa: F401, fixtures
 from tests.vector.stepping import actions, assert_equal
 
@@ -78,6 +82,25 @@ def test_a_snapshot_goes_on_with_the_levels_of_its_step(make_env):  # noqa: F811
         infos = _play(envs, 8)
         runs.append([info[f"layout_{name}"].tolist() for info in infos for name in ("seed", "level")])
     assert runs[0] == runs[1]
+
+
+def test_a_sampler_in_a_pipeline_of_ones_own_comes_back_with_its_worlds(make_env):  # noqa: F811
+    """A snapshot has their levels, as with `levels=`."""
+    samplers = []
+
+    def source(compiled: CompiledScene, num_envs: int) -> LayoutPipeline:
+        maker = LayoutGenerator(compiled, num_envs)
+        samplers.append(LevelSampler(LEVELS, maker.layouts))
+        return LayoutPipeline(maker, chooser=samplers[0])
+
+    envs = make_env(3, max_episode_steps=3, layout_source=source)
+    envs.reset(seed=1)
+    _play(envs, 20)
+    kept, played = envs.snapshot(), samplers[0].level.numpy().tolist()
+    _play(envs, 9)
+    assert samplers[0].level.numpy().tolist() != played
+    envs.reset(options={"state": kept})
+    assert samplers[0].level.numpy().tolist() == played
 
 
 def test_scores_can_be_given(make_env):  # noqa: F811

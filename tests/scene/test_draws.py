@@ -176,7 +176,7 @@ def test_the_whole_scene_lights_and_materials(build):
             UnknownNameError,
             "texid.choice: unknown texture .*99.* Valid:",
         ),
-        ({"box": {"frictionloss": {"abs": [0, 1]}}}, SceneKeyError, "it is 0 in the model. Change it there"),
+        ({"box": {"frictionloss": {"abs": [0, 1]}}}, SceneKeyError, r"0 in the model. Change it there\.$"),
     ],
 )
 def test_draws_that_the_model_cannot_have_are_refused(build, scene: dict, error: type, message: str):

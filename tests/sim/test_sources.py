@@ -9,9 +9,14 @@ import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentTypeError, MaskError, MaskTypeError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, MaskTypeError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.pipeline import Chooser, LayoutPipeline
+from sceniris_gym.layout.source import LayoutSource
+from sceniris_gym.levels import Levels
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.sim.conftest import SMALL_ARM
 from tests.sim.stepping import DERIVED, STATE, snapshot, step
@@ -45,6 +50,25 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
             ResetRandomizer(compiled, model, data, layout_source=twin, prefetch=True)
         with pytest.raises(TypeError, match=r"prefetch should be a boolean, a wp\.Stream or None, got <class 'str'>"):
             ResetRandomizer(compiled, model, data, prefetch="no")  # type: ignore[arg-type]
+
+
+class Own(LayoutSource):
+    """A source without a split, for two worlds."""
+
+    def __init__(self, compiled: CompiledScene) -> None:
+        self.layouts = Layouts.create(compiled, 2)
+
+
+def test_a_pipeline_takes_the_split_of_its_randomizer(make_randomizer, small_scene):
+    """A source of one's own has none; levels and a chooser of its own do not go together."""
+    worlds = make_randomizer(2)
+    model, data = worlds.model, worlds.data
+    pipeline = LayoutPipeline(Own(small_scene))
+    randomizer = ResetRandomizer(small_scene, model, data, layout_source=pipeline, split="eval")
+    assert (randomizer.split, randomizer.pipeline.split) == ("eval", "eval")
+    pipeline = LayoutPipeline(Own(small_scene), chooser=Chooser())
+    with pytest.raises(ArgumentError, match="levels choose layouts, and so does the layout_source"):
+        ResetRandomizer(small_scene, model, data, layout_source=pipeline, levels=Levels())
 
 
 def test_layouts_of_another_scene_are_refused(make_randomizer, small_scene):
