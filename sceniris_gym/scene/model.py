@@ -253,11 +253,15 @@ def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoRe
         SceneKeyError: Always; it names the equality.
     """
     name = mjm.joint(coupling.follower).name
-    told = f"holds '{name}' at {coupling.offset:g}, so it cannot be drawn. Leave it out"
-    if coupling.driver is not None:
-        driver = mjm.joint(coupling.driver).name
-        told = f"makes '{name}' follow '{driver}', so it cannot be drawn itself. Draw that joint instead"
-    raise SceneKeyError(f"{where}: {coupling.label} {told}, or take the equality out.")
+    if coupling.driver is None:
+        raise SceneKeyError(
+            f"{where}: {coupling.label} holds '{name}' at {coupling.offset:g}, so it cannot be drawn. Leave it out, or "
+            "take the equality out."
+        )
+    raise SceneKeyError(
+        f"{where}: {coupling.label} makes '{name}' follow '{mjm.joint(coupling.driver).name}', so it cannot be drawn "
+        "itself. Draw that joint instead, or take the equality out."
+    )
 
 
 def check_joint(mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, config: JointConfig, where: str) -> None:

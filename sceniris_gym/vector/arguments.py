@@ -94,7 +94,7 @@ def as_layout_source(make: Any, compiled: CompiledScene, num_envs: int) -> Any:
         return None
     try:
         inspect.signature(make).bind(compiled, num_envs)
-    except TypeError:
+    except (TypeError, ValueError):
         raise ArgumentTypeError(
             f"layout_source should be a function (compiled, num_envs), got {short(make)}."
         ) from None

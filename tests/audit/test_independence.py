@@ -16,10 +16,8 @@ READING = {
     "fields",
     "folders",  # whose files are variants
     "section",  # mistakes in a scene file, and files
-    "messages",
     "validation",
     "loader",
-    "limits",
     "bounds",  # of numbers in a scene file
     "randomize",  # of masses and the like, which move nothing
     "tier",  # the names of tiers
