@@ -233,9 +233,8 @@ class Ahead(StaysHere):
 
     Raises:
         ArgumentTypeError: A maker without a `twin`, or a stream of another type.
-        ArgumentError: A `twin` of another scene, split or number of worlds.
-            A generator that records rejected candidates: those of prefetched layouts would be missing. Or a
-            stream of another device.
+        ArgumentError: A `twin` of another scene, split or number of worlds, or a stream of another device. Or a
+            generator that records rejected candidates: those of prefetched layouts would be missing.
     """
 
     @launching

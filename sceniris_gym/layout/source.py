@@ -95,7 +95,7 @@ class LayoutSource(StaysHere):
         launch_set(self.layouts.view.next_knob, columns, values, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
-        """Hear how episodes ended, before the reset that follows.
+        """Hear how episodes ended, before the reset that follows; a source that hears sets `hears`.
 
         Args:
             success: 1 for worlds that succeeded, else 0, shape (nworld,), float32.
