@@ -4,11 +4,7 @@ The *levels* of an object are itself, the free object that carries it, and so on
 which cannot move.
 """
 
-from __future__ import annotations
-
 import warp as wp
-
-from sceniris_gym.program.device import allocate
 
 DIRECTIONS = 16
 """Number of directions in which patches are measured."""
@@ -65,29 +61,3 @@ class Statics:
     # Bodies.
     body_weight: wp.array2d[float]  # mass that gravity acts on [kg], a row for all worlds or for each
     body_center: wp.array2d[wp.vec3]  # of mass, in the body's frame
-
-
-@wp.struct
-class Bank:
-    """Layouts of the split "train", then layouts of "eval"; only `compile_scene` writes them."""
-
-    ntrain: int
-    seed: wp.array[wp.uint64]  # with episode: the key that they were made by, in the split of the bank
-    episode: wp.array[int]
-    start: wp.array[int]
-    present: wp.array2d[int]
-    qpos: wp.array2d[float]
-    mocap_pos: wp.array2d[wp.vec3]
-    mocap_quat: wp.array2d[wp.quat]
-    grasp: wp.array2d[int]
-    grasp_qpos: wp.array3d[float]
-    pregrasp_qpos: wp.array3d[float]
-
-
-def empty_bank(device: str) -> Bank:
-    """Return a bank without rows, from which nothing falls back."""
-    bank = Bank()
-    with wp.ScopedDevice(device):
-        for name in set(Bank.vars).difference({"ntrain"}):
-            allocate(Bank, bank, (0,) * Bank.vars[name].type.ndim, name)
-    return bank

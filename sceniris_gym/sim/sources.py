@@ -57,8 +57,6 @@ def make_pipeline(
         check_type(levels, Levels, f"{where}: levels")
         named = () if levels.ranges is None else tuple(levels.ranges.start)
         knobs = (*as_names(knobs, "knobs"), *named)
-        if layout_source is not None and layout_source.chooser is not None:
-            raise ArgumentError(f"{where}: levels choose layouts, and so does the layout_source. Give one of them.")
     if layout_source is None:
         layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
@@ -73,6 +71,8 @@ def make_pipeline(
             "layout_source, which may be a LayoutPipeline that prefetches."
         )
     check_type(layout_source, LayoutSource, f"{where}: layout_source")
+    if levels is not None and layout_source.chooser is not None:
+        raise ArgumentError(f"{where}: levels choose layouts, and so does the layout_source. Give one of them.")
     ahead = Ahead(layout_source, None if prefetch is True else prefetch, graph=graph) if prefetch else None
     split = layout_source.split or split
     sampler = None if levels is None else LevelSampler(levels, layout_source.layouts, split)

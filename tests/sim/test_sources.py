@@ -66,6 +66,8 @@ def test_a_pipeline_takes_the_split_of_its_randomizer(make_randomizer, small_sce
     pipeline = LayoutPipeline(Own(small_scene))
     randomizer = ResetRandomizer(small_scene, model, data, layout_source=pipeline, split="eval")
     assert (randomizer.split, randomizer.pipeline.split) == ("eval", "eval")
+    with pytest.raises(ArgumentTypeError, match="layout_source should be a LayoutSource"):
+        ResetRandomizer(small_scene, model, data, layout_source=3, levels=Levels())  # type: ignore[arg-type]
     pipeline = LayoutPipeline(Own(small_scene), chooser=Chooser())
     with pytest.raises(ArgumentError, match="levels choose layouts, and so does the layout_source"):
         ResetRandomizer(small_scene, model, data, layout_source=pipeline, levels=Levels())

@@ -1,0 +1,31 @@
+"""`Bank`: the valid layouts that worlds fall back on, as device code reads them."""
+
+import warp as wp
+
+from sceniris_gym.program.device import allocate
+
+
+@wp.struct
+class Bank:
+    """Layouts of the split "train", then layouts of "eval"; only `compile_scene` writes them."""
+
+    ntrain: int
+    seed: wp.array[wp.uint64]  # with episode: the key that they were made by, in the split of the bank
+    episode: wp.array[int]
+    start: wp.array[int]
+    present: wp.array2d[int]
+    qpos: wp.array2d[float]
+    mocap_pos: wp.array2d[wp.vec3]
+    mocap_quat: wp.array2d[wp.quat]
+    grasp: wp.array2d[int]
+    grasp_qpos: wp.array3d[float]
+    pregrasp_qpos: wp.array3d[float]
+
+
+def empty_bank(device: str) -> Bank:
+    """Return a bank without rows, from which nothing falls back."""
+    bank = Bank()
+    with wp.ScopedDevice(device):
+        for name in set(Bank.vars).difference({"ntrain"}):
+            allocate(Bank, bank, (0,) * Bank.vars[name].type.ndim, name)
+    return bank
