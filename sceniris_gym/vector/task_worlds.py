@@ -1,10 +1,8 @@
-"""`TaskWorlds`: the worlds of a task, with their physics, layouts and episodes, on torch's stream."""
+"""`TaskWorlds`: the worlds of a task, with their physics, layouts and episodes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager, nullcontext
-from functools import cache
 from typing import Any
 
 import torch
@@ -19,23 +17,6 @@ from sceniris_gym.vector.snapshot import check_snapshot, live_tensors, put
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics, Outcome, finite_rows
 from sceniris_gym.vector.task import Task, check_outcome
-
-
-def on_torch_stream(device: wp.Device) -> AbstractContextManager:
-    """Run Warp's launches on a device on torch's current stream, in order with torch's own."""
-    if not device.is_cuda:
-        return nullcontext()
-    stream = torch.cuda.current_stream(wp.device_to_torch(device))
-    # Warp knows a capture by its Stream object, so a caller's capture on this stream needs the same object
-    if device.stream.cuda_stream == stream.cuda_stream:
-        return nullcontext()
-    return wp.ScopedStream(_as_warp_stream(stream), sync_enter=False)
-
-
-@cache
-def _as_warp_stream(stream: torch.cuda.Stream) -> wp.Stream:
-    """Return a stream of torch, which keeps those of its pools for ever, as one of Warp."""
-    return wp.stream_from_torch(stream)
 
 
 class TaskWorlds:

@@ -37,7 +37,8 @@ from sceniris_gym.vector.sensing import Sensing, as_sensing
 from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
-from sceniris_gym.vector.task_worlds import TaskWorlds, on_torch_stream
+from sceniris_gym.vector.task_worlds import TaskWorlds
+from sceniris_gym.vector.torch_stream import on_torch_stream
 
 OUTPUTS = ("torch", "numpy")
 

@@ -81,9 +81,6 @@ def test_poses_and_turns_are_those_of_scipy():
         np.testing.assert_allclose(turns[:, k], Rotation.from_rotvec(about * angle[:, None]).as_matrix(), atol=2e-6)
 
 
-N = 500
-
-
 @wp.kernel(enable_backward=False, module="unique")
 def _quaternions(
     a: wp.array[wp.vec4],

@@ -93,7 +93,6 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path):
         load_thing("ketchup", OBJECTS["ketchup"], models(tmp_path, BOTTLE.replace("worldbody", "word")), "here")
 
 
-pytestmark = pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 PAN = """
 <mujoco model="plate"><worldbody><body><body name="object" pos="0 0.2 0">
   <geom type="cylinder" size="0.05 0.01"/><geom type="box" size="0.02 0.01 0.005" pos="0.06 0.02 0"/>
@@ -120,6 +119,7 @@ def headings(pose: np.ndarray) -> np.ndarray:
     return np.degrees(2.0 * np.arctan2(pose[:, 6], pose[:, 3]))
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_origins_are_in_the_rectangles_and_turned_as_libero_turns_them(tmp_path: Path):
     """A model whose bounds are not about its origin too; the layouts fill the rectangles."""
     model = tmp_path / "stable_scanned_objects/plate/plate.xml"
@@ -141,6 +141,7 @@ def test_origins_are_in_the_rectangles_and_turned_as_libero_turns_them(tmp_path:
     assert table.valid.all()
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_things_on_sites_stand_on_them_and_joints_are_drawn(tmp_path: Path):
     """A bowl on a cabinet that is turned round, its drawer open, and a stove that is on."""
     compiled = compile_scene(read_bddl(write(tmp_path)).scene, "cpu")
@@ -160,6 +161,7 @@ def test_things_on_sites_stand_on_them_and_joints_are_drawn(tmp_path: Path):
     assert (table.qpos[:, closed] == 0.0).all()
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_a_rectangle_may_be_a_point(tmp_path: Path):
     """Its thing is there in all layouts, to 0.05 mm."""
     path = write(tmp_path, **{"(0.02 0.1 0.06 0.14)": "(0.04 0.12 0.04 0.12)"})
@@ -167,6 +169,7 @@ def test_a_rectangle_may_be_a_point(tmp_path: Path):
     np.testing.assert_allclose(poses["plate_1"][:, :2], np.tile([0.04, 0.12], (16, 1)), atol=6e-5)
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_a_thing_on_another_one_is_over_its_middle(tmp_path: Path):
     """On the floor, wherever the other one is."""
     _, poses = layouts(compile_scene(read_bddl(write(tmp_path, STACK)).scene, "cpu"))
@@ -175,6 +178,7 @@ def test_a_thing_on_another_one_is_over_its_middle(tmp_path: Path):
     assert np.ptp(poses["cookies_1"][:, 0]) > 0.08
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_a_thing_over_a_hollow_one_starts_above_its_rim(tmp_path: Path):
     """A bowl that does not fit into a small basket."""
     text = STACK.replace("basket_1 - basket)", "tray_1 - wooden_tray)").replace("basket_1", "tray_1")
@@ -185,6 +189,7 @@ def test_a_thing_over_a_hollow_one_starts_above_its_rim(tmp_path: Path):
     np.testing.assert_allclose(away[:, :2], 0.0, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_regions_widen_about_their_middles(tmp_path: Path):
     """By the factor, up to the edge of the table."""
     path = write(tmp_path)
@@ -195,6 +200,7 @@ def test_regions_widen_about_their_middles(tmp_path: Path):
         np.testing.assert_allclose(np.array(region.box), corners, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_clutter_may_stand_anywhere_if_there_are_no_rectangles(tmp_path: Path):
     """On the floor, where things also stand without one."""
     text = STACK.replace("cookies_1 floor_box_region", "cookies_1 floor")
@@ -209,6 +215,7 @@ def test_clutter_may_stand_anywhere_if_there_are_no_rectangles(tmp_path: Path):
     np.testing.assert_allclose(np.array(region.box), [[-1.5, -1.5], [1.5, 1.5]], atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_clutter_is_drawn_anew_for_each_layout(tmp_path: Path):
     """Two further things of four, near the rectangles of the file."""
     task = read_bddl(write(tmp_path), clutter=2, widen=1.5)  # which does not widen the region of clutter
@@ -238,6 +245,7 @@ WRONG = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 @pytest.mark.parametrize(("before", "after", "message"), WRONG, ids=[w[1][:30] for w in WRONG])
 def test_names_that_the_models_lack_are_errors(before: str, after: str, message: str, tmp_path: Path):
     """A class, a site, and a thing that cannot be opened; each with the line and the nearest name."""
@@ -248,6 +256,7 @@ def test_names_that_the_models_lack_are_errors(before: str, after: str, message:
     assert "problem.bddl:" in str(raised.value)
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_fixtures_stand_on_the_work_surface(tmp_path: Path):
     """On nothing else, as in LIBERO."""
     place = "(On flat_stove_1 kitchen_table_stove_region)"
@@ -255,12 +264,14 @@ def test_fixtures_stand_on_the_work_surface(tmp_path: Path):
         read_bddl(write(tmp_path, **{place: "(On flat_stove_1 plate_1)"}))
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_a_part_that_does_not_move_cannot_be_opened(tmp_path: Path):
     """The top of a cabinet has no joint."""
     with pytest.raises(SceneKeyError, match=r"bddl:\d+: \(Open .*side\): '.*side' should be a part that moves, or 'wo"):
         read_bddl(write(tmp_path, **{"(Open wooden_cabinet_1_top_region)": "(Open wooden_cabinet_1_top_side)"}))
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_a_thing_without_one_place_is_an_error(tmp_path: Path):
     """With the predicate that would give it one; a region of the table needs a rectangle."""
     place = "(On plate_1 kitchen_table_plate_region)"
