@@ -28,8 +28,8 @@ from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.scene_cache import UNREADABLE, from_arrays, load_arrays, scene_key, store_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
+from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Starts
-from sceniris_gym.program.device_statics import Bank
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model

@@ -33,8 +33,9 @@ from sceniris_gym.geometry.colliders import device_mesh
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import WORLD_FIELDS, Program, fill_struct
+from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Reach, Starts
-from sceniris_gym.program.device_statics import Bank, Statics
+from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.objects import set_map_and_arm
 from sceniris_gym.program.reach import Reaching, ReachingArm, ReachTarget, load_map, robot_arm
 from sceniris_gym.scene.model import SceneModel

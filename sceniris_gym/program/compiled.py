@@ -20,8 +20,9 @@ from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.checks import constraints, objects, oddities, places, simulation, standing
 from sceniris_gym.program.device import Program, fill_struct
+from sceniris_gym.program.device_bank import Bank, empty_bank
 from sceniris_gym.program.device_reach import Starts
-from sceniris_gym.program.device_statics import Bank, Statics, empty_bank
+from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.objects import fill_views
 from sceniris_gym.program.pack.pair_lists import ARM_LISTS
 from sceniris_gym.program.pack.program import pack_program, pack_starts, pack_statics

@@ -12,7 +12,7 @@ from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.stored import INTEGERS
 from sceniris_gym.layout.tables import PARTS
 from sceniris_gym.levels.buffer import Buffer, Episodes
-from sceniris_gym.program.device_statics import Bank
+from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.scene.layout_table import COLUMNS, Column
 from sceniris_gym.sim.write import Poses
 from sceniris_gym.vector.arguments import ChosenLayouts

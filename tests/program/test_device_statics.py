@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.scene_cache import from_arrays, to_arrays
-from sceniris_gym.program.device_statics import Bank, Statics, empty_bank
+from sceniris_gym.program.device_statics import Statics
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 
@@ -27,10 +27,3 @@ def test_statics_are_kept_with_a_compiled_scene(tmp_path: Path):
     assert (
         compiled.statics.body_weight.numpy()[0, 1:].tolist() == compiled.mjm.body_mass[1:].astype(np.float32).tolist()
     )
-
-
-def test_an_empty_bank_has_all_columns_without_rows():
-    """So that it can be stored, and read by kernels that count its rows."""
-    bank = empty_bank("cpu")
-    assert bank.ntrain == 0
-    assert all(getattr(bank, name).numpy().size == 0 for name in Bank.vars if name != "ntrain")

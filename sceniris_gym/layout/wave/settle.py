@@ -16,7 +16,7 @@ from sceniris_gym.layout.layouts import LayoutsView, Status, copy_layout, layout
 from sceniris_gym.layout.wave.rounds import NEVER, await_round, row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_statics import Bank
+from sceniris_gym.program.device_bank import Bank
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -23,7 +23,7 @@ from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
-from sceniris_gym.program.device_statics import Bank
+from sceniris_gym.program.device_bank import Bank
 from tests.layout.scenes import FLOOR, Rows, bank_rows, box_mjcf, compile_on_cpu, full_tray, make, posed, read
 from tests.oracle.solids import Solids
 
