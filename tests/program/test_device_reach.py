@@ -13,7 +13,6 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.layout.scene_cache import from_arrays, to_arrays
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device_reach import Reach, Starts
 from sceniris_gym.program.reach import Reaching
@@ -23,6 +22,7 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import box_mjcf
 from tests.layout.starting import starting
+from tests.program.round_trip import assert_comes_back
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -117,11 +117,4 @@ def test_columns_bodies_and_joints_are_those_of_the_model(scene: tuple[SceneMode
 
 def test_starts_are_kept_with_a_compiled_scene():
     """All fields are the same after a round trip."""
-    compiled = starting()
-    again = from_arrays(compiled.scene, "cpu", to_arrays(compiled)).starts
-    assert compiled.starts is not None
-    assert again is not None
-    for name in Starts.vars:
-        field, other = getattr(compiled.starts, name), getattr(again, name)
-        assert isinstance(field, wp.array)
-        np.testing.assert_array_equal(field.numpy(), other.numpy())
+    assert_comes_back(starting(), "starts", Starts)

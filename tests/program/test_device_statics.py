@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import warp as wp
 
-from sceniris_gym.layout.scene_cache import from_arrays, to_arrays
 from sceniris_gym.program.device_statics import Statics
 from tests.layout.scenes import box_mjcf, compile_on_cpu
+from tests.program.round_trip import assert_comes_back
 
 
 def test_statics_are_kept_with_a_compiled_scene(tmp_path: Path):
@@ -17,13 +16,8 @@ def test_statics_are_kept_with_a_compiled_scene(tmp_path: Path):
     crate = {"asset": box_mjcf(tmp_path, "crate", 0.05, 0.05, 0.05)}
     scene = {"floor": {"size": [1, 1]}, "objects": {"a": {**crate, "on": "floor"}, "b": {**crate, "on": "a"}}}
     compiled = compile_on_cpu(scene, bank=2)
-    again = from_arrays(compiled.scene, "cpu", to_arrays(compiled)).statics
+    assert_comes_back(compiled, "statics", Statics)
     assert compiled.statics is not None
-    assert again is not None
-    for name in Statics.vars:
-        field, other = getattr(compiled.statics, name), getattr(again, name)
-        assert isinstance(field, wp.array)
-        np.testing.assert_array_equal(field.numpy(), other.numpy())
     assert (
         compiled.statics.body_weight.numpy()[0, 1:].tolist() == compiled.mjm.body_mass[1:].astype(np.float32).tolist()
     )
