@@ -1,14 +1,15 @@
-"""Measure levels and knobs: decisions and updates, changes of knobs, and the steps of trainings with and without them.
+"""Measure levels and params: decisions and updates, changes of params, and the steps of trainings with and without
+them.
 
     python -m benchmarks.levels buffer
-    python -m benchmarks.levels knobs clutter_extract
+    python -m benchmarks.levels params clutter_extract
     python -m benchmarks.levels steps TabletopReach-v0
     python -m benchmarks.levels resets TabletopReach-v0
     python -m benchmarks.levels table FOLDER FOLDER
 
 `buffer` times decisions and updates of 4,096 worlds with 10^6 levels, launched one by one and as a graph, and a refresh
-of all weights. `knobs` times a change of all knobs of a scene in all worlds, alike or each in its own way, and the next
-layouts after it. `steps` times steps of random actions by turns, with levels and without, `resets` the kernels of
+of all weights. `params` times a change of all params of a scene in all worlds, alike or each in its own way, and the
+next layouts after it. `steps` times steps of random actions by turns, with levels and without, `resets` the kernels of
 resets. `table` prints the successes of trained policies by the number of things in a layout, out of `judged.json` of
 their folders. Each prints lines of JSON.
 """
@@ -63,20 +64,20 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
     """
     levels, rng = Levels("learnability", capacity=capacity), np.random.default_rng(0)
     with wp.ScopedDevice(device):
-        knobs = {"next_knob": np.zeros((num_envs, 4)), "default_knob": np.zeros(4)}
-        made = create_buffer(levels, view_of(num_envs, device, knobs))
+        params = {"next_param": np.zeros((num_envs, 4)), "default_param": np.zeros(4)}
+        made = create_buffer(levels, view_of(num_envs, device, params))
         for name in ("seed", "episode"):
             getattr(made, name).assign(rng.integers(0, 1 << 31, capacity))
         made.value.assign(rng.random(capacity))
         made.age.zero_()
         launch_refresh(made, levels)
         seed, episode = wp.zeros(num_envs, dtype=wp.uint64), wp.zeros(num_envs, dtype=int)
-        outcome, knob = wp.array(rng.random(num_envs), dtype=float), wp.zeros((num_envs, 4), dtype=float)
+        outcome, param = wp.array(rng.random(num_envs), dtype=float), wp.zeros((num_envs, 4), dtype=float)
         mask = wp.full(num_envs, True, dtype=wp.bool)
 
         def both() -> None:
             launch_choose(made, mask, 7, levels.replay)
-            launch_update(made, Episodes(made.level, seed, episode, outcome, knob))
+            launch_update(made, Episodes(made.level, seed, episode, outcome, param))
 
         both()
         found = {"launched_us": _times(both, device, 20)}
@@ -89,8 +90,8 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
     print(json.dumps({"num_envs": num_envs, "levels": capacity, **found}))
 
 
-def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096) -> None:
-    """Time a change of all knobs in all worlds, and the layouts that follow.
+def params(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096) -> None:
+    """Time a change of all params in all worlds, and the layouts that follow.
 
     Args:
         scene: a scene
@@ -98,8 +99,8 @@ def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
         num_envs: worlds
     """
     compiled = compile_scene(scene, device)
-    plain, generator = LayoutGenerator(compiled, num_envs), LayoutGenerator(compiled, num_envs, knobs="*")
-    table = generator.layouts.knobs
+    plain, generator = LayoutGenerator(compiled, num_envs), LayoutGenerator(compiled, num_envs, params="*")
+    table = generator.layouts.params
     rows = {name: values[0] for name, values in table.named(table.default[None]).items()}
     each = {name: np.tile(values, (num_envs, 1)) for name, values in rows.items()}
     one = dict([next(iter(rows.items()))])
@@ -108,14 +109,14 @@ def knobs(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
     names = ("qpos", "mocap_pos", "present")
     plain_bits, bits = ([getattr(g.layouts, n).numpy().tobytes() for n in names] for g in (plain, generator))
     found = {
-        "change_of_one_us": _times(lambda: generator.set_knobs(one), device),
-        "change_of_all_us": _times(lambda: generator.set_knobs(rows), device),
-        "change_of_all_by_world_us": _times(lambda: generator.set_knobs(each), device),
+        "change_of_one_us": _times(lambda: generator.set_params(one), device),
+        "change_of_all_us": _times(lambda: generator.set_params(rows), device),
+        "change_of_all_by_world_us": _times(lambda: generator.set_params(each), device),
         "layouts_us": _times(plain.generate, device),
-        "layouts_with_knobs_us": _times(generator.generate, device),
+        "layouts_with_params_us": _times(generator.generate, device),
         "equal_bits": plain_bits == bits,
     }
-    print(json.dumps({"scene": scene, "num_envs": num_envs, "knobs": len(rows), **found}))
+    print(json.dumps({"scene": scene, "num_envs": num_envs, "params": len(rows), **found}))
 
 
 def _switch(envs: SceneVectorEnv) -> Callable[[bool], None]:
@@ -151,7 +152,7 @@ def steps(
     """Time steps with random actions, with levels and without, by turns.
 
     Two environments of one kind differ by up to 3%, whichever comes first. So levels are switched on and off in one and
-    the same environment: one with levels alone, and one with all knobs, too. A turn is 20 steps.
+    the same environment: one with levels alone, and one with all params, too. A turn is 20 steps.
 
     Args:
         task: id of a task of this package
@@ -162,7 +163,7 @@ def steps(
         warm: steps before the first turn, in which layouts are missed that were not made ahead
     """
     compiled, random = compile_scene(scene_of(task, reachable=True), device), torch.Generator().manual_seed(0)
-    words: dict[str, dict[str, Any]] = {"levels": {}, "levels_and_knobs": {"knobs": "*"}}
+    words: dict[str, dict[str, Any]] = {"levels": {}, "levels_and_params": {"params": "*"}}
     words = {name: {"levels": Levels(), "max_episode_steps": episode, **more} for name, more in words.items()}
     made = {name: make_env(task, num_envs, compiled, **more) for name, more in words.items()}
     shape = (20, *made["levels"].action_space.shape)  # type: ignore[misc]
@@ -196,7 +197,7 @@ def steps(
 
 
 def resets(task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: int = 4096) -> None:
-    """Time the kernels of a reset of 1% of the worlds, one by one: without levels, with them, and with all knobs, too.
+    """Time the kernels of a reset of 1% of the worlds, one by one: without levels, with them, and with all params, too.
 
     Layouts are made ahead, as in a training; that is not part of it.
 
@@ -206,7 +207,7 @@ def resets(task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
         num_envs: worlds
     """
     compiled = compile_scene(scene_of(task, reachable=True), device)
-    words = {"plain": {}, "levels": {"levels": Levels()}, "levels_and_knobs": {"levels": Levels(), "knobs": "*"}}
+    words = {"plain": {}, "levels": {"levels": Levels()}, "levels_and_params": {"levels": Levels(), "params": "*"}}
     found: dict[str, dict[str, float]] = {}
     for name, more in words.items():
         envs: Any = make_env(task, num_envs, compiled, **more)
@@ -222,7 +223,7 @@ def resets(task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
             for one in wp.timing_end():
                 each[one.name] = each.get(one.name, 0.0) + (1e3 * one.elapsed / (_ROUNDS - 1) if turn else 0.0)
     total = {name: round(sum(each.values()), 1) for name, each in found.items()}
-    more = {kernel: round(us - found["plain"].get(kernel, 0.0), 1) for kernel, us in found["levels_and_knobs"].items()}
+    more = {kernel: round(us - found["plain"].get(kernel, 0.0), 1) for kernel, us in found["levels_and_params"].items()}
     largest = dict(sorted(more.items(), key=lambda item: -item[1])[:8])
     print(json.dumps({"task": task, "num_envs": num_envs, "reset_us": total, "more_us": largest}))
 
@@ -243,4 +244,4 @@ def table(folders: tyro.conf.Positional[tuple[Path, ...]]) -> None:
 
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({f.__name__: f for f in (buffer, knobs, steps, resets, table)})
+    tyro.extras.subcommand_cli_from_dict({f.__name__: f for f in (buffer, params, steps, resets, table)})

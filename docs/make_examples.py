@@ -27,7 +27,7 @@ SHIPPED = {
     "10_usd": "mid",
     "11_replay_failures": "tabletop_reach",
     "15_pixels": "tabletop_reach",
-    "19_knobs": "tabletop_reach",
+    "19_params": "tabletop_reach",
     "20_levels": "tabletop_reach",
     "tour": "mid",
 }

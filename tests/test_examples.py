@@ -319,14 +319,14 @@ def test_things_of_worlds_are_others_after_every_reset(capsys: pytest.CaptureFix
 
 @pytest.mark.slow
 def test_the_regions_widen_and_a_narrow_layout_comes_back(capsys: pytest.CaptureFixture[str]):
-    """By knobs and by an id that names them."""
-    load("19_knobs").main(num_envs=32, resets=2, device="cpu")
+    """By params and by an id that names them."""
+    load("19_params").main(num_envs=32, resets=2, device="cpu")
     out = capsys.readouterr().out
     sizes = [list(map(float, found)) for found in re.findall(r"within ([0-9.]+) by ([0-9.]+) m", out)]
     assert sizes[0][0] < sizes[1][0]
     assert sizes[0][1] < sizes[1][1]
     assert "the first narrow layout again: True" in out
-    assert "its id has 5 knobs" in out
+    assert "its id has 5 params" in out
 
 
 @pytest.mark.slow

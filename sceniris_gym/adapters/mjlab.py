@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,7 +74,7 @@ class PlaceLayouts(ManagerTermBase):
         self._variants = VariantRows(self.compiled, env)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
-        words: dict[str, Any] = {"seed": seed, "split": cfg.split, "knobs": cfg.knobs, "prefetch": cfg.prefetch}
+        words: dict[str, Any] = {"seed": seed, "split": cfg.split, "params": cfg.scene_params, "prefetch": cfg.prefetch}
         self.pipeline, _ = make_pipeline(self.compiled, env.num_envs, "PlaceLayouts", **words)
         self.layouts: Layouts = self.pipeline.layouts
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
@@ -94,7 +94,7 @@ class PlaceLayouts(ManagerTermBase):
             self._fits = True
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
-        if self._chosen:  # now, as a curriculum may have set knobs since
+        if self._chosen:  # now, as a curriculum may have set params since
             chosen = self._as_layouts({i: self._chosen.pop(i) for i in ids.tolist() if i in self._chosen})
             self.pipeline.reseed(*chosen)
         self.pipeline.generate(mask)
@@ -129,15 +129,15 @@ class PlaceLayouts(ManagerTermBase):
         self._as_layouts(by_env)
         self._chosen |= by_env
 
-    def set_knob(self, name: str, value: Any, env_ids: Tensor | slice | None = None) -> None:
+    def set_param(self, name: str, value: Any, env_ids: Tensor | slice | None = None) -> None:
         """Change a part of the scene in some environments, or in all: their next layouts follow.
 
         Raises:
-            UnknownNameError, ArgumentError: See `LayoutSource.set_knobs`.
+            UnknownNameError, ArgumentError: See `LayoutSource.set_params`.
         """
         mask = torch.zeros(self._env.num_envs, dtype=torch.bool, device=self._env.device)
         mask[slice(None) if env_ids is None else env_ids] = True
-        self.pipeline.set_knobs({name: value}, mask)
+        self.pipeline.set_params({name: value}, mask)
 
     def reset(self, env_ids: Tensor | None) -> None:
         """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""
@@ -202,7 +202,8 @@ class PlaceLayoutsCfg(EventTermCfg):
         seed: Seed of environment 0, environment i has seed + i; None takes that of the environment's cfg, or draws one.
             Under torchrun and torchrunx, RANK * 2^40 is added.
         split: "train" or "eval", which share no layouts.
-        knobs: Names of parts of the scene that `knob_stages` or `PlaceLayouts.set_knob` change, or patterns.
+        scene_params: Names of the scene's params that `scene_param_stages` or `PlaceLayouts.set_param` change, or
+            patterns.
         prefetch: Make the next layout of every environment ahead, beside the steps that follow; None does so on a GPU.
             See ResetRandomizer.
     """
@@ -212,24 +213,29 @@ class PlaceLayoutsCfg(EventTermCfg):
     scene: Any
     seed: int | None = None
     split: str = "train"
-    knobs: Sequence[str] = ()
+    scene_params: Sequence[str] = ()
     prefetch: bool | None = None
 
 
-def knob_stages(env: Any, env_ids: Tensor | slice, name: str, stages: Sequence[tuple[int, Any]]) -> None:
-    """Set a knob of the environments that are reset by the number of steps so far: a term of mjlab's curriculum.
+def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence[Mapping[str, Any]]) -> None:
+    """Set params of the scene by the number of steps so far, in the environments that are reset.
+
+    This is a term of mjlab's curriculum, and `param_stages` has the form of mjlab's `reward_params`.
 
     Args:
         env: The environment, with an event `PlaceLayouts`.
         env_ids: The environments.
-        name: One of the event's `knobs`.
-        stages: Pairs of a step and the value from then on, steps in ascending order; before the first the knob is as in
-            the scene.
+        param_stages: Stages by ascending step, each {"step": step, "params": {name: value}}. The names are among the
+            event's `scene_params`. A value holds until a later stage sets its param again. Before that, a param has the
+            value of the scene.
     """
-    values = [value for step, value in stages if step <= env.common_step_counter]
-    term = layouts_term(env)
-    if values and term is not None:
-        term.set_knob(name, values[-1], env_ids)
+    term, values = layouts_term(env), {}
+    for stage in param_stages:
+        if stage["step"] <= env.common_step_counter:
+            values |= stage["params"]
+    if term is not None:
+        for name, value in values.items():
+            term.set_param(name, value, env_ids)
 
 
 class KeepLayouts:

@@ -37,7 +37,7 @@ class SB3VecEnv(VecEnv):
     present layout of each world.
 
     All worlds share one environment. `get_attr` and `env_method` ask it, or else its task, once, and repeat the answer
-    for every index. But for knobs, `set_attr` works only for all worlds together, and so do options, which are those of
+    for every index. But for params, `set_attr` works only for all worlds together, and so do the options of
     SceneVectorEnv.reset. `env_is_wrapped` is true only for Monitor, whose infos the environment provides itself.
 
     Args:
@@ -145,7 +145,7 @@ class SB3VecEnv(VecEnv):
         return [getattr(self._owner(attr_name), attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set a knob of some worlds, or an attribute of the environment, or else of its task, for all of them.
+        """Set a param of some worlds, or an attribute of the environment, or else of its task, for all of them.
 
         Raises:
             AttributeError: Neither has it.
@@ -154,7 +154,7 @@ class SB3VecEnv(VecEnv):
             IndexError: There is no such world.
         """
         if "." in attr_name:
-            self.env.set_knob(attr_name, value, np.isin(np.arange(self.num_envs), self._chosen(indices)))
+            self.env.set_param(attr_name, value, np.isin(np.arange(self.num_envs), self._chosen(indices)))
             return
         if len(set(self._chosen(indices))) != self.num_envs:
             raise ArgumentError(f"set_attr: '{attr_name}' belongs to all worlds together. Leave out the indices.")

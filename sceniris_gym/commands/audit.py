@@ -158,7 +158,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
 def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
     """Return a part of a stored file as a table; older files know no starts and no keys of draws."""
     nrow = len(arrays[f"{part}_status"])
-    later = {f"{part}_{name}": COLUMNS[name].blanks(nrow) for name in ("start", "knob", *columns("draw"))}
+    later = {f"{part}_{name}": COLUMNS[name].blanks(nrow) for name in ("start", "param", *columns("draw"))}
     rows: dict[str, Any] = {name: (later | arrays)[f"{part}_{name}"] for name in COLUMNS}
     return LayoutTable(**rows, scene=scene)
 

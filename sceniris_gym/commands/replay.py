@@ -17,9 +17,9 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.knobs import KnobTable, knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.params import ParamTable, params_in
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.layout.world_columns import WorldColumns
 from sceniris_gym.pictures.render import captioned, save
@@ -55,9 +55,9 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     """Make a layout again, and return it as a table of one row."""
-    named = knobs_in(layout.knobs)
-    generator = LayoutGenerator(compiled, 1, split=layout.split, knobs=tuple(named))
-    generator.set_knobs(named)
+    named = params_in(layout.params)
+    generator = LayoutGenerator(compiled, 1, split=layout.split, params=tuple(named))
+    generator.set_params(named)
     generator.reseed([layout.seed], episodes=layout.episode)
     generator.generate()
     return read_table(generator)
@@ -71,9 +71,9 @@ def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, 
     with wp.ScopedDevice(compiled.device):
         nominal = {name: wp.array(nominal_values(mjm, name)[None], dtype=float) for name in drawn_fields(draws)}
         arrays = {name: wp.clone(values) for name, values in nominal.items()}
-    world = WorldColumns(1, arrays, nominal, draws, knobs=KnobTable(compiled, table.knobs))
+    world = WorldColumns(1, arrays, nominal, draws, params=ParamTable(compiled, table.params))
     layouts = LayoutsView()
-    rows = {name: getattr(table, name)[:1] for name in ("knob", *columns("draw"))}
+    rows = {name: getattr(table, name)[:1] for name in ("param", *columns("draw"))}
     fill_struct(LayoutsView, layouts, rows, compiled.device)
     world.launch(None, layouts)
     for name, array in arrays.items():

@@ -126,7 +126,7 @@ def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:
 
 def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Return type and shape of all columns that the layouts of a scene have."""
-    left_out = ["knob", *([] if compiled.config.start else ["start"])]
+    left_out = ["param", *([] if compiled.config.start else ["start"])]
     left_out += [] if compiled.scene.draws else columns("draw")
     left_out += [] if compiled.reaching is not None else [*columns("grasp"), "grasp_pose"]
     return {name: form for name, form in row_types(compiled).items() if name not in left_out}

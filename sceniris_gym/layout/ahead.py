@@ -45,20 +45,20 @@ _READY = wp.constant(2)
 
 
 @wp.func
-def _has_other_knobs(served: LayoutsView, prepared: LayoutsView, worldid: int) -> bool:
-    """Return whether the layout that is made ahead is for other knobs than the world's next one."""
+def _has_other_params(served: LayoutsView, prepared: LayoutsView, worldid: int) -> bool:
+    """Return whether the layout that is made ahead is for other params than the world's next one."""
     found = bool(False)
-    for k in range(served.next_knob.shape[1]):
-        if prepared.next_knob[worldid, k] != served.next_knob[worldid, k]:
+    for k in range(served.next_param.shape[1]):
+        if prepared.next_param[worldid, k] != served.next_param[worldid, k]:
             found = True
     return found
 
 
 @wp.kernel
 def _find_missing(
-    # Layouts in: seed, episode, next*, stream, next_knob; out: draws*, pending*
+    # Layouts in: seed, episode, next*, stream, next_param; out: draws*, pending*
     served: LayoutsView,
-    # Layouts in: seed, episode, next_knob
+    # Layouts in: seed, episode, next_param
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
@@ -85,16 +85,16 @@ def _find_missing(
         seed, episode = next_key(served, worldid)
         if prepared.seed[worldid] == seed:
             if prepared.episode[worldid] == episode:
-                missing[worldid] = _has_other_knobs(served, prepared, worldid)
+                missing[worldid] = _has_other_params(served, prepared, worldid)
     if missing[worldid]:
         open_episode(served, worldid)
 
 
 @wp.kernel
 def _forget(
-    # Layouts in: next_knob
+    # Layouts in: next_param
     served: LayoutsView,
-    # Layouts in: next_knob
+    # Layouts in: next_param
     prepared: LayoutsView,
     mask: wp.array[bool],
     # In and out:
@@ -105,19 +105,19 @@ def _forget(
     if mask:
         if not mask[worldid]:
             return
-    if _has_other_knobs(served, prepared, worldid):
+    if _has_other_params(served, prepared, worldid):
         if wp.atomic_exch(stage, worldid, _WAITING) != _WAITING:
             wp.atomic_add(nwaiting, 0, 1)
 
 
 @wp.kernel
 def _serve(
-    # Layouts in: draws*, state*, choices*, grasps*, counts*, pending*, next_knob, row_rejections
+    # Layouts in: draws*, state*, choices*, grasps*, counts*, pending*, next_param, row_rejections
     prepared: LayoutsView,
     # In:
     mask: wp.array[bool],
     missing: wp.array[bool],
-    # Layouts in: pending*, next_knob, row_rejections; out: key*, state*, choices*, grasps*, counts*, next_episode;
+    # Layouts in: pending*, next_param, row_rejections; out: key*, state*, choices*, grasps*, counts*, next_episode;
     #   both: draws*, rejections
     served: LayoutsView,
 ):
@@ -167,14 +167,14 @@ def _decide(
 
 @wp.kernel
 def _begin(
-    # Layouts in: seed, episode, next*, next_knob
+    # Layouts in: seed, episode, next*, next_param
     served: LayoutsView,
     # In:
     begins: wp.array[int],
     # Out:
     stage: wp.array[int],
     being_made: wp.array[bool],
-    # Layouts out: next*, next_knob
+    # Layouts out: next*, next_param
     prepared: LayoutsView,
 ):
     worldid = wp.tid()
@@ -188,8 +188,8 @@ def _begin(
         seed, episode = next_key(served, worldid)
         prepared.next_seed[worldid] = seed
         prepared.next_episode[worldid] = episode
-        for k in range(served.next_knob.shape[1]):
-            prepared.next_knob[worldid, k] = served.next_knob[worldid, k]
+        for k in range(served.next_param.shape[1]):
+            prepared.next_param[worldid, k] = served.next_param[worldid, k]
 
 
 @wp.kernel
@@ -248,10 +248,10 @@ class Ahead(StaysHere):
         nworld, ahead = maker.layouts.nworld, maker.twin()
         self.maker, self._layouts, self._ahead = maker, maker.layouts, ahead
         check_type(ahead, LayoutSource, "Ahead: maker.twin()")
-        rows = [(of.compiled.hash, of.nworld, of.knobs.names, of.seed.device) for of in (self._layouts, ahead.layouts)]
+        rows = [(of.compiled.hash, of.nworld, of.params.names, of.seed.device) for of in (self._layouts, ahead.layouts)]
         if ahead is maker or rows[0] != rows[1] or ahead.split != maker.split:
             raise ArgumentError(
-                "Ahead: maker.twin() should return another source, with the same scene, split, knobs and device, for "
+                "Ahead: maker.twin() should return another source, with the same scene, split, params and device, for "
                 f"{nworld} worlds."
             )
         # a graph without loops would make the last layouts again at every replay, also while they are served
@@ -332,7 +332,7 @@ class Ahead(StaysHere):
         wp.launch(_serve, dim=dim, inputs=inputs, outputs=[served], device=self._device)
 
     def launch_forget(self, mask: wp.array | None) -> None:
-        """Forget what was made ahead for the masked worlds whose knobs are others now."""
+        """Forget what was made ahead for the masked worlds whose params are others now."""
         inputs, outputs = [self._layouts.view, self._ahead.layouts.view, mask], [self._stage, self._nwaiting]
         wp.launch(_forget, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 

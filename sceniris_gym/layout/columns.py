@@ -9,7 +9,7 @@ from __future__ import annotations
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS
 
-NEXT = ("next_seed", "next_episode", "next_knob")
+NEXT = ("next_seed", "next_episode", "next_param")
 """Columns of `LayoutsView` that say which layout a world gets next."""
 
 
@@ -19,7 +19,7 @@ def columns(*parts: str) -> tuple[str, ...]:
 
 
 BANKED = ("seed", "episode", *columns("pose", "grasp"))
-"""Columns of the bank. Its layouts are made with the knobs of the scene file, and drawn by their own key."""
+"""Columns of the bank. Its layouts are made with the params of the scene file, and drawn by their own key."""
 
 
 def row_types(compiled: CompiledScene, **widths: int) -> dict[str, tuple[str, tuple[int, ...]]]:

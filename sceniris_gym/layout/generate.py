@@ -19,7 +19,7 @@ from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import as_count, fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.redraw import Redraw, RedrawCounts
-from sceniris_gym.layout.scene_knobs import STARTS
+from sceniris_gym.layout.scene_params import STARTS
 from sceniris_gym.layout.seeds import launch_close
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
@@ -61,20 +61,20 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: Capacities, which affect the speed and never the layouts; None takes those that suit the device.
         rejected: Length of a record of the first candidates that collided, for audits.
         every_cause: Record candidates of every cause that were rejected at a pose, not of collisions alone.
-        knobs: Names of the knobs that worlds have, or patterns such as "objects.*.joints.*"; see `set_knobs`.
+        params: Names of the params that worlds have, or patterns such as "objects.*.joints.*"; see `set_params`.
         masses: `body_mass` and `body_ipos` of the Model that the layouts are for; None draws those of the scene.
 
     Raises:
-        UnknownNameError: An unknown knob.
+        UnknownNameError: An unknown param.
         SeedError: Not 64-bit integers, or not one per world.
-        ArgumentError: An unknown split, or a part of the scene that cannot be a knob.
+        ArgumentError: An unknown split, or a part of the scene that cannot be a param.
         CountError: A number of worlds that is no integer, or out of range.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
         MemoryLimitError: More worlds than there is memory for.
     """
 
     FIXED = ("compiled", "split", "size", "layouts")
-    ARGUMENTS = ("nworld", "seed", "rejected", "knobs")
+    ARGUMENTS = ("nworld", "seed", "rejected", "params")
 
     @launching
     def __init__(
@@ -87,7 +87,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: SearchSize | None = None,
         rejected: int = 0,
         every_cause: bool = False,
-        knobs: str | Sequence[str] = (),
+        params: str | Sequence[str] = (),
         masses: tuple[wp.array, wp.array] | None = None,
     ) -> None:
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
@@ -105,16 +105,16 @@ class LayoutGenerator(Fixed, LayoutSource):
         self.compiled, self.size = compiled, size
         self.split: str = split
         self.layouts = Layouts.create(
-            compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows, knobs=knobs, split=split
+            compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows, params=params, split=split
         )
         kinds = () if compiled.starts is None else compiled.config.start
         draws_joints = any(kind.joints for kind in kinds)
         at_marker = np.zeros((1, 0)) if compiled.starts is None else compiled.starts.marker.numpy() >= 0
         self._at_markers = int(np.flatnonzero(at_marker.any(axis=0)).max(initial=-1)) + 1
         by_world = ("draw_range",) if draws_joints else ()
-        self._columns, program, statics = search_columns(compiled, nworld, self.layouts.knobs, by_world, masses)
+        self._columns, program, statics = search_columns(compiled, nworld, self.layouts.params, by_world, masses)
         self._usual_range = wp.clone(program.draw_range) if draws_joints else None
-        self._boxes = self.layouts.knobs.boxes(compiled)
+        self._boxes = self.layouts.params.boxes(compiled)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         self._regions = create_regions(compiled, search.cause.shape[0])
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
@@ -179,7 +179,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._stage is not None:
             self._stage.launch_start()
         if self._work.compiled.starts is not None:
-            launch_draw_kinds(self._work, mask, self.layouts.knobs.first.get(STARTS, -1))
+            launch_draw_kinds(self._work, mask, self.layouts.params.first.get(STARTS, -1))
 
     def _try_restarts(self, stage: ReachStage | None) -> None:
         """Try restart after restart until one of every pending world passes everything, or the world falls back."""
@@ -229,8 +229,8 @@ class LayoutGenerator(Fixed, LayoutSource):
                 "LayoutGenerator: cannot prefetch and record rejected candidates, since those of prefetched layouts "
                 "would be missing. Make it with rejected=0, or use it without prefetching."
             )
-        names = self.layouts.knobs.names
-        return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, knobs=names)
+        names = self.layouts.params.names
+        return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, params=names)
 
     def __init_subclass__(cls) -> None:
         """Leave it to each subclass, which may make other layouts, to have a `twin`."""
@@ -264,10 +264,10 @@ class LayoutGenerator(Fixed, LayoutSource):
                 f"extend: layouts should be {self.nworld} of the scene '{self.compiled.config.name}', got "
                 f"{layouts.nworld} of '{layouts.compiled.config.name}'."
             )
-        if {*layouts.knobs.names} & {*layouts.knobs.of_draws.values()}:
+        if {*layouts.params.names} & {*layouts.params.of_draws.values()}:
             raise ArgumentError(
-                "extend: the layouts have knobs of drawn physics, which it would draw from the scene file. Make them "
-                "without these knobs."
+                "extend: the layouts have params of drawn physics, which it would draw from the scene file. Make them "
+                "without these params."
             )
         there = layouts.present.numpy().any(axis=0)
         present = [self.compiled.slots[i] for i in np.flatnonzero(there)]

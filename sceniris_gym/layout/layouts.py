@@ -12,7 +12,7 @@ import warp as wp
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.layout.columns import columns, row_types
-from sceniris_gym.layout.knobs import KnobTable
+from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
 from sceniris_gym.program.device import Cause, allocate, fill_struct, repeat
 from sceniris_gym.program.reach import Reaching
@@ -21,7 +21,7 @@ from sceniris_gym.scene.layout_table import COLUMNS
 from sceniris_gym.scene.poses import joint_address, pose_address
 
 LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Seeds and episodes of layouts, shape (n,), and the numbers of their knobs, shape (n, nvalue)."""
+"""Seeds and episodes of layouts, shape (n,), and the numbers of their params, shape (n, nvalue)."""
 
 
 class Status(IntEnum):
@@ -44,7 +44,7 @@ class LayoutsView:
     # Key
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
-    knob: wp.array2d[float]  # values of the knobs that the layout was made with
+    param: wp.array2d[float]  # values of the params that the layout was made with
     # Draws: the key that physics and looks are drawn by
     draw_seed: wp.array[wp.uint64]
     draw_episode: wp.array[int]  # -1 where it is unknown
@@ -67,13 +67,13 @@ class LayoutsView:
     # Next: the layout that a reseed asked for
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]  # -1 for the next episode of the same seed
-    # Pending: the layout that is being made, with `next_knob`
+    # Pending: the layout that is being made, with `next_param`
     pending_seed: wp.array[wp.uint64]
     pending_episode: wp.array[int]
     # Making
     stream: int  # of draws, for layouts that are made
-    next_knob: wp.array2d[float]
-    default_knob: wp.array[float]
+    next_param: wp.array2d[float]
+    default_param: wp.array[float]
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
     variant: wp.array2d[int]
@@ -149,9 +149,9 @@ def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int
 
 @wp.func
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
-    """Give a world the seed, the episode, the knobs and the draws of the layout that `made` has for it."""
-    for k in range(layouts.knob.shape[1]):
-        layouts.knob[worldid, k] = made.next_knob[worldid, k]
+    """Give a world the seed, the episode, the params and the draws of the layout that `made` has for it."""
+    for k in range(layouts.param.shape[1]):
+        layouts.param[worldid, k] = made.next_param[worldid, k]
     copy_draws(made, worldid, layouts, worldid)
     layouts.seed[worldid] = made.pending_seed[worldid]
     layouts.episode[worldid] = made.pending_episode[worldid]
@@ -228,10 +228,11 @@ class Layouts(StaysHere):
         view: The arrays as kernels take them; see `create` for their length.
         mocap_pose: Memory of `mocap_pos` and `mocap_quat`, shape (nrow, nmocap, 8): an unused number, position and
             orientation. A pose is then seven numbers in a row, and a quaternion is aligned as a vector of four.
-        knobs: The knobs that the worlds have.
+        params: The params that the worlds have.
         seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
-        knob: Numbers of the knobs that the current row was made with, shape (nworld, nvalue); no column without knobs.
+        param: Numbers of the params that the current row was made with, shape (nworld, nvalue); no column without
+            params.
         draw_seed: Seed that physics and looks are drawn by, shape (nworld,), uint64: of the row itself, or of a
             fallback's layout in the bank.
         draw_episode: The same of the episode, shape (nworld,), int32; -1 where it is unknown.
@@ -259,9 +260,9 @@ class Layouts(StaysHere):
     compiled: CompiledScene
     view: LayoutsView
     mocap_pose: wp.array
-    knobs: KnobTable
+    params: ParamTable
 
-    seed, episode, knob, draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(6))
+    seed, episode, param, draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(6))
     qpos, mocap_pos, mocap_quat, start, present = (_RowsOfWorlds() for _ in range(5))
     grasp, grasp_qpos, pregrasp_qpos = (_RowsOfWorlds() for _ in range(3))
     status, attempts, first_pass_valid = (_RowsOfWorlds() for _ in range(3))
@@ -317,13 +318,13 @@ class Layouts(StaysHere):
         rejected: int = 0,
         every_cause: bool = False,
         rows: int = 0,
-        knobs: Sequence[str] = (),
+        params: Sequence[str] = (),
         split: str = "train",
     ) -> "Layouts":
         """Allocate `nworld` layouts, and a record of the first `rejected` candidates that collided.
 
         With `every_cause` the record has candidates of every cause that were rejected at a pose. In `view`, `rows` more
-        layouts follow those of the worlds: restarts that are tried at once. `knobs` are names, see `KnobTable`.
+        layouts follow those of the worlds: restarts that are tried at once. `params` are names, see `ParamTable`.
         Physics and looks of layouts that are made are drawn in the streams of `split`.
         """
         device, mjm = compiled.device, compiled.mjm
@@ -333,9 +334,9 @@ class Layouts(StaysHere):
         mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # for bodies that are never placed
         mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
         nrow, nreach = nworld + rows, 0 if compiled.reaching is None else len(compiled.reaching.targets)
-        program, table = compiled.program, KnobTable(compiled, knobs)
+        program, table = compiled.program, ParamTable(compiled, params)
         own = np.tile(table.default, (nworld, 1))
-        view = view_of(nworld, device, {"knob": own, "next_knob": own, "default_knob": table.default})
+        view = view_of(nworld, device, {"param": own, "next_param": own, "default_param": table.default})
         stands = {"place": program.home_place.numpy(), "bounds": program.home_bounds.numpy()}
         repeat(LayoutsView, view, nrow, {**compiled.home_state, **stands}, device)
         zeros = partial(allocate, LayoutsView, view)
@@ -358,17 +359,17 @@ class Layouts(StaysHere):
         return cls(compiled, view, mocap_pose, table)
 
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
-        """Return the ids of the layouts, of this split, with the knobs that differ. Waits for the device.
+        """Return the ids of the layouts, of this split, with the params that differ. Waits for the device.
 
         Args:
             split: "train" or "eval".
-            keys: Seeds, episodes and numbers of knobs of other layouts, a row for each.
+            keys: Seeds, episodes and numbers of params of other layouts, a row for each.
 
         Raises:
             ArgumentError: Another split, or a world without a layout.
         """
-        rows = zip(*(keys or (self.seed.numpy(), self.episode.numpy(), self.knob.numpy())), strict=True)
-        return [self.compiled.layout_id(seed, episode, split, self.knobs.text(knob)) for seed, episode, knob in rows]
+        rows = zip(*(keys or (self.seed.numpy(), self.episode.numpy(), self.param.numpy())), strict=True)
+        return [self.compiled.layout_id(seed, episode, split, self.params.text(param)) for seed, episode, param in rows]
 
     @property
     def nworld(self) -> int:

@@ -20,7 +20,7 @@ class Chooser:
     """Asks for other layouts than the next episode of a seed.
 
     An environment takes one as `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. It writes
-    `next_seed`, `next_episode` and `next_knob` of a LayoutsView. Its launches check nothing, never wait for the host,
+    `next_seed`, `next_episode` and `next_param` of a LayoutsView. Its launches check nothing, never wait for the host,
     and take a mask of worlds, shape (nworld,), bool; None is all. Work on the host is done once, at the capture, unless
     the environment has `graph=False`.
 
@@ -45,8 +45,8 @@ class Chooser:
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
         """Forget what was chosen for the masked worlds, since `LayoutSource.launch_reseed` chose for them."""
 
-    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """Choose layouts with these numbers of knobs from now on; see `LayoutSource.launch_set_knobs`."""
+    def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+        """Choose layouts with these numbers of params from now on; see `LayoutSource.launch_set_params`."""
 
     def after_reset(self) -> None:
         """Host-side hook, called after the launches of every reset."""
@@ -115,11 +115,11 @@ class LayoutPipeline(Fixed, LayoutSource):
         if self.chooser is not None:
             self.chooser.launch_forget(seeds, mask)
 
-    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`; what was made ahead for the masked worlds is made again."""
         if self.chooser is not None:
-            self.chooser.launch_set_knobs(columns, values, mask)
-        self.maker.launch_set_knobs(columns, values, mask)
+            self.chooser.launch_set_params(columns, values, mask)
+        self.maker.launch_set_params(columns, values, mask)
         if self.ahead is not None:
             self.ahead.launch_forget(mask)
 

@@ -86,7 +86,7 @@ def count_rejections(made: LayoutsView, worldid: int, obj: int, rejections: wp.a
 @wp.kernel
 def _close(
     mask: wp.array[bool],
-    # Layouts in: pending*, next_knob, row_rejections; out: key*, next_episode; both: draws*, rejections
+    # Layouts in: pending*, next_param, row_rejections; out: key*, next_episode; both: draws*, rejections
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()

@@ -12,9 +12,9 @@ import warp as wp
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError
-from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_mask, fill_mask
+from sceniris_gym.layout.params import launch_set
 from sceniris_gym.layout.seeds import episodes_on_device, launch_close, launch_open, launch_reseed, seeds_on_device
 
 
@@ -43,7 +43,7 @@ class LayoutSource(StaysHere):
     def launch_make(self, mask: wp.array | None) -> None:
         """Write the rows of `layouts.view` that the masked worlds get next.
 
-        World i gets the layout of `pending_seed[i]`, `pending_episode[i]` and `next_knob[i]`. Seed, episode and knobs
+        World i gets the layout of `pending_seed[i]`, `pending_episode[i]` and `next_param[i]`. Seed, episode and params
         of the row are written afterwards.
 
         Args:
@@ -84,15 +84,15 @@ class LayoutSource(StaysHere):
         """
         launch_reseed(self.layouts.view, seeds, mask, episodes)
 
-    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """Write numbers of knobs, with which the next layouts of the masked worlds are made.
+    def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+        """Write numbers of params, with which the next layouts of the masked worlds are made.
 
         Args:
             columns: Their columns, shape (n,), int32.
             values: Numbers, shape (1 or nworld, n), float32.
             mask: Which worlds, shape (nworld,), bool; all if None.
         """
-        launch_set(self.layouts.view.next_knob, columns, values, mask)
+        launch_set(self.layouts.view.next_param, columns, values, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
         """Hear how episodes ended, before the reset that follows; a source that hears sets `hears`.
@@ -112,7 +112,7 @@ class LayoutSource(StaysHere):
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
         """Return the ids of the present layouts, or of those served for other seeds and episodes; see `Layouts.ids`."""
         own = self.layouts
-        return own.ids(*self.served(split, keys or (own.seed.numpy(), own.episode.numpy(), own.knob.numpy())))
+        return own.ids(*self.served(split, keys or (own.seed.numpy(), own.episode.numpy(), own.param.numpy())))
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return how many candidates were rejected for the layouts so far, by object and cause. Waits for the device.
@@ -150,7 +150,7 @@ class LayoutSource(StaysHere):
         seeds: int | Sequence[int] | np.ndarray | wp.array | None,
         mask: Any = None,
         episodes: Any = None,
-        knobs: np.ndarray | None = None,
+        params: np.ndarray | None = None,
     ) -> None:
         """Choose the next layouts of the masked worlds, which go on from there.
 
@@ -162,49 +162,51 @@ class LayoutSource(StaysHere):
             mask: As in generate.
             episodes: Episode of all worlds, or one per world, shape (nworld,), on the host or as an int32 Warp array on
                 the device; None is episode 0 of new seeds.
-            knobs: Numbers of the knobs, a row for each world, shape (nworld, nvalue); None leaves them as they are.
+            params: Numbers of the params, a row for each world, shape (nworld, nvalue); None leaves them as they are.
 
         Raises:
             SeedError: Not 64-bit seeds, episodes below 2^31 - 1, or not one per world.
-            ArgumentError: Numbers that the knobs cannot have, not a row for each world, or stored layouts.
+            ArgumentError: Numbers that the params cannot have, not a row for each world, or stored layouts.
             MaskError, MaskTypeError: As in generate.
         """
         nworld, device = self.layouts.nworld, self.layouts.seed.device
         keeps = seeds is None and episodes is not None
         wanted = None if keeps else seeds_on_device(seeds, nworld, device)
         first = None if episodes is None else episodes_on_device(episodes, nworld, device)
-        rows = np.zeros((1, 0)) if knobs is None else self.layouts.knobs.checked(knobs, nworld)
+        rows = np.zeros((1, 0)) if params is None else self.layouts.params.checked(params, nworld)
         columns, on_device = self._changeable(np.arange(rows.shape[1])), self._checked(mask)
         self.launch_reseed(wanted, on_device, first)
-        self._set_knobs(columns, rows, on_device)
+        self._set_params(columns, rows, on_device)
 
     @launching
-    def set_knobs(self, values: Mapping[str, Any], mask: Any = None) -> None:
-        """Change knobs of the masked worlds; their next layouts follow, and all after them.
+    def set_params(self, values: Mapping[str, Any], mask: Any = None) -> None:
+        """Change params of the masked worlds; their next layouts follow, and all after them.
 
         Args:
-            values: By the names of knobs the value that the scene file could have in their place, such as [1, 3] for
+            values: By the names of params the value that the scene file could have in their place, such as [1, 3] for
                 "groups.clutter.count"; or such a value for each world. Joint positions are in m or rad.
             mask: As in generate.
 
         Raises:
-            UnknownNameError: The worlds were not made with such a knob.
+            UnknownNameError: The worlds were not made with such a param.
             ArgumentError: A value that does not lie within that of the scene file, or stored layouts.
             MaskError, MaskTypeError: As in generate.
         """
-        columns, rows = self.layouts.knobs.part(values, self.layouts.nworld)
-        self._set_knobs(self._changeable(columns), rows, self._checked(mask))
+        columns, rows = self.layouts.params.part(values, self.layouts.nworld)
+        self._set_params(self._changeable(columns), rows, self._checked(mask))
 
     def _changeable(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns of knobs, unless there are some and the layouts keep theirs."""
-        if len(columns) and self.layouts.knobs.are_kept:
-            raise ArgumentError("set_knobs: stored layouts keep the knobs they were made with. Use a LayoutGenerator.")
+        """Return columns of params, unless there are some and the layouts keep theirs."""
+        if len(columns) and self.layouts.params.are_kept:
+            raise ArgumentError(
+                "set_params: stored layouts keep the params they were made with. Use a LayoutGenerator."
+            )
         return columns
 
-    def _set_knobs(self, columns: np.ndarray, rows: np.ndarray, mask: wp.array | None) -> None:
+    def _set_params(self, columns: np.ndarray, rows: np.ndarray, mask: wp.array | None) -> None:
         if len(columns):
             with wp.ScopedDevice(self.layouts.seed.device):
-                self.launch_set_knobs(wp.array(columns, dtype=int), wp.array(rows, dtype=float), mask)
+                self.launch_set_params(wp.array(columns, dtype=int), wp.array(rows, dtype=float), mask)
 
     def _checked(self, mask: Any) -> wp.array | None:
         return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)

@@ -9,7 +9,6 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns, row_types
-from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import (
     LayoutKeys,
     Layouts,
@@ -21,6 +20,7 @@ from sceniris_gym.layout.layouts import (
     view_of,
 )
 from sceniris_gym.layout.masks import as_count
+from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS, CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
@@ -41,11 +41,11 @@ _MOST = (1 << 31) - 1
 
 @wp.kernel
 def _make(
-    # Layouts in: knob, draws*, state*, choices*, grasps*
+    # Layouts in: param, draws*, state*, choices*, grasps*
     stored: LayoutsView,
     mask: wp.array[wp.bool],
     stride: int,
-    # Layouts in: pending*; out: draws*, state*, choices*, grasps*, status, next_knob
+    # Layouts in: pending*; out: draws*, state*, choices*, grasps*, status, next_param
     layouts: LayoutsView,
 ):
     worldid, i = wp.tid()
@@ -55,8 +55,8 @@ def _make(
     rank = layouts.pending_seed[worldid] + wp.uint64(layouts.pending_episode[worldid]) * wp.uint64(stride)
     row = int(rank % wp.uint64(stored.qpos.shape[0]))
     copy_layout(stored, row, layouts, worldid, i)
-    if i < layouts.next_knob.shape[1]:
-        layouts.next_knob[worldid, i] = stored.knob[row, i]
+    if i < layouts.next_param.shape[1]:
+        layouts.next_param[worldid, i] = stored.param[row, i]
     if i == 0:
         copy_draws(stored, row, layouts, worldid)
         layouts.status[worldid] = Status.VALID
@@ -101,8 +101,8 @@ class StoredLayouts(LayoutSource):
         nworld = as_count(nworld, "StoredLayouts: nworld")
         self._stride = as_count(stride, "StoredLayouts: stride")
         check_table(compiled, table, "StoredLayouts: table")
-        self.layouts = Layouts.create(compiled, nworld, knobs=table.knobs)
-        self.layouts.knobs.are_kept = True
+        self.layouts = Layouts.create(compiled, nworld, params=table.params)
+        self.layouts.params.are_kept = True
         self.device = compiled.device
         self._table, self._stored = table, _on_device(table, self.device)
         self.reseed(seed)
@@ -110,7 +110,7 @@ class StoredLayouts(LayoutSource):
     def launch_make(self, mask: wp.array | None) -> None:
         """Copy the next row of the masked worlds; see `LayoutSource`."""
         out, inputs = self.layouts.view, [self._stored, mask, self._stride]
-        dim = self.layouts.nworld, max(layout_width(out), out.knob.shape[1])
+        dim = self.layouts.nworld, max(layout_width(out), out.param.shape[1])
         wp.launch(_make, dim=dim, inputs=inputs, outputs=[out], device=self.device)
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
@@ -119,11 +119,11 @@ class StoredLayouts(LayoutSource):
         rank = seed.astype(np.uint64) + episode.astype(np.uint64) * np.uint64(self._stride)
         row = (rank % np.uint64(len(self._table))).astype(np.int64)
         table = self._table[row]
-        return table.split, (table.seed, np.where(episode < 0, -1, table.episode), table.knob)
+        return table.split, (table.seed, np.where(episode < 0, -1, table.episode), table.param)
 
 
 def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None:
-    """Refuse another scene, split or knobs, columns of another size, which kernels trust, and rows that no layout has.
+    """Refuse another scene, split or params, columns of another size, which kernels trust, and rows that no layout has.
 
     Args:
         compiled: The scene.
@@ -131,22 +131,22 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         where: The argument, with which errors begin.
 
     Raises:
-        SceneMismatchError: There are such columns or rows, or the scene, the split or the names of knobs are others.
-        ArgumentTypeError, UnknownNameError, ArgumentError: Knobs that the scene does not have, or other numbers of them
-            than it may have.
+        SceneMismatchError: There are such columns or rows, or the scene, the split or the names of params are others.
+        ArgumentTypeError, UnknownNameError, ArgumentError: Params that the scene does not have, or other numbers of
+            them than it may have.
     """
     compiled.scene.check_hash(table.scene, where, "Give layouts of this scene.")
-    knobs = KnobTable(compiled, table.knobs)
-    if table.split not in USER_SPLITS or table.knobs != knobs.names:
+    params = ParamTable(compiled, table.params)
+    if table.split not in USER_SPLITS or table.params != params.names:
         raise SceneMismatchError(
-            f"{where}: split should be 'train' or 'eval' and knobs should be {knobs.names}, got {short(table.split)} "
-            f"and {short(table.knobs)}. Store layouts as a generator makes them."
+            f"{where}: split should be 'train' or 'eval' and params should be {params.names}, got {short(table.split)} "
+            f"and {short(table.params)}. Store layouts as a generator makes them."
         )
     arrays = {name: array for name, array in vars(table).items() if isinstance(array, np.ndarray)}
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _KINDS.get(name, "biuf")}
     mjm, nreach = compiled.mjm, (*shapes.get("grasp", ()), 0, 0)[1]
     nrow = (*shapes.get("qpos", ()), 0)[0]
-    joints, nvalue = (*shapes.get("grasp_qpos", ()), 0, 0, 0)[2], (*shapes.get("knob", ()), 0, 0)[1]
+    joints, nvalue = (*shapes.get("grasp_qpos", ()), 0, 0, 0)[2], (*shapes.get("param", ()), 0, 0)[1]
     widths = {"njoint": min(joints, MAX_JOINTS), "nvalue": nvalue} | ({} if nreach else {"nreach": 0})
     for name, (_, shape) in row_types(compiled, **widths).items():
         found = shapes.get(name)
@@ -177,7 +177,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
     if len(unmade):
         raise SceneMismatchError(f"{where}: row {unmade[0]} is no layout yet. Generate before you read the table.")
     check_numbers(compiled, {name: getattr(table, name) for name in INTEGERS}, where)
-    knobs.checked(table.knob, nrow)
+    params.checked(table.param, nrow)
 
 
 def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], where: str) -> None:
@@ -206,7 +206,7 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
 
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:
     """Return the columns that are served, with joints of grasps as wide as Layouts have them."""
-    rows = {name: getattr(table, name) for name in ("knob", *columns("draw", "pose", "grasp"))}
+    rows = {name: getattr(table, name) for name in ("param", *columns("draw", "pose", "grasp"))}
     padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
     for name in ("grasp_qpos", "pregrasp_qpos"):
         rows[name] = np.pad(rows[name].astype(np.float32), padding, constant_values=np.nan)

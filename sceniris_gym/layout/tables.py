@@ -33,7 +33,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     check_type(generator, LayoutGenerator, "read_table: generator")
     nrow = nrow if nrow is None else as_count(nrow, "read_table: nrow", 0)
     layouts = generator.layouts
-    types = row_types(generator.compiled, nvalue=layouts.knob.shape[1])
+    types = row_types(generator.compiled, nvalue=layouts.param.shape[1])
 
     def read(name: str) -> np.ndarray:
         dtype, shape = types[name]  # on a CPU `numpy()` is a view of what the next reset overwrites
@@ -46,7 +46,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
         grasp_pose=COLUMNS["grasp_pose"].blanks(0),
         scene=generator.compiled.hash,
         split=generator.split,
-        knobs=layouts.knobs.names,
+        params=layouts.params.names,
     )
     return replace(table, grasp_pose=grasp_poses(generator.compiled, table, table.grasp))
 

@@ -1,6 +1,6 @@
 """`WorldColumns`: numbers that differ between worlds, as elements of one table, which one kernel writes.
 
-These are the bounds that knobs narrow, the draws of physics and looks, and factors of tasks.
+These are the bounds that params narrow, the draws of physics and looks, and factors of tasks.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import warp as wp
 
 from sceniris_gym.device.random import name_hash
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.layout.knobs import KnobTable
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.layout.write_columns import (
     DISTRIBUTIONS,
     FORMS,
@@ -44,7 +44,7 @@ class WorldColumns:
         scaled: What is a nominal value times a given number, where nothing is drawn: the array, the place in its row,
             the place in the nominal row, and the column of the number.
         given: The given numbers, shape (1 or nworld, n), unless each launch has its own.
-        knobs: The knobs of the worlds, with numbers in these arrays, or that narrow draws.
+        params: The params of the worlds, with numbers in these arrays, or that narrow draws.
 
     Attributes:
         numbers: The drawn numbers of each draw, by its name, shape (nworld, number of them): factors of `scale`, terms
@@ -59,13 +59,13 @@ class WorldColumns:
         draws: Sequence[FieldDraw] = (),
         scaled: Sequence[tuple[str, int, int, int]] = (),
         given: wp.array | None = None,
-        knobs: KnobTable | None = None,
+        params: ParamTable | None = None,
     ) -> None:
         self._nworld, self._draws, self._kept = nworld, draws, (arrays, nominal)  # they own the memory
         places = {name: (i, element_size(array)) for i, (name, array) in enumerate(arrays.items())}
         numbers, elements, table = _tables(draws, places)
         elements += [(places[n][0], i, FORMS.index("scale"), k, 0, places[n][0], at, 0.0) for n, i, at, k in scaled]
-        elements += [] if knobs is None else _bounds(knobs, arrays)
+        elements += [] if params is None else _bounds(params, arrays)
         memory = [memory_of(array, nominal.get(name)) for name, array in arrays.items()]
         with wp.ScopedDevice(next((array.device for array in arrays.values()), None)):
             self._drawn, self._elements, self._memory = (
@@ -77,22 +77,22 @@ class WorldColumns:
         columns = np.cumsum([draw.width for draw in draws]).tolist()
         self.numbers = {d.name: self._given[:, end - d.width : end] for d, end in zip(draws, columns, strict=True)}
         self._no_layouts = LayoutsView()
-        self._narrowed: list[int] | None = None  # column of each draw's knob, once there are knobs
-        if knobs is not None:
-            self.use_knobs(knobs)
+        self._narrowed: list[int] | None = None  # column of each draw's param, once there are params
+        if params is not None:
+            self.use_params(params)
 
-    def use_knobs(self, knobs: KnobTable) -> None:
-        """Draw from intervals that knobs narrow, world by world, unless these knobs narrow none.
+    def use_params(self, params: ParamTable) -> None:
+        """Draw from intervals that params narrow, world by world, unless these params narrow none.
 
         Raises:
-            ArgumentError: Other knobs narrow them already.
+            ArgumentError: Other params narrow them already.
         """
-        columns = [knobs.first.get(knobs.of_draws.get(draw.name, ""), -1) for draw in self._draws]
+        columns = [params.first.get(params.of_draws.get(draw.name, ""), -1) for draw in self._draws]
         if columns == self._narrowed:
             return
         if self._narrowed is not None and max(*columns, *self._narrowed) >= 0:
             raise ArgumentError(
-                "knobs: another randomizer of the same `fields` draws with other knobs. Give both the same ones, or "
+                "params: another randomizer of the same `fields` draws with other params. Give both the same ones, or "
                 "this one fields of its own."
             )
         self._narrowed = columns
@@ -101,7 +101,7 @@ class WorldColumns:
         numbers, begin = self._drawn.numpy(), 0
         for draw, column in zip(self._draws, columns, strict=True):
             own = numbers[begin : begin + draw.width]
-            own["knob"] = -1 if column < 0 else column + own["first"] - own["first"][0]
+            own["param"] = -1 if column < 0 else column + own["first"] - own["first"][0]
             begin += draw.width
         self._drawn.assign(numbers)
 
@@ -118,8 +118,8 @@ class WorldColumns:
 
         Args:
             mask: Which worlds, shape (nworld,), bool; all if None.
-            layouts: The layouts with their draws and knobs; those of banks draw with the knobs of the scene file. None
-                is for factors.
+            layouts: The layouts with their draws and params; those of banks draw with the params of the scene file.
+                None is for factors.
             rows: Row of `layouts` for each world, shape (nworld,), int32; None gives world i row i.
             given: The given numbers, shape (1 or nworld, n).
             opens: Write the numbers of the layouts that worlds get next.
@@ -131,17 +131,17 @@ class WorldColumns:
         launch_write_columns(self._nworld, mask, rows, layouts, tables, numbers, opens=opens)
 
 
-def _bounds(knobs: KnobTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
-    """Return rows of `Element` for the numbers that knobs have in arrays with a row for each world."""
+def _bounds(params: ParamTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
+    """Return rows of `Element` for the numbers that params have in arrays with a row for each world."""
     found: dict[tuple[str, int], tuple] = {}
     names = [*arrays]
-    for key, knob in knobs.knobs.items():
-        for name, offset, k in (place for place in knob.places if place[0] in arrays):
-            column = other = knobs.first[key] + k
+    for key, param in params.params.items():
+        for name, offset, k in (place for place in param.places if place[0] in arrays):
+            column = other = params.first[key] + k
             form, least = "bound", -np.inf
             if arrays[name].dtype is wp.bool:
-                form, other = "flag", column + len(knob.default) - 1
-            elif knob.form == "clearance":
+                form, other = "flag", column + len(param.default) - 1
+            elif param.form == "clearance":
                 least = arrays[name][:1].numpy().flat[offset]
                 _, _, _, column, *_ = found.get((name, offset), (0, 0, 0, column))  # a pair with two clearances
             number = names.index(name)
@@ -192,7 +192,7 @@ def _tables(
 def search_columns(
     compiled: CompiledScene,
     nworld: int,
-    knobs: KnobTable,
+    params: ParamTable,
     by_world: Sequence[str] = (),
     masses: tuple[wp.array, wp.array] | None = None,
 ) -> tuple[WorldColumns, Program, Statics | None]:
@@ -203,13 +203,13 @@ def search_columns(
     Args:
         compiled: The scene.
         nworld: Number of worlds.
-        knobs: The knobs of the worlds.
+        params: The params of the worlds.
         by_world: Further fields of the program that have a row for each world.
         masses: `body_mass` and `body_ipos` of the Model of the worlds, whoever wrote these; None draws them.
     """
     program, statics, nominal, arrays = copied(Program, compiled.program), compiled.statics, {}, {}
     draws, scaled, given = (), (), None
-    for name in dict.fromkeys([*by_world, *(name for knob in knobs.knobs.values() for name, _, _ in knob.places)]):
+    for name in dict.fromkeys([*by_world, *(name for param in params.params.values() for name, _, _ in param.places)]):
         shared = getattr(program, name)
         rows = np.repeat(shared.numpy(), nworld, axis=0)
         arrays[name] = wp.array(rows, dtype=shared.dtype, ndim=2, device=shared.device)
@@ -226,7 +226,7 @@ def search_columns(
         if masses is not None:
             draws, nominal = (), dict(zip(_MASSES, masses, strict=True))
             scaled, given = _shares(compiled, usual["body_mass"])
-    return WorldColumns(nworld, arrays, nominal, draws, scaled, given, knobs), program, statics
+    return WorldColumns(nworld, arrays, nominal, draws, scaled, given, params), program, statics
 
 
 def _shares(compiled: CompiledScene, nominal: wp.array) -> tuple[list[tuple[str, int, int, int]], wp.array]:

@@ -1,6 +1,6 @@
 """`launch_write_columns`: writes numbers of each world into arrays that have a row for each world.
 
-A number is a bound that knobs narrow, a draw, or a nominal value times a given factor. What is drawn is a function of
+A number is a bound that params narrow, a draw, or a nominal value times a given factor. What is drawn is a function of
 the key that a layout carries.
 """
 
@@ -30,7 +30,7 @@ _KINDS = "fib"
 """Kinds of NumPy's numbers: floats, integers and booleans."""
 _FLOAT, _INT = (wp.constant(i) for i in range(2))
 FORMS = ("bound", "flag", "scale", "add", "abs", "choice", "turn")
-"""Forms of elements; the first two follow from knobs, the others from numbers that are drawn or given."""
+"""Forms of elements; the first two follow from params, the others from numbers that are drawn or given."""
 _BOUND, _FLAG, _SCALE, _ADD, _ABS, _CHOICE, _TURN = (wp.constant(i) for i in range(7))
 DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "choice")
 _LOG_UNIFORM, _NORMAL, _CHOSEN = (wp.constant(i) for i in range(1, 4))
@@ -65,7 +65,7 @@ class Number:
         distribution: Its code.
         first: Column of its first parameter in the table, or of the first number to choose from.
         count: Columns from there to its second parameter, or how many numbers there are to choose from.
-        knob: Column of its first parameter among the knobs, -1 if none narrows it.
+        param: Column of its first parameter among the params, -1 if none narrows it.
     """
 
     name: int
@@ -73,7 +73,7 @@ class Number:
     distribution: int
     first: int
     count: int
-    knob: int
+    param: int
 
 
 @wp.struct
@@ -85,8 +85,8 @@ class Element:
         offset: The place in a row of this array.
         form: Its code.
         number: Column of the number that is drawn or given, or of the first of three for a turn; for a bound and a flag
-            of the first knob.
-        other: Column of the other knob that a bound follows from, or of the last one for a flag; for a choice that of
+            of the first param.
+        other: Column of the other param that a bound follows from, or of the last one for a flag; for a choice that of
             the first value in the table.
         drawn: The array that is drawn, which the written one keeps its ratio to if it is another one.
         drawn_offset: The place in a row of that array.
@@ -133,12 +133,12 @@ def _nominal(array: Array, worldid: int, offset: int) -> float:
 
 
 @wp.func
-def _bound(element: Element, knob: wp.array[float], default_knob: wp.array[float]) -> float:
-    """Return a bound as knobs narrow it, or whether knobs are as in the scene file."""
+def _bound(element: Element, param: wp.array[float], default_param: wp.array[float]) -> float:
+    """Return a bound as params narrow it, or whether params are as in the scene file."""
     if element.form == _BOUND:
-        return wp.max(element.least, wp.max(knob[element.number], knob[element.other]))
+        return wp.max(element.least, wp.max(param[element.number], param[element.other]))
     for k in range(element.number, element.other + 1):
-        if knob[k] != default_knob[k]:
+        if param[k] != default_param[k]:
             return 0.0
     return 1.0
 
@@ -153,15 +153,15 @@ def _draw_key(layouts: LayoutsView, row: int, opens: bool):
 
 
 @wp.func
-def _number(number: Number, table: wp.array[float], knob: wp.array2d[float], row: int, u: wp.vec4) -> float:
-    """Return a number of a distribution from uniform ones; a row below 0 has the knobs of the scene file."""
+def _number(number: Number, table: wp.array[float], param: wp.array2d[float], row: int, u: wp.vec4) -> float:
+    """Return a number of a distribution from uniform ones; a row below 0 has the params of the scene file."""
     if number.distribution == _CHOSEN:
         return table[number.first + wp.min(int(u[0] * float(number.count)), number.count - 1)]
     low = table[number.first]
     high = table[number.first + number.count]
-    if number.knob >= 0 and row >= 0:
-        low = knob[row, number.knob]
-        high = knob[row, number.knob + number.count]
+    if number.param >= 0 and row >= 0:
+        low = param[row, number.param]
+        high = param[row, number.param + number.count]
     if number.distribution == _LOG_UNIFORM:
         return low * exp_of(u[0] * log_of(high / low))
     if number.distribution == _NORMAL:
@@ -206,9 +206,9 @@ def _write_columns(
     mask: wp.array[wp.bool],
     rows: wp.array[int],
     opens: bool,
-    # Layouts in: seed, episode, draws*, next*, stream, default_knob
+    # Layouts in: seed, episode, draws*, next*, stream, default_param
     layouts: LayoutsView,
-    knob: wp.array2d[float],
+    param: wp.array2d[float],
     # Tables:
     drawn: wp.array[Number],
     table: wp.array[float],
@@ -227,17 +227,17 @@ def _write_columns(
         if episode < 0:
             return
         narrowed = int(-1)
-        if knob:
+        if param:
             if (stream & _BANK_BIT) == 0:
                 narrowed = row
         for i in range(lane, drawn.shape[0], wp.block_dim()):
             u = uniforms(seed, episode, wp.uint32(stream), drawn[i].name, drawn[i].index)
-            numbers[worldid, i] = _number(drawn[i], table, knob, narrowed, u)
+            numbers[worldid, i] = _number(drawn[i], table, param, narrowed, u)
         block_sync()
     for i in range(lane, elements.shape[0], wp.block_dim()):
         element = elements[i]
         if element.form <= _FLAG:
-            value = _bound(element, knob[worldid], layouts.default_knob)
+            value = _bound(element, param[worldid], layouts.default_param)
         else:
             value = _value(element, arrays, table, worldid, numbers[worldid % numbers.shape[0]])
         _put(arrays[element.array], worldid, element.offset, value)
@@ -264,8 +264,8 @@ def launch_write_columns(
         numbers: Numbers that are given, shape (1 or nworld, n); or an array for those that are drawn.
         opens: Write the numbers of the layouts that worlds get next.
     """
-    knob = layouts.next_knob if opens else layouts.knob
-    inputs = [mask, rows, opens, layouts, knob if knob is not None and knob.size else None, *tables, numbers]
+    param = layouts.next_param if opens else layouts.param
+    inputs = [mask, rows, opens, layouts, param if param is not None and param.size else None, *tables, numbers]
     wp.launch_tiled(_write_columns, dim=[nworld], inputs=inputs, block_dim=_LANES, device=numbers.device)
 
 

@@ -31,7 +31,7 @@ class Buffer:
     episode: wp.array[int]
     value: wp.array[float]  # rate of success, or the given score
     age: wp.array[int]  # refreshes since it was chosen last, -1 where there is no level
-    knob: wp.array2d[float]  # numbers of its knobs
+    param: wp.array2d[float]  # numbers of its params
     cumulative: wp.array[int]  # sum of the weights up to it
     # of each bin of scores, from the highest one down:
     count: wp.array[int]
@@ -49,13 +49,13 @@ class Buffer:
     next_level: wp.array[int]
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]
-    base_knob: wp.array2d[float]  # with which fresh levels are made
-    next_knob: wp.array2d[float]
+    base_param: wp.array2d[float]  # with which fresh levels are made
+    next_param: wp.array2d[float]
     probe: wp.array[int]  # the end of a range that its level is at, -1 for none
     next_probe: wp.array[int]
     inserted: wp.array[int]
     # of each end of the ranges that follow success:
-    column: wp.array[int]  # of its number in a row of knobs
+    column: wp.array[int]  # of its number in a row of params
     other: wp.array[int]  # of the other end's
     present: wp.array[float]
     least: wp.array[float]
@@ -79,7 +79,7 @@ class Episodes(NamedTuple):
         seed: Its seed, shape (n,), uint64.
         episode: Its episode, shape (n,), int32. Rows with an episode that no seed has do not count.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
-        knob: Numbers of its knobs, shape (n, nvalue), float32; None if there are none.
+        param: Numbers of its params, shape (n, nvalue), float32; None if there are none.
         mask: Rows that count, shape (n,), bool; None is all.
         status: Status of the layouts, shape (n,), int32; those from the bank do not count. None is valid.
         probe: The end of a range that the level is at, for which the success counts, too, -1 for none, shape (n,),
@@ -90,7 +90,7 @@ class Episodes(NamedTuple):
     seed: wp.array
     episode: wp.array
     outcome: wp.array
-    knob: wp.array | None = None
+    param: wp.array | None = None
     mask: wp.array | None = None
     status: wp.array | None = None
     probe: wp.array | None = None
@@ -152,7 +152,7 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay: fl
     """
     nworld, device = buffer.base.shape[0], buffer.base.device
     wp.launch(_choose, nworld, inputs=[mask, wp.uint32(stream), replay], outputs=[buffer], device=device)
-    _launch_set_knobs(buffer, mask)
+    _launch_set_params(buffer, mask)
 
 
 @wp.kernel
@@ -176,7 +176,7 @@ def _forget(
 def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None) -> None:
     """Forget what was chosen for the masked worlds, and draw their fresh levels by new seeds if there are some.
 
-    Their next levels have the knobs of fresh ones.
+    Their next levels have the params of fresh ones.
 
     Args:
         buffer: The buffer.
@@ -185,13 +185,13 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None)
     """
     device = buffer.base.device
     wp.launch(_forget, buffer.base.shape[0], inputs=[seeds, mask], outputs=[buffer], device=device)
-    _launch_set_knobs(buffer, mask)
+    _launch_set_params(buffer, mask)
 
 
 @wp.kernel
-def _set_knobs(
+def _set_params(
     mask: wp.array[bool],
-    # Buffer in: knob, next_level, base_knob, next_probe, column, other, present, step, band; out: next_knob
+    # Buffer in: param, next_level, base_param, next_probe, column, other, present, step, band; out: next_param
     buffer: Buffer,
 ):
     worldid, k = wp.tid()
@@ -200,10 +200,10 @@ def _set_knobs(
             return
     level, end = buffer.next_level[worldid], buffer.next_probe[worldid]
     if level >= 0:
-        buffer.next_knob[worldid, k] = buffer.knob[level, k]
+        buffer.next_param[worldid, k] = buffer.param[level, k]
         return
     # a fresh level: those of its world, in the present ranges, one of which may be no wider than a band at its end
-    value = buffer.base_knob[worldid, k]
+    value = buffer.base_param[worldid, k]
     for i in range(buffer.column.shape[0]):
         if buffer.column[i] == k:
             value = buffer.present[i]
@@ -211,12 +211,12 @@ def _set_knobs(
         if buffer.other[end] == k:
             inner = buffer.present[end] - buffer.band[end]
             value = wp.where(buffer.step[end] > 0.0, wp.max(inner, value), wp.min(inner, value))
-    buffer.next_knob[worldid, k] = value
+    buffer.next_param[worldid, k] = value
 
 
-def _launch_set_knobs(buffer: Buffer, mask: wp.array | None) -> None:
-    """Give the next levels of the masked worlds their knobs, a thread for each number."""
-    wp.launch(_set_knobs, buffer.next_knob.shape, inputs=[mask], outputs=[buffer], device=buffer.base.device)
+def _launch_set_params(buffer: Buffer, mask: wp.array | None) -> None:
+    """Give the next levels of the masked worlds their params, a thread for each number."""
+    wp.launch(_set_params, buffer.next_param.shape, inputs=[mask], outputs=[buffer], device=buffer.base.device)
 
 
 @wp.func
@@ -231,11 +231,11 @@ def _update(
     seed: wp.array[wp.uint64],
     episode: wp.array[int],
     outcome: wp.array[float],
-    knob: wp.array2d[float],
+    param: wp.array2d[float],
     mask: wp.array[bool],
     status: wp.array[int],
     probe: wp.array[int],
-    # Buffer in: vacant, score, rate; out: knob; both: seed, episode, value, age, inserted, episodes, successes
+    # Buffer in: vacant, score, rate; out: param; both: seed, episode, value, age, inserted, episodes, successes
     buffer: Buffer,
 ):
     row = wp.tid()
@@ -277,8 +277,8 @@ def _update(
     buffer.seed[place] = seed[row]
     buffer.episode[place] = episode[row]
     buffer.age[place] = 0
-    for k in range(buffer.knob.shape[1]):
-        buffer.knob[place, k] = knob[row, k]
+    for k in range(buffer.param.shape[1]):
+        buffer.param[place, k] = param[row, k]
 
 
 def launch_update(buffer: Buffer, episodes: Episodes) -> None:
@@ -289,11 +289,11 @@ def launch_update(buffer: Buffer, episodes: Episodes) -> None:
 
 def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
     """Allocate an empty buffer for the worlds of some layouts; what is chosen for them is what they get next."""
-    buffer, capacity, nworld = Buffer(), levels.capacity, layouts.next_knob.shape[0]
+    buffer, capacity, nworld = Buffer(), levels.capacity, layouts.next_param.shape[0]
     zeros, vacant = partial(allocate, Buffer, buffer), min(-(-capacity // _LOWEST), _SHARE * nworld)
-    with wp.ScopedDevice(layouts.next_knob.device):
+    with wp.ScopedDevice(layouts.next_param.device):
         zeros(capacity, "seed episode value age cumulative")
-        buffer.knob = wp.array(np.tile(layouts.default_knob.numpy(), (capacity, 1)), dtype=float, ndim=2)
+        buffer.param = wp.array(np.tile(layouts.default_param.numpy(), (capacity, 1)), dtype=float, ndim=2)
         zeros(BINS, "count better ages weight")
         zeros(1, "total_weight total_age")
         zeros(nworld, "decision level next_level inserted probe next_probe")
@@ -301,8 +301,12 @@ def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
         buffer.vacant = wp.array(np.arange(vacant), dtype=int)
     for array in (buffer.age, buffer.level, buffer.next_level, buffer.probe, buffer.next_probe):
         array.fill_(-1)
-    buffer.next_seed, buffer.next_episode, buffer.next_knob = layouts.next_seed, layouts.next_episode, layouts.next_knob
-    buffer.base, buffer.base_knob = wp.clone(layouts.next_seed), wp.clone(layouts.next_knob)
+    buffer.next_seed, buffer.next_episode, buffer.next_param = (
+        layouts.next_seed,
+        layouts.next_episode,
+        layouts.next_param,
+    )
+    buffer.base, buffer.base_param = wp.clone(layouts.next_seed), wp.clone(layouts.next_param)
     buffer.score, buffer.rate = SCORES.index(levels.score), levels.rate
     return buffer
 
@@ -312,7 +316,7 @@ def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
     of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "step", "band")}
     return {
         **dict.fromkeys(arrays_of(buffer), (0, np.inf)),
-        **dict.fromkeys(("value", "knob", "base_knob", "next_knob"), (-_MOST_FLOAT, _MOST_FLOAT)),
+        **dict.fromkeys(("value", "param", "base_param", "next_param"), (-_MOST_FLOAT, _MOST_FLOAT)),
         **dict.fromkeys(("vacant", "level", "next_level"), (-1, buffer.age.shape[0] - 1)),
         **dict.fromkeys(("probe", "next_probe"), (-1, buffer.column.shape[0] - 1)),
         **dict.fromkeys(("episode", "next_episode"), (-1, MOST_EPISODES - 1)),

@@ -17,14 +17,14 @@ _MOST = 1 << 24
 
 @dataclass(frozen=True)
 class Ranges:
-    """Intervals of knobs that widen with success, and narrow with failure: automatic domain randomisation.
+    """Intervals of params that widen with success, and narrow with failure: automatic domain randomisation.
 
     Some fresh levels are made at one end of one interval. Once enough of their episodes are over, that end moves a step
     outwards where they succeed, and inwards where they fail (OpenAI et al., "Solving Rubik's Cube with a Robot Hand",
     2019, section 5). It stays between the interval at the start and that of the scene file.
 
     Attributes:
-        start: The intervals at the start, by the names of knobs, such as {"groups.clutter.count": [1, 2]}.
+        start: The intervals at the start, by the names of params, such as {"groups.clutter.count": [1, 2]}.
         step: A step, as a share of the interval of the scene file; at least 1 for a count.
         probe: Probability that a fresh level is at an end: within a step of it, or for a count exactly at it.
         low, high: Rates of success at and below which an end moves inwards, and at and above which it moves outwards.
@@ -32,7 +32,7 @@ class Ranges:
 
     Raises:
         ArgumentTypeError: The intervals are no mapping.
-        ArgumentError: No knob, shares that are not from 0 to 1, or low above high.
+        ArgumentError: No param, shares that are not from 0 to 1, or low above high.
         CountError: A number of episodes that is no integer of at least 1.
     """
 
@@ -46,7 +46,7 @@ class Ranges:
     def __post_init__(self) -> None:
         check_type(self.start, Mapping, "Ranges: start")
         if not self.start:
-            raise ArgumentError("Ranges: start should name a knob.")
+            raise ArgumentError("Ranges: start should name a param.")
         _check_shares(self, "step", "probe", "low", "high")
         if self.step == 0.0 or self.low > self.high:
             raise ArgumentError(f"Ranges: step should be above 0, and low at most high, got {self}.")
@@ -60,16 +60,16 @@ class Levels:
     Attributes:
         score: "learnability" or "failure", which count successes, or "given", by `LevelSampler.update`.
         replay: Probability that a level is replayed rather than a fresh one.
-        capacity: Levels in the buffer, each 24 bytes on the device and 4 for each number of the worlds' knobs. New ones
-            take empty places while there are some, and then those of the lowest levels; which these are is found anew
-            at every refresh of the weights.
+        capacity: Levels in the buffer, each 24 bytes on the device and 4 for each number of the worlds' params. New
+            ones take empty places while there are some, and then those of the lowest levels; which these are is found
+            anew at every refresh of the weights.
         priority: "rank" weighs levels by rank^(-1 / temperature), the best first, "proportional" by score^(1 /
             temperature), "uniform" all alike. Scores within 4% of each other may count as equal.
         temperature: See `priority`.
         staleness: Share of the weight that goes by the time since a level was played last, in refreshes.
         rate: Weight of the newest episode in a rate of success, which begins at 0.5.
         every: Resets between two refreshes of the weights.
-        ranges: Knobs of fresh levels whose intervals follow success; see `Ranges`.
+        ranges: Params of fresh levels whose intervals follow success; see `Ranges`.
 
     Raises:
         UnknownNameError: There is no such score or priority.

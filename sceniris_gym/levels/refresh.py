@@ -7,7 +7,7 @@ import warp as wp
 from warp.utils import array_scan
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.layout.knobs import KnobTable
+from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.levels.buffer import BINS, Buffer, score_of
 from sceniris_gym.levels.choice import Levels, Ranges
 from sceniris_gym.program.device import fill_struct
@@ -146,20 +146,20 @@ def launch_move(buffer: Buffer, words: Ranges) -> None:
     wp.launch(_move, buffer.column.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
 
-def set_ranges(buffer: Buffer, words: Ranges, table: KnobTable) -> None:
+def set_ranges(buffer: Buffer, words: Ranges, table: ParamTable) -> None:
     """Set the intervals of a buffer to their start.
 
     Raises:
-        UnknownNameError, ArgumentError: A knob that is not in the table or no interval, or a start beyond it.
+        UnknownNameError, ArgumentError: A param that is not in the table or no interval, or a start beyond it.
     """
     names, parts = ("column", "other", "present", "least", "most", "step", "band"), []
     for name, value in words.start.items():
-        knob = table.knob(name, "Ranges")
-        if knob.half == 0:
+        param = table.param(name, "Ranges")
+        if param.half == 0:
             raise ArgumentError(f"Ranges: {name} should be an interval, and is not.")
-        start, limit, is_count = knob.checked(value, 1)[0], knob.default, knob.form == "count"
+        start, limit, is_count = param.checked(value, 1)[0], param.default, param.form == "count"
         own = np.arange(len(limit))
-        other, outwards = np.roll(own, knob.half), np.where(own < knob.half, -1.0, 1.0)
+        other, outwards = np.roll(own, param.half), np.where(own < param.half, -1.0, 1.0)
         step = words.step * np.abs(limit[other] - limit)
         step = outwards * (np.maximum(1.0, np.round(step)) if is_count else step)
         first = table.first[name]

@@ -13,9 +13,9 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_names, check_type
-from sceniris_gym.layout.knobs import launch_set
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count, as_numbers
+from sceniris_gym.layout.params import launch_set
 from sceniris_gym.layout.pipeline import Chooser
 from sceniris_gym.levels.buffer import Episodes, bounds_of, create_buffer, launch_choose, launch_forget, launch_update
 from sceniris_gym.levels.choice import Levels
@@ -58,7 +58,7 @@ class LevelSampler(Chooser, StaysHere):
         self.level, self.probe = buffer.level, buffer.probe
         self.rows = {"level": self.level, "probe": self.probe}
         if levels.ranges is not None:
-            set_ranges(buffer, levels.ranges, self.layouts.knobs)
+            set_ranges(buffer, levels.ranges, self.layouts.params)
         launch_forget(buffer, None, None)
 
     @property
@@ -72,9 +72,9 @@ class LevelSampler(Chooser, StaysHere):
             launch_move(self._buffer, self.levels.ranges)
         launch_choose(self._buffer, mask, self._stream, self.levels.replay)
 
-    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """See `Chooser`; the worlds make their fresh levels with these numbers from then on."""
-        launch_set(self._buffer.base_knob, columns, values, mask)
+        launch_set(self._buffer.base_param, columns, values, mask)
         launch_forget(self._buffer, None, mask)
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
@@ -89,19 +89,19 @@ class LevelSampler(Chooser, StaysHere):
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
         layouts = self.layouts.view
-        played = Episodes(self.level, layouts.seed, layouts.episode, success, layouts.knob)
+        played = Episodes(self.level, layouts.seed, layouts.episode, success, layouts.param)
         launch_update(self._buffer, played._replace(mask=finished, status=layouts.status, probe=self.probe))
 
-    def insert(self, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
+    def insert(self, seed: Any, episode: Any, score: Any, params: Mapping[str, Any] | None = None) -> None:
         """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""
         launch_refresh(self._buffer, self.levels)
-        self.update(None, seed, episode, score, knobs)
+        self.update(None, seed, episode, score, params)
 
     def sample(self, number: int, seed: int = 0) -> dict[str, Any]:
         """Draw levels of the buffer by their weights. Waits for the device.
 
         Returns:
-            `level`, `seed` and `episode`, each of shape (number,), and `knobs`, their values by name.
+            `level`, `seed` and `episode`, each of shape (number,), and `params`, their values by name.
 
         Raises:
             ArgumentError: The buffer is empty.
@@ -113,18 +113,18 @@ class LevelSampler(Chooser, StaysHere):
         if sums[-1] == 0:
             raise ArgumentError("LevelSampler.sample: the buffer is empty. Play, or insert levels, first.")
         level = np.searchsorted(sums, np.random.default_rng(seed).integers(sums[-1], size=number), side="right")
-        seed, episode, knob = (getattr(self._buffer, name).numpy()[level] for name in ("seed", "episode", "knob"))
-        return {"level": level, "seed": seed, "episode": episode, "knobs": self.layouts.knobs.named(knob)}
+        seed, episode, param = (getattr(self._buffer, name).numpy()[level] for name in ("seed", "episode", "param"))
+        return {"level": level, "seed": seed, "episode": episode, "params": self.layouts.params.named(param)}
 
     @property
     def ranges(self) -> dict[str, np.ndarray]:
-        """The present intervals of the knobs that follow success, by name. Waits for the device."""
-        row = self.layouts.knobs.default[None].copy()
+        """The present intervals of the params that follow success, by name. Waits for the device."""
+        row = self.layouts.params.default[None].copy()
         row[0, self._buffer.column.numpy()] = self._buffer.present.numpy()
-        named = self.layouts.knobs.named(row)
+        named = self.layouts.params.named(row)
         return {} if self.levels.ranges is None else {name: named[name][0] for name in self.levels.ranges.start}
 
-    def update(self, level: Any, seed: Any, episode: Any, score: Any, knobs: Mapping[str, Any] | None = None) -> None:
+    def update(self, level: Any, seed: Any, episode: Any, score: Any, params: Mapping[str, Any] | None = None) -> None:
         """Give scores to levels that were played: those of the buffer are updated, others inserted.
 
         A level is inserted in the place of one with a lower score, if there is one.
@@ -137,11 +137,11 @@ class LevelSampler(Chooser, StaysHere):
             episode: `layout_episode`, shape (n,). Rows below 0 do not count.
             score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
                 successes are counted: 1 for a success, 0 for a failure. Rows with any other number do not count.
-            knobs: `layout_knobs` of the same info; None has those of the scene file.
+            params: `layout_params` of the same info; None has those of the scene file.
 
         Raises:
             ArgumentError: Not arrays of one length.
-            UnknownNameError: A knob that the worlds do not have.
+            UnknownNameError: A param that the worlds do not have.
         """
         columns = seed, episode, score, level
         given = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
@@ -153,13 +153,13 @@ class LevelSampler(Chooser, StaysHere):
             )
         types = wp.uint64, wp.int32, wp.float32, wp.int32
         seeds, episodes, scores, places = map(self._column, given, types)
-        rows = self.layouts.knobs.rows({} if knobs is None else knobs, shapes[0][0])
+        rows = self.layouts.params.rows({} if params is None else params, shapes[0][0])
         most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # so each row of a launch has places of its own
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
-            knob = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
+            param = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
             columns = (array[part] for array in (places, seeds, episodes, scores))
-            launch_update(self._buffer, Episodes(*columns, knob=knob))
+            launch_update(self._buffer, Episodes(*columns, param=param))
             if level is None:
                 launch_refresh(self._buffer, self.levels)
 
@@ -188,17 +188,17 @@ class LevelSampler(Chooser, StaysHere):
     def state(self) -> dict[str, np.ndarray]:
         """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device.
 
-        `source` has the hash of the scene, the split and the names of the knobs.
+        `source` has the hash of the scene, the split and the names of the params.
         """
         arrays = {name: getattr(self._buffer, name).numpy().copy() for name in bounds_of(self._buffer)}
-        source = self.layouts.compiled.hash, self.split, *self.layouts.knobs.names
+        source = self.layouts.compiled.hash, self.split, *self.layouts.params.names
         return arrays | {"resets": np.array(self._since), "source": np.array(source)}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a `state` of a sampler with the same levels, scene, split, knobs and number of worlds.
+        """Go on from a `state` of a sampler with the same levels, scene, split, params and number of worlds.
 
         Raises:
-            SceneMismatchError: It is of another scene, of another split, or has other knobs.
+            SceneMismatchError: It is of another scene, of another split, or has other params.
             ArgumentError: It is of another sampler, or has a number that no sampler has.
             ArgumentTypeError: No mapping.
         """
@@ -206,8 +206,8 @@ class LevelSampler(Chooser, StaysHere):
         where, own, bounds = "LevelSampler.restore", self.state(), bounds_of(self._buffer)
         if not np.array_equal(state.get("source", ()), own["source"]):
             raise SceneMismatchError(
-                f"{where}: state['source'] (scene, split, knobs) should be {own['source'].tolist()}, got "
-                f"{short(state.get('source'))}. Give the state of a sampler of this scene, split and knobs."
+                f"{where}: state['source'] (scene, split, params) should be {own['source'].tolist()}, got "
+                f"{short(state.get('source'))}. Give the state of a sampler of this scene, split and params."
             )
         for name, (least, most) in {**bounds, "resets": (0, np.inf)}.items():
             values = state.get(name)
@@ -220,8 +220,8 @@ class LevelSampler(Chooser, StaysHere):
                 first, ends = wrong[0], [np.broadcast_to(end, values.shape).flat[wrong[0]] for end in (least, most)]
                 got = f"got {values.flat[first]} at {first}"
                 raise ArgumentError(f"{where}: {name} should be from {ends[0]:g} to {ends[1]:g} there, {got}.")
-        for name in ("knob", "base_knob", "next_knob"):
-            self.layouts.knobs.checked(state[name], len(state[name]))
+        for name in ("param", "base_param", "next_param"):
+            self.layouts.params.checked(state[name], len(state[name]))
         for array, name in ((getattr(self._buffer, name), name) for name in bounds):
             if array.size:
                 array.assign(state[name])

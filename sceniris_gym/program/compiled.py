@@ -116,14 +116,14 @@ class CompiledScene:
         """The scene's part of layout ids."""
         return self.scene.hash
 
-    def layout_id(self, seed: SupportsIndex, episode: SupportsIndex, split: str = "train", knobs: str = "") -> str:
+    def layout_id(self, seed: SupportsIndex, episode: SupportsIndex, split: str = "train", params: str = "") -> str:
         """Return `scenehash:split:seed:episode`, the id of a layout of this scene, which `sceniris-gym replay` takes.
 
         Args:
             seed: 64 bits, as a number of any library; negative ones are read as two's complement.
             episode: Number of resets of the world between the one that gave it its seed and the one of the layout.
             split: "train" or "eval".
-            knobs: The knobs that differ from the scene file, as `KnobTable.text` writes them: a fifth part.
+            params: The params that differ from the scene file, as `ParamTable.text` writes them: a fifth part.
 
         Raises:
             ArgumentTypeError: A seed or an episode that is no integer.
@@ -145,7 +145,7 @@ class CompiledScene:
             )
         if split not in USER_SPLITS:
             raise ArgumentError(f"layout_id: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
-        return f"{self.hash}:{split}:{number % 2**64}:{count}{f':{knobs}' if knobs else ''}"
+        return f"{self.hash}:{split}:{number % 2**64}:{count}{f':{params}' if params else ''}"
 
     @property
     def home_state(self) -> dict[str, np.ndarray]:

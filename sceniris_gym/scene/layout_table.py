@@ -66,14 +66,14 @@ class LayoutTable:
         grasp_qpos: The arm's joints [rad or m] in that grasp, nan where the arm's map alone decided, shape (nrow,
             nreach, njoint), float32.
         pregrasp_qpos: The same for the pre-grasp, nan for tiers below `clear`.
-        knob: Numbers of the knobs, shape (nrow, nvalue), float32.
+        param: Numbers of the params, shape (nrow, nvalue), float32.
         present: Which objects are present rather than left out by their groups, shape (nrow, nslot), bool: the objects
             in the order of the scene file, then the robot if there is one.
         valid: Whether the layout is freshly made and valid, rather than taken from the bank, shape (nrow,), bool.
         first_pass_valid: Whether it was valid without a restart, shape (nrow,), bool.
         scene: Hash of the scene; empty if it is unknown, as of bare states.
         split: "train" or "eval", of seeds and episodes.
-        knobs: Names of the knobs.
+        params: Names of the params.
     """
 
     seed: Annotated[np.ndarray, Column("key", "uint64")]
@@ -91,13 +91,13 @@ class LayoutTable:
     grasp_pose: Annotated[np.ndarray, Column("table", "float32", ("nreach", 7))]
     grasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
     pregrasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
-    knob: Annotated[np.ndarray, Column("key", "float32", ("nvalue",))]
+    param: Annotated[np.ndarray, Column("key", "float32", ("nvalue",))]
     present: Annotated[np.ndarray, Column("pose", "bool", ("nslot",))]
     valid: Annotated[np.ndarray, Column("table", "bool")]
     first_pass_valid: Annotated[np.ndarray, Column("count", "bool")]
     scene: str = ""
     split: str = "train"
-    knobs: tuple[str, ...] = ()
+    params: tuple[str, ...] = ()
 
     @classmethod
     def from_states(
@@ -124,15 +124,15 @@ class LayoutTable:
 
         Raises:
             ArgumentError: There is none, or something else than tables.
-            SceneMismatchError: They are of different scenes, splits or knobs, or have columns of other widths.
+            SceneMismatchError: They are of different scenes, splits or params, or have columns of other widths.
         """
         if not isinstance(tables, Sequence) or not tables or not all(isinstance(t, LayoutTable) for t in tables):
             raise ArgumentError("LayoutTable.concatenate: tables should be a list of one LayoutTable or more.")
         widths = {tuple(getattr(table, name).shape[1:] for name in COLUMNS) for table in tables}
-        first, *others = ((table.scene, table.split, table.knobs) for table in tables)
+        first, *others = ((table.scene, table.split, table.params) for table in tables)
         if any(other != first for other in others) or len(widths) > 1:
             raise SceneMismatchError(
-                "LayoutTable.concatenate: the tables should be of one scene, split and set of knobs."
+                "LayoutTable.concatenate: the tables should be of one scene, split and set of params."
             )
         return replace(tables[0], **{name: np.concatenate([getattr(t, name) for t in tables]) for name in COLUMNS})
 

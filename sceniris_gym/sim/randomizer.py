@@ -84,8 +84,9 @@ class ResetRandomizer(Fixed, StaysHere):
         layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
         levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
             from episode to episode of one seed.
-        knobs: Names of the knobs that worlds have, or patterns; see `LayoutSource.set_knobs`. Not with a layout_source.
-        write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
+        params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
+        layout_source. write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone,
+        with their
             velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
             relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What is fixed to
@@ -93,11 +94,11 @@ class ResetRandomizer(Fixed, StaysHere):
         needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
         fields: The ModelFields of `model` if there are some, such as Batch.fields. Randomizers that share them have
-            the same knobs of draws.
+            the same params of draws.
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
-        pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts. Use its `reseed`, `set_knobs`,
+        pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts. Use its `reseed`, `set_params`,
             `ids` and `rejection_counts`.
         layouts: The latest layouts, one row per world.
         levels: The sampler of levels if the worlds play levels, else None.
@@ -110,14 +111,14 @@ class ResetRandomizer(Fixed, StaysHere):
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
-        ArgumentError: Both `layout_source` and `prefetch` or `knobs`, or a stream of another device.
+        ArgumentError: Both `layout_source` and `prefetch` or `params`, or a stream of another device.
         MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
     FIXED = ("compiled", "model", "data", "device", "pipeline", "layouts", "levels", "split", "fields", "replacer")
-    ARGUMENTS = ("layout_source", "knobs", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -132,7 +133,7 @@ class ResetRandomizer(Fixed, StaysHere):
         prefetch: bool | wp.Stream | None = None,
         layout_source: LayoutSource | None = None,
         levels: Levels | None = None,
-        knobs: str | Sequence[str] = (),
+        params: str | Sequence[str] = (),
         # what a reset writes:
         write: Literal["all", "placed"] = "all",
         origins: Any = None,
@@ -149,13 +150,13 @@ class ResetRandomizer(Fixed, StaysHere):
         self.device: wp.Device = data.qpos.device
         own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "levels": levels, "graph": graph}
         own["layout_source"] = layout_source
-        self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", knobs=knobs, **own)
+        self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", params=params, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
         check_names("way to write", [write], "ResetRandomizer: write", _WRITES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
-        self.fields.columns.use_knobs(self.layouts.knobs)
+        self.fields.columns.use_params(self.layouts.params)
         self._update, self.split = partial(updater(needs), model, data), self.pipeline.split or split
         self.layouts.view.stream = named_stream(self.split)
         self._mask = wp.zeros(data.nworld, dtype=wp.bool, device=self.device)  # a captured reset reads it
@@ -315,8 +316,8 @@ class ResetRandomizer(Fixed, StaysHere):
             rows: Row of `layouts` for each world, -1 for worlds that stay as they are, shape (nworld,).
 
         Raises:
-            SceneMismatchError: The layouts are of another scene, or were drawn with other knobs.
-            UnknownNameError, ArgumentError: The scene has no such knobs, or not such numbers of them.
+            SceneMismatchError: The layouts are of another scene, or were drawn with other params.
+            UnknownNameError, ArgumentError: The scene has no such params, or not such numbers of them.
             MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         stored, nrow = stored_rows(layouts, self.layouts, str(self.device)), layouts.qpos.shape[0]

@@ -194,7 +194,7 @@ class ResetWriter:
         """Write layouts into the masked worlds.
 
         Args:
-            layouts: The layouts, with their knobs; without these they have those of the scene file.
+            layouts: The layouts, with their params; without these they have those of the scene file.
             rows: Row of `layouts` for every masked world, shape (nworld,), int32; None gives world i row i.
         """
         m, d, poses, pose_rows = self._simulation.model, self._simulation.data, poses_of(layouts), rows

@@ -31,7 +31,7 @@ def make_pipeline(
     split: str = "train",
     prefetch: bool | wp.Stream | None = None,
     levels: Levels | None = None,
-    knobs: str | Sequence[str] = (),
+    params: str | Sequence[str] = (),
     graph: bool = True,
 ) -> tuple[LayoutPipeline, LevelSampler | None]:
     """Return the layouts that worlds are reset to, and their sampler of levels if they play some.
@@ -46,28 +46,28 @@ def make_pipeline(
         split: Its split.
         prefetch: Make its layouts ahead.
         levels: Levels to play.
-        knobs: Knobs of the worlds.
+        params: Params of the worlds.
         graph: Capture the launches into graphs.
 
     Raises:
         ArgumentTypeError: `layout_source`, `levels` or `prefetch` is of another type.
-        ArgumentError: Both a source and `prefetch` or `knobs`, or a stream of another device.
+        ArgumentError: Both a source and `prefetch` or `params`, or a stream of another device.
     """
     if levels is not None:
         check_type(levels, Levels, f"{where}: levels")
         named = () if levels.ranges is None else tuple(levels.ranges.start)
-        knobs = (*as_names(knobs, "knobs"), *named)
+        params = (*as_names(params, "params"), *named)
     if layout_source is None:
-        layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, knobs=knobs)
+        layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, params=params)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
         if not isinstance(prefetch, bool | wp.Stream):
             raise ArgumentTypeError(
                 f"{where}: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
                 "wp.stream_from_torch(stream) turns a stream of torch's into a wp.Stream."
             )
-    elif prefetch or knobs:
+    elif prefetch or params:
         raise ArgumentError(
-            f"{where}: prefetch and knobs are for layouts that it generates itself. Give either them or a "
+            f"{where}: prefetch and params are for layouts that it generates itself. Give either them or a "
             "layout_source, which may be a LayoutPipeline that prefetches."
         )
     check_type(layout_source, LayoutSource, f"{where}: layout_source")
@@ -90,23 +90,23 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
     Raises:
         ArgumentTypeError: They are no layouts.
         SceneMismatchError: They are of another scene, or have rows that no layout of it has. Or their physics or looks
-            were drawn with knobs that the worlds do not have.
-        UnknownNameError, ArgumentError: They have knobs, or numbers of them, that the scene does not have.
+            were drawn with params that the worlds do not have.
+        UnknownNameError, ArgumentError: They have params, or numbers of them, that the scene does not have.
     """
     if not isinstance(layouts, Layouts | LayoutTable):
         raise ArgumentTypeError(f"layouts should be Layouts or a LayoutTable, got {type(layouts)}.")
-    compiled, known = own.compiled, own.knobs.names
+    compiled, known = own.compiled, own.params.names
     if isinstance(layouts, LayoutTable):
         check_table(compiled, layouts, "layouts")
-        knobs = layouts.knobs
+        params = layouts.params
     else:
         compiled.scene.check_hash(layouts.compiled.hash, "layouts: each of them", "Give layouts of this scene.")
-        knobs = layouts.knobs.names
-    if knobs != known and {*knobs, *known} & set(own.knobs.of_draws.values()):
+        params = layouts.params.names
+    if params != known and {*params, *known} & set(own.params.of_draws.values()):
         raise SceneMismatchError(
-            f"layouts: were drawn with the knobs {list(knobs)}, and these worlds have {list(known)}. Make the "
-            f"randomizer with knobs={list(knobs)}."
+            f"layouts: were drawn with the params {list(params)}, and these worlds have {list(known)}. Make the "
+            f"randomizer with params={list(params)}."
         )
-    names = ("knob", *columns("draw", "pose")) if knobs == known else columns("draw", "pose")
+    names = ("param", *columns("draw", "pose")) if params == known else columns("draw", "pose")
     rows = {name: getattr(layouts, name) for name in names}
     return view_of(len(rows["qpos"]), device, rows)

@@ -17,9 +17,9 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError, SeedError, check_names
 from sceniris_gym.layout.compile import compile_scene, device_name
-from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_count, as_host_mask, as_numbers
+from sceniris_gym.layout.params import params_in
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
@@ -28,8 +28,8 @@ from sceniris_gym.vector.task import Task
 
 _MOST_PIXELS = 1 << 14  # along an edge
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
-LAYOUTS, STATE, KNOBS = "layouts", "state", "knobs"
-RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE, KNOBS)
+LAYOUTS, STATE, PARAMS = "layouts", "state", "params"
+RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE, PARAMS)
 
 
 class ChosenLayouts(NamedTuple):
@@ -39,13 +39,13 @@ class ChosenLayouts(NamedTuple):
         seeds: Of each world, shape (num_envs,), uint64.
         given: Which worlds, shape (num_envs,), bool.
         episodes: Of each world, shape (num_envs,), int32; None is episode 0.
-        knobs: Numbers of the knobs, shape (num_envs, nvalue), float32; None leaves them as they are.
+        params: Numbers of the params, shape (num_envs, nvalue), float32; None leaves them as they are.
     """
 
     seeds: np.ndarray
     given: np.ndarray
     episodes: np.ndarray | None = None
-    knobs: np.ndarray | None = None
+    params: np.ndarray | None = None
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
@@ -198,7 +198,7 @@ def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> Ch
     Args:
         value: `options["layouts"]`: a layout id for all worlds, a sequence with one for each world (None for its next
             layout), or {"seed": seeds, "episode": episodes} as `info` has them under `layout_seed` and
-            `layout_episode`, each a number for all worlds or an array; with "knobs" as in `layout_knobs`.
+            `layout_episode`, each a number for all worlds or an array; with "params" as in `layout_params`.
         num_envs: Number of worlds.
         pipeline: Makes the layouts.
 
@@ -206,18 +206,18 @@ def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> Ch
         ArgumentError: Anything else, or not one for each world.
         LayoutIdError, SeedError: A malformed id, seed or episode.
         SceneMismatchError: An id of another scene or split.
-        UnknownNameError: An id with a knob that the worlds do not have.
+        UnknownNameError: An id with a param that the worlds do not have.
     """
-    scene, table, split = pipeline.layouts.compiled.scene, pipeline.layouts.knobs, pipeline.split or "train"
+    scene, table, split = pipeline.layouts.compiled.scene, pipeline.layouts.params, pipeline.split or "train"
     where = f"options['{LAYOUTS}']"
     if isinstance(value, Mapping):
-        if {*value, KNOBS} != {"seed", "episode", KNOBS}:
+        if {*value, PARAMS} != {"seed", "episode", PARAMS}:
             raise ArgumentError(f"{where} should have the keys 'seed' and 'episode', got {short(list(value))}.")
         names = ("seed", "episode")
         seeds, episodes = (_numbers_of_worlds(value[name], num_envs, f"{where}['{name}']") for name in names)
         if (episodes < 0).any() or (episodes >= MOST_EPISODES).any():
             raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
-        rows = table.rows(value[KNOBS], num_envs) if KNOBS in value else None
+        rows = table.rows(value[PARAMS], num_envs) if PARAMS in value else None
         return ChosenLayouts(seeds.astype(np.uint64), np.ones(num_envs, bool), episodes.astype(np.int32), rows)
     texts = [value] * num_envs if isinstance(value, str | LayoutId) else value
     if not isinstance(texts, Sequence) or len(texts) != num_envs:
@@ -230,21 +230,21 @@ def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> Ch
     found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
     values: dict[str, np.ndarray] = {}
     for text, one in zip(texts, found, strict=True):
-        if one.knobs not in values:
+        if one.params not in values:
             try:
-                values[one.knobs] = table.rows(knobs_in(one.knobs), 1)[0]
+                values[one.params] = table.rows(params_in(one.params), 1)[0]
             except ArgumentError as error:
                 raise ArgumentError(f"{where}: layout id '{text}': {error}") from None
     seeds = np.array([one.seed for one in found], np.uint64)
     episodes = np.array([one.episode for one in found], np.int32)
-    knobs = np.array([values[one.knobs] for one in found])
+    params = np.array([values[one.params] for one in found])
     chosen = np.array([one is not None for one in ids])
-    served_split, (served_seeds, served_episodes, _) = pipeline.served(split, (seeds, episodes, knobs))
+    served_split, (served_seeds, served_episodes, _) = pipeline.served(split, (seeds, episodes, params))
     wrong = chosen & ((served_seeds != seeds) | (served_episodes != episodes) | (served_split != split))
     if wrong.any():
         one, cure = ids[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."
         raise SceneMismatchError(f"{where}: the layout_source does not serve '{one}' by its id. {cure}")
-    return ChosenLayouts(seeds, chosen, episodes, knobs)
+    return ChosenLayouts(seeds, chosen, episodes, params)
 
 
 def _numbers_of_worlds(value: Any, num_envs: int, name: str) -> np.ndarray:

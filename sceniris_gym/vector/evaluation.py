@@ -105,7 +105,7 @@ def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, i
         if not running.any():
             break
     columns = (last.tolist(), ever.tolist(), total.tolist(), length.tolist(), fallback.tolist())
-    names = [inner.compiled.layout_id(i.seed, i.episode, i.split, i.knobs) for i in ids]
+    names = [inner.compiled.layout_id(i.seed, i.episode, i.split, i.params) for i in ids]
     return [EpisodeResult(*row) for row in zip(names, *columns, strict=True)]
 
 

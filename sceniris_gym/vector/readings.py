@@ -35,7 +35,7 @@ class Readings:
         self.elapsed = torch.zeros(self.num_envs, dtype=torch.int32, device=self.device)
         self._elapsed = wp.from_torch(self.elapsed)
         self.seed, self.episode = wp.to_torch(layouts.seed).view(torch.int64), wp.to_torch(layouts.episode)
-        self.layout_status, self.layout_knob = wp.to_torch(layouts.status), wp.to_torch(layouts.knob)
+        self.layout_status, self.layout_param = wp.to_torch(layouts.status), wp.to_torch(layouts.param)
         self.start = wp.to_torch(layouts.start)
         d = batch.data
         self.ctrl = wp.to_torch(d.ctrl)

@@ -44,15 +44,15 @@ class SceneEnv(Fixed, gymnasium.Env):
             self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
         return _first(observation), _first(info)
 
-    def set_knob(self, name: str, value: Any) -> None:
-        """Change a part of the scene file from the next layout on; see `SceneVectorEnv.set_knob`."""
-        self.envs.set_knob(name, value)
+    def set_param(self, name: str, value: Any) -> None:
+        """Change a part of the scene file from the next layout on; see `SceneVectorEnv.set_param`."""
+        self.envs.set_param(name, value)
 
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
-        """Set a knob, or else an attribute, as `set_attr` of Gymnasium's own vector environments does in each world."""
+        """Set a param, or else an attribute, as `set_attr` of Gymnasium's vector environments does in each world."""
         if "." not in name:
             return super().set_wrapper_attr(name, value, force=force)
-        self.set_knob(name, value)
+        self.set_param(name, value)
         return True
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:

@@ -38,7 +38,7 @@ class Snapshot:
     """The state of worlds, a row for each.
 
     Attributes:
-        source: Hash of the scene, split and knobs of the layouts.
+        source: Hash of the scene, split and params of the layouts.
         worlds: The world that each row is of, shape (nrow,), int64.
         rows: What has a row for each world, by name: the state in mujoco_warp's Data, the layout, which one follows,
             the steps since its reset, the memory of the task, and which of these were finite, each of shape (nrow,
@@ -92,9 +92,9 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
 
     Raises:
         ArgumentTypeError: No Snapshot.
-        SceneMismatchError: A snapshot of another scene, split or task, of worlds with other knobs, or with numbers that
-            no world can have.
-        ArgumentError: Numbers that a knob cannot have.
+        SceneMismatchError: A snapshot of another scene, split or task, of worlds with other params, or with numbers
+            that no world can have.
+        ArgumentError: Numbers that a param cannot have.
     """
     check_type(snapshot, Snapshot, "options['state']")
     check_type(snapshot.rows, Mapping, "options['state'].rows")
@@ -106,7 +106,7 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
     has_rows = all(_is_plain(values) and values.shape[:1] == (len(snapshot),) for values in given.values())
     if snapshot.source != source or not (has_rows and wanted.items() <= found.items() and _WERE_FINITE in found):
         raise SceneMismatchError(
-            "options['state'] should be a snapshot of this scene, split, task and knobs. Take one of this environment."
+            "options['state'] should be a snapshot of this scene, split, task and params. Take one of this environment."
         )
     # a task may remember infinity, and NaN may stand for nothing, as where an arm has no grasp
     state = {name: rows for name, rows in snapshot.rows.items() if name.startswith(_FINITE)}
@@ -114,8 +114,8 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
         raise SceneMismatchError("options['state'] should have finite numbers. Leave out the rows of broken worlds.")
     numbers = {name: snapshot.rows[key].cpu().numpy() for key, name in _INDICES.items() if key in snapshot.rows}
     check_numbers(layouts.compiled, numbers, "options['state']")
-    for name in live.keys() & {"layout.knob", "layout.next_knob"}:
-        layouts.knobs.checked(snapshot.rows[name], len(snapshot))
+    for name in live.keys() & {"layout.param", "layout.next_param"}:
+        layouts.params.checked(snapshot.rows[name], len(snapshot))
 
 
 def put(snapshot: Snapshot, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:

@@ -44,7 +44,7 @@ class State(Readings):
         start: Number of the kind of start of each world in the scene file, -1 in scenes without, shape (num_envs,),
             int32.
         layout_status: 0 for no layout yet, 1 for a valid one, 2 for one from the bank, shape (num_envs,), int32.
-        layout_knob: Numbers of the knobs that each layout was made with, shape (num_envs, nvalue).
+        layout_param: Numbers of the params that each layout was made with, shape (num_envs, nvalue).
     """
 
     @property

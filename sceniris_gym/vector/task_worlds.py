@@ -76,8 +76,8 @@ class TaskWorlds:
 
     @property
     def source(self) -> tuple[str, ...]:
-        """Hash of the scene, split and knobs of the layouts."""
-        return self.randomizer.compiled.hash, self.randomizer.split, *self.randomizer.layouts.knobs.names
+        """Hash of the scene, split and params of the layouts."""
+        return self.randomizer.compiled.hash, self.randomizer.split, *self.randomizer.layouts.params.names
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
@@ -108,8 +108,8 @@ class TaskWorlds:
         }
         if self.randomizer.compiled.config.start:
             info["layout_start"] = s.start.clone()
-        if self.randomizer.layouts.knobs.knobs:
-            info["layout_knobs"] = self.randomizer.layouts.knobs.named(s.layout_knob.clone())
+        if self.randomizer.layouts.params.params:
+            info["layout_params"] = self.randomizer.layouts.params.named(s.layout_param.clone())
         if s.variants.names:
             info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
         replacer = self.randomizer.replacer

@@ -28,7 +28,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import arguments
-from sceniris_gym.vector.arguments import KNOBS, LAYOUTS, STATE, ChosenLayouts
+from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE, ChosenLayouts
 from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer, action_space
 from sceniris_gym.vector.ranks import Rank
@@ -91,8 +91,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
             `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one and -2 for one
             from the bank.
-        knobs: Names of parts of the scene file that `set_knob` can change, or patterns such as "objects.*.region"; see
-            docs/levels.md. Not with a layout_source. `info` then has `layout_knobs`, their values by name.
+        params: Names of parts of the scene file that `set_param` can change, or patterns such as "objects.*.region";
+            see docs/levels.md. Not with a layout_source. `info` then has `layout_params`, their values by name.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
@@ -135,7 +135,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         "overrides",
         "layout_source",
         "levels",
-        "knobs",
+        "params",
         "prefetch",
         "graph",
         "nconmax",
@@ -159,7 +159,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         prefetch: bool | None = None,
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
         levels: Levels | None = None,
-        knobs: str | Sequence[str] = (),
+        params: str | Sequence[str] = (),
         # episodes:
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
@@ -204,7 +204,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         source = arguments.as_layout_source(layout_source, self.compiled, num_envs)
         words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch, "levels": levels}
         words |= {"needs": self.task.needs, "fields": batch.fields, "graph": graph}
-        self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, knobs=knobs, **words)
+        self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
         self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.replacer.mask)
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
@@ -252,23 +252,23 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 id is for all worlds, and {"seed": ..., "episode": ...} takes `layout_seed` and `layout_episode` of an
                 `info`. The world goes on from that episode. {"state": snapshot} goes on where worlds were when
                 `snapshot` was called: each row in its own world, or with a mask in the masked worlds in order.
-                {"knobs": {name: value}} changes knobs of the masked worlds first, see `set_knob`.
+                {"params": {name: value}} changes params of the masked worlds first, see `set_param`.
 
         Raises:
             ArgumentTypeError: The options are no mapping.
             ArgumentError: Two of seed, layouts and state, or layouts or rows of a state that are not one per world; or
-                a value that a knob cannot have.
+                a value that a param cannot have.
             SeedError: Not integers from 0 to 2^64 - 1, or not one per world.
             LayoutIdError, SceneMismatchError: A malformed layout id, or one of another scene or split; or a state of
                 another scene or task.
-            UnknownNameError: An option other than these, or a knob that the worlds do not have.
+            UnknownNameError: An option other than these, or a param that the worlds do not have.
             MaskTypeError: The mask is not an array of booleans.
             MaskError: The mask has the wrong shape, or is false everywhere.
             ResetNeeded: The first reset has a mask or a state.
         """
         launches = self._launching()
         mask, given = arguments.as_reset_mask(options, self.num_envs), options or {}
-        kept, knobs = given.get(STATE), given.get(KNOBS)
+        kept, params = given.get(STATE), given.get(PARAMS)
         if not self._ready and (mask is not None or kept is not None):
             raise gymnasium.error.ResetNeeded(
                 "The first reset() should be of all worlds. Leave out reset_mask and state."
@@ -281,11 +281,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         self.batch.fields.check()
         with launches:
-            if knobs is not None:
-                source.set_knobs(knobs, mask)
+            if params is not None:
+                source.set_params(params, mask)
             if kept is not None:
                 due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
-                source.set_knobs({} if knobs is None else knobs, mask)  # a snapshot has knobs, too
+                source.set_params({} if params is None else params, mask)  # a snapshot has params, too
             else:
                 self._reseed(seed, chosen, mask)
                 self._worlds.reset(due.clone())
@@ -344,35 +344,35 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return take(self._worlds.source, self._live(), torch.from_numpy(worlds).to(self.device))
 
     @exclusive
-    def set_knob(self, name: str, value: Any, mask: Any = None) -> None:
+    def set_param(self, name: str, value: Any, mask: Any = None) -> None:
         """Change a part of the scene file in the masked worlds: their next layouts follow, and all after them.
 
         Args:
-            name: One of the `knobs` that the environment was made with, such as "groups.clutter.count".
+            name: One of the `params` that the environment was made with, such as "groups.clutter.count".
             value: What the scene file could have in its place, within what it has: [1, 3]. Joint positions are in m or
                 rad. Or such a value for each world, shape (num_envs, ...).
             mask: As in `replace`; None is all worlds.
 
         Raises:
-            UnknownNameError: The environment was not made with such a knob.
-            ArgumentError: A value that the knob cannot have.
+            UnknownNameError: The environment was not made with such a param.
+            ArgumentError: A value that the param cannot have.
             MaskError, MaskTypeError: As in `replace`.
         """
-        check_type(name, str, "set_knob: name")
+        check_type(name, str, "set_param: name")
         with self._launching():
-            self.randomizer.pipeline.set_knobs({name: value}, mask)
+            self.randomizer.pipeline.set_params({name: value}, mask)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set a knob, or else an attribute of the environment, as Gymnasium's own vector environments do.
+        """Set a param, or else an attribute of the environment, as Gymnasium's own vector environments do.
 
         Raises:
-            UnknownNameError: Neither a knob nor one of SETTABLE, to which a subclass may add its own.
-            ArgumentError: What a knob cannot have.
+            UnknownNameError: Neither a param nor one of SETTABLE, to which a subclass may add its own.
+            ArgumentError: What a param cannot have.
             FixedError: An attribute that cannot be changed.
         """
         check_type(name, str, "set_attr: name")
         if "." in name:
-            self.set_knob(name, values)
+            self.set_param(name, values)
         elif name in (*self.SETTABLE, *self.FIXED, *self.ARGUMENTS):
             setattr(self, name, values)
         else:
@@ -388,9 +388,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return self.randomizer.pipeline.ids(self.split)
         if not isinstance(info, Mapping) or not {"layout_seed", "layout_episode"} <= {*info}:
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
-        knobs = self.randomizer.layouts.knobs.rows(info.get("layout_knobs", {}), self.num_envs)
+        params = self.randomizer.layouts.params.rows(info.get("layout_params", {}), self.num_envs)
         seed, episode = (np.array(info[f"layout_{name}"].tolist()) for name in ("seed", "episode"))
-        return self.randomizer.pipeline.ids(self.split, (seed, episode, knobs))
+        return self.randomizer.pipeline.ids(self.split, (seed, episode, params))
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of."""

@@ -131,11 +131,11 @@ class LayoutDeck:
         Raises:
             LayoutIdError: The text has not the form of an id.
             SceneMismatchError: The layout is of another scene.
-            NotSupportedError: It has other knobs than the scene file.
+            NotSupportedError: It has other params than the scene file.
         """
         name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open its scene.")
-        if name.knobs:
-            raise NotSupportedError("shown here are layouts without knobs. `sceniris-gym replay` takes others.")
+        if name.params:
+            raise NotSupportedError("shown here are layouts without params. `sceniris-gym replay` takes others.")
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:

@@ -72,7 +72,7 @@ class EnvView:
         self._step = 0
         self._plots.clear()
         name = chosen[0]
-        self._id.value = self.envs.compiled.layout_id(name.seed, name.episode, name.split, name.knobs)
+        self._id.value = self.envs.compiled.layout_id(name.seed, name.episode, name.split, name.params)
         self._show(0.0)
         self._tell()
 

@@ -35,7 +35,7 @@ from mjlab.tasks.manipulation.config.yam.rl_cfg import (  # pyright: ignore[repo
 )
 from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
 
-from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts, knob_stages
+from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts, scene_param_stages
 
 PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
 NEAR = {"box": [[0.25, -0.15], [0.40, 0.15]]}
@@ -171,14 +171,13 @@ def test_only_environments_that_are_reset_get_a_new_layout():
 
 
 def test_layouts_made_ahead_are_those_made_in_place():
-    """Reset after reset, with a curriculum that sets a knob in each."""
-    found = []
+    """Reset after reset, with a curriculum that sets a param in each."""
+    found, name = [], "objects.cube_0.region"
     for prefetch in (False, True):
         cfg = plain_cfg(cubes_on())
-        cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), prefetch=prefetch, knobs="objects.cube_0.region")
-        stages = [(0, [[0.3, -0.1], [0.4, 0.1]])]
-        words = {"name": "objects.cube_0.region", "stages": stages}
-        cfg.curriculum["knob"] = CurriculumTermCfg(func=knob_stages, params=words)
+        cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), prefetch=prefetch, scene_params=[name])
+        stages = [{"step": 0, "params": {name: [[0.3, -0.1], [0.4, 0.1]]}}]
+        cfg.curriculum["param"] = CurriculumTermCfg(func=scene_param_stages, params={"param_stages": stages})
         env = ManagerBasedRlEnv(cfg, device="cpu")
         for step in range(4):
             env.reset(env_ids=torch.arange(NUM_ENVS)[:: step + 1])
@@ -227,13 +226,13 @@ def test_chosen_environments_get_the_layouts_of_ids():
         term.choose(["a:train:0:0"], [1])
 
 
-def test_a_curriculum_sets_a_knob_by_steps():
+def test_a_curriculum_sets_a_param_by_steps():
     """Ids name it, and give the same layouts again whatever the curriculum asks for by then."""
     name, narrow = "objects.cube_0.region", [[0.30, -0.05], [0.35, 0.05]]
     cfg = plain_cfg(cubes_on())
-    cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), knobs=[name])
-    stages = [(2, narrow), (4, NEAR["box"])]
-    cfg.curriculum["wider"] = CurriculumTermCfg(func=knob_stages, params={"name": name, "stages": stages})
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), scene_params=[name])
+    stages = [{"step": 2, "params": {name: narrow}}, {"step": 4, "params": {name: NEAR["box"]}}]
+    cfg.curriculum["wider"] = CurriculumTermCfg(func=scene_param_stages, params={"param_stages": stages})
     env = ManagerBasedRlEnv(cfg, "cpu")
     env.reset()
     term, (low, high) = env.event_manager.get_term_cfg("layouts").func, np.array(narrow)

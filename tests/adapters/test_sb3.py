@@ -209,17 +209,17 @@ def test_an_attribute_is_set_for_every_world_or_for_none(make):
     assert envs.get_attr("max_episode_steps") == [9] * 3
 
 
-def test_a_knob_is_set_in_single_worlds(make):
+def test_a_param_is_set_in_single_worlds(make):
     """Their next layouts follow, and infos of finished episodes come as before."""
     name = "objects.cabinet.joints.slide"
-    envs = make(knobs=[name])
+    envs = make(params=[name])
     envs.reset()
     envs.set_attr(name, [0.05, 0.06], indices=[0, 2])
     for _ in range(MAX_STEPS):
         *_, dones, _ = envs.step(np.zeros((3, 5)))
     assert dones.all()
-    assert envs.reset_infos[2]["layout_knobs"][name] == pytest.approx([0.05, 0.06])
-    low, high = envs.env.randomizer.layouts.knob.numpy().T
+    assert envs.reset_infos[2]["layout_params"][name] == pytest.approx([0.05, 0.06])
+    low, high = envs.env.randomizer.layouts.param.numpy().T
     assert high.tolist() == pytest.approx([0.06, 0.16, 0.06])
     slide = envs.env.randomizer.layouts.joint("slide").numpy()
     assert ((slide >= low) & (slide <= high)).all()

@@ -132,7 +132,7 @@ def test_an_arm_that_hits_something_is_not_clear(tmp_path_factory: pytest.TempPa
 
 
 def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_factory: pytest.TempPathFactory):
-    """The same claims, of models in which a part of the crane has a knob that is in the post."""
+    """The same claims, of models in which a part of the crane has a param that is in the post."""
     folder = tmp_path_factory.mktemp("target")
     asset, post = crane_mjcf(folder, solid=True), box_mjcf(folder, "post", 0.04, 0.04, 0.15)
     crane_map(asset)

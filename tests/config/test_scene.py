@@ -55,7 +55,7 @@ def test_a_scene_made_in_python_equals_one_read_from_a_dict():
 
 
 def test_the_canonical_form_changes_with_what_shapes_layouts_only():
-    """A knob changes it; the scene's name and the names of files do not."""
+    """A param changes it; the scene's name and the names of files do not."""
     canonical = SceneConfig.load(SMALL).canonical()
     assert SceneConfig.load(SMALL, {"objects.apple.gap": 0.001}).canonical() != canonical
     assert SceneConfig.load(SMALL, {"restarts": 0}).canonical() != canonical

@@ -1,4 +1,4 @@
-"""Uses gone wrong: options, knobs, snapshots, levels, redraws, ids, tables, problem files and folders of runs.
+"""Uses gone wrong: options, params, snapshots, levels, redraws, ids, tables, problem files and folders of runs.
 
 Each begins as a use that is right, of which one part is replaced by anything.
 """
@@ -33,7 +33,7 @@ from tests.fuzz.values import number, value
 from tests.importers.libero.problems import KITCHEN, STACK
 
 NUM_ENVS = 4
-KNOBS = {
+PARAMS = {
     "objects.shelf.joints.slide": [0.02, 0.05],
     "groups.some.count": 1,
     "objects.pear.region": [[-0.1, -0.05], [0.1, 0.05]],
@@ -66,7 +66,7 @@ class _Watch(Task):
 def _envs(*, levels: bool) -> SceneVectorEnv:
     ranges = Ranges({"objects.shelf.joints.slide": [0.02, 0.03]})
     words: dict[str, Any] = {"levels": Levels("given", capacity=32, every=2, ranges=ranges)} if levels else {}
-    return SceneVectorEnv(_Watch, NUM_ENVS, scene=compiled(), knobs="*", max_episode_steps=2, **words)
+    return SceneVectorEnv(_Watch, NUM_ENVS, scene=compiled(), params="*", max_episode_steps=2, **words)
 
 
 def wrong_use(draws: np.random.Generator, folder: Path) -> str | None:
@@ -74,7 +74,7 @@ def wrong_use(draws: np.random.Generator, folder: Path) -> str | None:
     envs = _envs(levels=draws.random() < 0.5)
     envs.reset(seed=0)
     envs.set_attr("max_episode_steps", 2)
-    uses = (_options, _knobs, _snapshot, _levels, _redraw, _id, _table, _names, _problem, _run)
+    uses = (_options, _params, _snapshot, _levels, _redraw, _id, _table, _names, _problem, _run)
     uses[int(draws.integers(len(uses)))](envs, draws, folder)
     for _ in range(3):
         observation, *_, info = envs.step(torch.zeros(NUM_ENVS, 1))
@@ -92,10 +92,10 @@ def wrong_use(draws: np.random.Generator, folder: Path) -> str | None:
 
 def _options(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
     info = envs.reset(seed=1)[1]
-    named = {"seed": info["layout_seed"], "episode": info["layout_episode"], "knobs": info["layout_knobs"]}
+    named = {"seed": info["layout_seed"], "episode": info["layout_episode"], "params": info["layout_params"]}
     mask = np.array([True, False] * 2)
     right: list[dict[str, Any]] = [
-        {"reset_mask": mask, "knobs": dict(KNOBS)},
+        {"reset_mask": mask, "params": dict(PARAMS)},
         {"reset_mask": torch.from_numpy(mask), "layouts": named},
         {"layouts": envs.layout_ids()},
         {"state": envs.snapshot()},
@@ -104,19 +104,19 @@ def _options(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> 
     envs.reset(seed=spoiled(seed, draws) if draws.random() < 0.2 else None, options=_chosen(right, draws))
 
 
-def _knobs(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
-    name = list(KNOBS)[int(draws.integers(len(KNOBS)))]
-    given: list[Any] = [name, KNOBS[name], np.array([True, False] * 2)]
+def _params(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
+    name = list(PARAMS)[int(draws.integers(len(PARAMS)))]
+    given: list[Any] = [name, PARAMS[name], np.array([True, False] * 2)]
     part = int(draws.integers(5))
     if part < 3:
         given[part] = spoiled(given[part], draws)
     elif part == 3:
-        given[1] = [spoiled(KNOBS[name], draws) for _ in range(NUM_ENVS)]
-    width = envs.randomizer.layouts.knob.shape[1]
+        given[1] = [spoiled(PARAMS[name], draws) for _ in range(NUM_ENVS)]
+    width = envs.randomizer.layouts.param.shape[1]
     if part == 4:
-        envs.randomizer.pipeline.reseed(0, knobs=spoiled(np.zeros((NUM_ENVS, width), np.float32), draws))
+        envs.randomizer.pipeline.reseed(0, params=spoiled(np.zeros((NUM_ENVS, width), np.float32), draws))
     else:
-        envs.set_knob(*given)
+        envs.set_param(*given)
 
 
 def _snapshot(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
@@ -142,7 +142,7 @@ def _levels(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> N
             levels.restore(spoiled(levels.state(), draws))
         case 1:
             columns[i] = some_array(draws) if draws.random() < 0.5 else spoiled(columns[i], draws)
-            levels.update(*columns, knobs=spoiled(dict(KNOBS), draws) if draws.random() < 0.3 else None)
+            levels.update(*columns, params=spoiled(dict(PARAMS), draws) if draws.random() < 0.3 else None)
         case 2:
             columns[i] = spoiled(columns[i], draws)
             levels.insert(*columns[1:])
@@ -161,7 +161,7 @@ def _redraw(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> N
 
 
 def _id(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
-    envs.set_knob("objects.shelf.joints.slide", [0.02, 0.05])
+    envs.set_param("objects.shelf.joints.slide", [0.02, 0.05])
     envs.reset(seed=int(draws.integers(9)))
     text = changed(envs.layout_ids()[0].encode(), draws).decode("latin-1")
     LayoutId.parse(text)
@@ -195,7 +195,7 @@ def _names(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> No
         lambda: envs.step(some_array(draws)),
         lambda: envs.randomizer.reset(env_ids=wrong),
         lambda: envs.randomizer.reset(seeds=wrong, episodes=value(draws)),
-        lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), knobs=wrong),
+        lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), params=wrong),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), nconmax=wrong if not isinstance(wrong, int) else -1),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), layout_source=wrong),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), levels=wrong),

@@ -6,7 +6,7 @@ import pytest
 
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
-from tests.layout.knobbed import knobbed_scene
+from tests.layout.param_scenes import scene_with_params
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 
@@ -22,6 +22,6 @@ def crane(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
 
 
 @pytest.fixture(scope="session")
-def knobbed(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
-    """A scene of which all that can be a knob of layouts is one."""
-    return compile_on_cpu(knobbed_scene(tmp_path_factory.mktemp("knobs")))
+def param_scene(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """A scene of which all that can be a param of layouts is one."""
+    return compile_on_cpu(scene_with_params(tmp_path_factory.mktemp("params")))

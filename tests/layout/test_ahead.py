@@ -155,13 +155,13 @@ def test_what_is_ready_is_not_made_again():
     assert missing == [NWORLD, 0, 0, NWORLD // 4]
 
 
-def test_knobs_that_are_set_to_what_they_are_leave_what_is_ready():
+def test_params_that_are_set_to_what_they_are_leave_what_is_ready():
     """A curriculum sets them at every reset; other numbers make it stale."""
-    source = prefetched(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD, knobs="objects.apple.region"))
-    (name, rows) = next(iter(source.layouts.knobs.named(source.layouts.knobs.default[None]).items()))
+    source = prefetched(LayoutGenerator(compile_scene("mid", "cpu"), NWORLD, params="objects.apple.region"))
+    (name, rows) = next(iter(source.layouts.params.named(source.layouts.params.default[None]).items()))
     missing = []
     for row in (rows[0], rows[0], 0.5 * rows[0]):
-        source.set_knobs({name: row})
+        source.set_params({name: row})
         source.generate()
         missing.append(int(source.ahead.missing.numpy().sum()))
     assert missing == [NWORLD, 0, NWORLD]

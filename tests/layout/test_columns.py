@@ -119,5 +119,5 @@ def test_a_row_has_its_shape_by_the_widths_of_the_scene():
     compiled = compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR))
     found = row_types(compiled, nvalue=5)
     assert found["qpos"] == ("float32", (compiled.mjm.nq,))
-    assert (found["present"], found["knob"]) == (("bool", (2,)), ("float32", (5,)))
+    assert (found["present"], found["param"]) == (("bool", (2,)), ("float32", (5,)))
     assert (found["grasp_pose"], found["grasp_qpos"]) == (("float32", (0, 7)), ("float32", (0, 0)))

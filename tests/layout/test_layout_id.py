@@ -34,11 +34,11 @@ def test_anything_else_is_refused(text: str):
 
 
 @pytest.mark.parametrize("again", ["groups.some.count", "groups.some%2Ecount"])
-def test_an_id_names_each_knob_once(again: str):
-    """Two numbers for one knob are refused, however it is written."""
+def test_an_id_names_each_param_once(again: str):
+    """Two numbers for one param are refused, however it is written."""
     bits = "3f80000040400000"
-    assert LayoutId.parse(f"a:train:1:0:groups.some.count={bits},groups.any.count={bits}").knobs
-    with pytest.raises(LayoutIdError, match=r"each knob once, and has: groups\.some\.count, groups\.some\.count"):
+    assert LayoutId.parse(f"a:train:1:0:groups.some.count={bits},groups.any.count={bits}").params
+    with pytest.raises(LayoutIdError, match=r"each param once, and has: groups\.some\.count, groups\.some\.count"):
         LayoutId.parse(f"a:train:1:0:groups.some.count={bits},{again}={bits}")
 
 

@@ -42,9 +42,9 @@ class Backwards(Chooser):
         self.next[:] = 9
         self._ask()
 
-    def launch_set_knobs(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+    def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """Hear it."""
-        self.heard.append("set_knobs")
+        self.heard.append("set_params")
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
         """Hear it."""
@@ -68,7 +68,7 @@ def mid() -> CompiledScene:
 @pytest.mark.parametrize("ahead", [False, True])
 def test_worlds_get_what_a_chooser_asks_for(mid: CompiledScene, ahead: bool):
     """The layouts of these seeds and episodes as another generator has them; the chooser hears of all that happens."""
-    maker = LayoutGenerator(mid, NWORLD, seed=30, knobs="objects.*.region")
+    maker = LayoutGenerator(mid, NWORLD, seed=30, params="objects.*.region")
     chooser, other = Backwards(maker.layouts), LayoutGenerator(mid, NWORLD, seed=30)
     pipeline = LayoutPipeline(maker, ahead=prefetched(maker).ahead if ahead else None, chooser=chooser)
     pipeline.reseed(30)
@@ -81,9 +81,9 @@ def test_worlds_get_what_a_chooser_asks_for(mid: CompiledScene, ahead: bool):
         np.testing.assert_array_equal(pipeline.layouts.qpos.numpy(), other.layouts.qpos.numpy())
     pipeline.launch_generate(wp.array([True, False, False], dtype=wp.bool, device="cpu"))
     assert pipeline.layouts.episode.numpy().tolist() == [6, 7, 7]
-    name, row = next(iter(maker.layouts.knobs.named(maker.layouts.knobs.default[None]).items()))
-    pipeline.set_knobs({name: row[0]})
-    assert chooser.heard == ["forget", *["after_reset"] * 3, "set_knobs"]
+    name, row = next(iter(maker.layouts.params.named(maker.layouts.params.default[None]).items()))
+    pipeline.set_params({name: row[0]})
+    assert chooser.heard == ["forget", *["after_reset"] * 3, "set_params"]
 
 
 def test_a_key_is_opened_without_touching_what_is_served(mid: CompiledScene):
@@ -116,13 +116,13 @@ def test_parts_that_do_not_fit_are_refused(mid: CompiledScene, words: Callable[.
         LayoutPipeline(**{"maker": maker, **words(maker, other)})
 
 
-@pytest.mark.parametrize("twin", ["self", "none", "worlds", "split", "knobs"])
+@pytest.mark.parametrize("twin", ["self", "none", "worlds", "split", "params"])
 def test_a_twin_that_makes_other_layouts_is_refused(mid: CompiledScene, twin: str):
     """Its rows would be copied into those of the maker."""
     twins: dict[str, Any] = {
         "worlds": LayoutGenerator(mid, NWORLD - 1),
         "split": LayoutGenerator(mid, NWORLD, split="eval"),
-        "knobs": LayoutGenerator(mid, NWORLD, knobs="objects.*.region"),
+        "params": LayoutGenerator(mid, NWORLD, params="objects.*.region"),
         "none": None,
     }
 

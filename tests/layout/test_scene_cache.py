@@ -107,7 +107,7 @@ def _model(**words: Any):
 
 
 def test_whatever_matters_has_another_key(monkeypatch: pytest.MonkeyPatch):
-    """A knob that is not in the scene's hash, a number in the model, the start pose, and a version."""
+    """A param that is not in the scene's hash, a number in the model, the start pose, and a version."""
     first = _model()
     keys = [scene_key(_model(), "cpu"), scene_key(_model(name="other"), "cpu")]
     first.mjm.geom_size[3, 0] += 1e-12

@@ -293,7 +293,7 @@ def test_a_table_of_a_scene_with_equal_shapes_is_refused(crane: CompiledScene, t
     with pytest.raises(SceneMismatchError, match="StoredLayouts: table is of scene 0123"):
         StoredLayouts(crane, replace(table, scene="0123"), 4)
     StoredLayouts(crane, replace(table, scene=""), 4)
-    with pytest.raises(SceneMismatchError, match="of one scene, split and set of knobs"):
+    with pytest.raises(SceneMismatchError, match="of one scene, split and set of params"):
         LayoutTable.concatenate([table, replace(table, split="eval")])
 
 
@@ -353,14 +353,14 @@ def test_arguments_of_another_type_are_told_by_their_names(crane: CompiledScene,
 @pytest.mark.parametrize(
     ("words", "match"),
     [
-        ({"knobs": ("nope",)}, "unknown knob 'nope'"),
-        ({"knobs": (REGION,)}, r"knobs should have shape \(7, 4\), got"),
-        ({"knobs": 3}, "knobs should be a name or several"),
+        ({"params": ("nope",)}, "unknown param 'nope'"),
+        ({"params": (REGION,)}, r"params should have shape \(7, 4\), got"),
+        ({"params": 3}, "params should be a name or several"),
         (
-            {"knobs": ("objects.thing.reg*",), "knob": BOX},
-            rf"knobs should be .*'{REGION}',\).* got 'train' and \('objects",
+            {"params": ("objects.thing.reg*",), "param": BOX},
+            rf"params should be .*'{REGION}',\).* got 'train' and \('objects",
         ),
-        ({"knobs": (REGION,), "knob": 9.0 * BOX}, rf"{REGION} should be"),
+        ({"params": (REGION,), "param": 9.0 * BOX}, rf"{REGION} should be"),
         ({"split": "test"}, "split should be 'train' or 'eval' .* got 'test' and"),
         ({"split": ["eval"]}, "split should be 'train' or 'eval'"),
     ],
@@ -368,14 +368,14 @@ def test_arguments_of_another_type_are_told_by_their_names(crane: CompiledScene,
 def test_a_table_that_no_generator_makes_is_refused_by_all_that_take_one(
     crane: CompiledScene, table: LayoutTable, words: dict[str, Any], match: str
 ):
-    """Knobs that the scene does not have, that have no columns or other numbers, and another split."""
+    """Params that the scene does not have, that have no columns or other numbers, and another split."""
     randomizer, wrong = _randomizer(crane), replace(table, **words)
     before = randomizer.data.qpos.numpy().copy()
     for take in (lambda: randomizer.write(wrong, range(NROW)), lambda: StoredLayouts(crane, wrong, 2)):
         with pytest.raises(ScenirisError, match=match):
             take()
     np.testing.assert_array_equal(randomizer.data.qpos.numpy(), before)
-    fine = replace(table, knobs=(REGION,), knob=BOX)
+    fine = replace(table, params=(REGION,), param=BOX)
     randomizer.write(fine, range(NROW))
     StoredLayouts(crane, fine, 2)
 
@@ -397,16 +397,16 @@ def _levels(source: LayoutSource) -> LayoutPipeline:
 
 
 @pytest.mark.parametrize("wrap", [lambda s: s, _levels, Wrapped])
-def test_stored_layouts_keep_their_knobs_in_every_wrapper(crane: CompiledScene, table: LayoutTable, wrap: Any):
+def test_stored_layouts_keep_their_params_in_every_wrapper(crane: CompiledScene, table: LayoutTable, wrap: Any):
     """Other numbers are refused before anything is launched, and launches never raise."""
-    source = wrap(StoredLayouts(crane, replace(table, knobs=(REGION,), knob=BOX), 2))
+    source = wrap(StoredLayouts(crane, replace(table, params=(REGION,), param=BOX), 2))
     box = [[-0.1, -0.1], [0.1, 0.1]]
-    for change in (lambda: source.set_knobs({REGION: box}), lambda: source.reseed(5, knobs=BOX[:2])):
-        with pytest.raises(ArgumentError, match="set_knobs: stored layouts keep the knobs they were made with"):
+    for change in (lambda: source.set_params({REGION: box}), lambda: source.reseed(5, params=BOX[:2])):
+        with pytest.raises(ArgumentError, match="set_params: stored layouts keep the params they were made with"):
             change()
     assert (source.layouts.view.next_episode.numpy() == 0).all()
     assert source.layouts.view.next_seed.numpy().tolist() == [0, 1]
     with wp.ScopedDevice("cpu"):
-        source.launch_set_knobs(wp.array([0], dtype=int), wp.array([[0.1]], dtype=float), None)
+        source.launch_set_params(wp.array([0], dtype=int), wp.array([[0.1]], dtype=float), None)
     source.generate()
-    np.testing.assert_array_equal(source.layouts.knob.numpy(), BOX[:2])
+    np.testing.assert_array_equal(source.layouts.param.numpy(), BOX[:2])

@@ -91,11 +91,11 @@ def test_fallbacks_stand_by_what_their_stored_layout_was_proven_with(tmp_path: P
 
 
 def test_a_fallback_has_the_physics_of_its_own_in_every_door(tmp_path: Path):
-    """`replay` of its id, and a table that is written or served, have the masses of its world, also with knobs."""
+    """`replay` of its id, and a table that is written or served, have the masses of its world, also with params."""
     compiled = seesaw(tmp_path, MASSES, MASSES, attempts=1, restarts=0)
-    knob = "objects.load.randomize.mass"
-    randomizer = reset(compiled, 8, prefetch=False, knobs=knob)
-    randomizer.pipeline.set_knobs({knob: [2.0, 4.0]})
+    param = "objects.load.randomize.mass"
+    randomizer = reset(compiled, 8, prefetch=False, params=param)
+    randomizer.pipeline.set_params({param: [2.0, 4.0]})
     randomizer.reset()
     status, masses = randomizer.layouts.status.numpy(), randomizer.model.body_mass.numpy().copy()
     assert len(set(status)) == 2
@@ -106,17 +106,17 @@ def test_a_fallback_has_the_physics_of_its_own_in_every_door(tmp_path: Path):
     stored = reset(compiled, 8, layout_source=StoredLayouts(compiled, table, 8))
     np.testing.assert_array_equal(stored.model.body_mass.numpy(), masses)
     assert stored.pipeline.ids("train") == randomizer.pipeline.ids("train")
-    other = reset(compiled, 8, split="eval", knobs=knob, prefetch=False)
+    other = reset(compiled, 8, split="eval", params=param, prefetch=False)
     other.write(table, np.arange(8)[::-1].copy())
     np.testing.assert_array_equal(other.model.body_mass.numpy(), masses[::-1])
-    with pytest.raises(SceneMismatchError, match="Make the randomizer with knobs="):
+    with pytest.raises(SceneMismatchError, match="Make the randomizer with params="):
         reset(compiled, 8).write(table, np.arange(8))
-    with pytest.raises(ArgumentError, match="stored layouts keep the knobs"):
-        stored.pipeline.set_knobs({knob: [1.0, 2.0]})
+    with pytest.raises(ArgumentError, match="stored layouts keep the params"):
+        stored.pipeline.set_params({param: [1.0, 2.0]})
 
 
 def test_a_redraw_takes_the_masses_that_the_worlds_have(tmp_path: Path):
-    """Also where a knob or a task changed them: those of the Model, of every body."""
+    """Also where a param or a task changed them: those of the Model, of every body."""
     randomizer = reset(seesaw(tmp_path, MASSES, MASSES))
     randomizer.scale_field("body_mass", "load", np.full(NWORLD, 2.0, np.float32))
     model = randomizer.model
@@ -159,7 +159,7 @@ def test_gravity_is_drawn_within_the_tilt_at_which_things_stand(tmp_path: Path):
 
 
 def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
-    """They are drawn by the name of the object, relative to the variant that is present, as a knob narrows them."""
+    """They are drawn by the name of the object, relative to the variant that is present, as a param narrows them."""
     load = {"variants": {name: {"asset": box_mjcf(tmp_path, name, 0.04, 0.04, z)} for name, z in HEIGHTS.items()}}
     words = {"orientation": {"yaw": [0, 0]}}
     objects = {
@@ -167,9 +167,9 @@ def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
         "load": {**load, "on": "plank", "randomize": MASSES, **words},
     }
     compiled = compile_on_cpu({"floor": {"size": [1, 1]}, "attempts": 200, "objects": objects}, bank=8)
-    knob = "objects.load.randomize.mass"
-    randomizer = reset(compiled, prefetch=False, knobs=knob)
-    randomizer.pipeline.set_knobs({knob: [2.0, 4.0]})
+    param = "objects.load.randomize.mass"
+    randomizer = reset(compiled, prefetch=False, params=param)
+    randomizer.pipeline.set_params({param: [2.0, 4.0]})
     randomizer.reset()
     generator, slot = randomizer.pipeline.maker, compiled.scene.sim.bodies["load"]
     assert isinstance(generator, LayoutGenerator)

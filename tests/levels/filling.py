@@ -13,10 +13,10 @@ from sceniris_gym.levels.refresh import launch_refresh
 NWORLD = 500
 
 
-def created(levels: Levels, nworld: int, nknob: int = 0) -> Buffer:
+def created(levels: Levels, nworld: int, nparam: int = 0) -> Buffer:
     """Return an empty buffer for so many worlds."""
-    knobs = {"next_knob": np.zeros((nworld, nknob)), "default_knob": np.zeros(nknob)}
-    return create_buffer(levels, view_of(nworld, "cpu", {"next_episode": np.zeros(nworld), **knobs}))
+    params = {"next_param": np.zeros((nworld, nparam)), "default_param": np.zeros(nparam)}
+    return create_buffer(levels, view_of(nworld, "cpu", {"next_episode": np.zeros(nworld), **params}))
 
 
 def column(values: object, dtype: type) -> wp.array:

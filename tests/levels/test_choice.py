@@ -30,9 +30,9 @@ def test_wrong_words_are_refused(words, error, match):
         Levels(**words)
 
 
-def test_ranges_without_a_knob_are_refused():
+def test_ranges_without_a_param_are_refused():
     """There would be no end for a fresh level to be at."""
-    with pytest.raises(ArgumentError, match="start should name a knob"):
+    with pytest.raises(ArgumentError, match="start should name a param"):
         Ranges({})
     with pytest.raises(ArgumentTypeError, match="start should be a Mapping"):
         Ranges(["groups.clutter.count"])  # type: ignore[arg-type]

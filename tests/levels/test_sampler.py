@@ -118,11 +118,11 @@ def test_scores_can_be_given(make_env):  # noqa: F811
         envs.randomizer.levels.update(np.array([-1]), np.array([1]), np.array([0]), np.array([0.5, 0.5]))
     with pytest.raises(ArgumentError, match=r"shape \(n,\)"):
         envs.randomizer.levels.update(np.int32(-1), 1, 0, 0.5)
-    for knobs in (np.ones(2), [1], 3):
-        with pytest.raises(ScenirisError, match="knobs"):
-            envs.randomizer.levels.update(*(np.array([number]) for number in (-1, 1, 0, 0.5)), knobs=knobs)
-        with pytest.raises(ScenirisError, match="knobs"):
-            envs.reset(options={"knobs": knobs})
+    for params in (np.ones(2), [1], 3):
+        with pytest.raises(ScenirisError, match="params"):
+            envs.randomizer.levels.update(*(np.array([number]) for number in (-1, 1, 0, 0.5)), params=params)
+        with pytest.raises(ScenirisError, match="params"):
+            envs.reset(options={"params": params})
     with pytest.raises(ArgumentTypeError, match="should be a Levels"):
         make_env(2, levels="learnability")
 
@@ -175,7 +175,7 @@ OUTSIDE = {
         "next_episode": (-2, 2**31 - 1),
         "successes": (-1,),
     },
-    **{"knob": (0.5, np.nan), "next_knob": (-1.0,), "base_knob": (np.inf,), "cumulative": (-1,), "resets": (-1,)},
+    **{"param": (0.5, np.nan), "next_param": (-1.0,), "base_param": (np.inf,), "cumulative": (-1,), "resets": (-1,)},
 }
 
 
@@ -202,10 +202,10 @@ def test_a_state_with_a_number_out_of_range_is_refused(make_env):  # noqa: F811
     levels.restore(before)
 
 
-def test_a_state_of_another_scene_split_or_knobs_is_refused(make_env):  # noqa: F811
+def test_a_state_of_another_scene_split_or_params_is_refused(make_env):  # noqa: F811
     """Its levels would be other layouts under the same seeds."""
-    levels = make_env(4, levels=LEVELS, knobs=SLIDE).randomizer.levels
-    for words in ({"split": "eval", "knobs": SLIDE}, {"knobs": ()}):
+    levels = make_env(4, levels=LEVELS, params=SLIDE).randomizer.levels
+    for words in ({"split": "eval", "params": SLIDE}, {"params": ()}):
         other = make_env(4, levels=LEVELS, **words).randomizer.levels.state()
         with pytest.raises(SceneMismatchError, match=rf"\['{levels.layouts.compiled.hash}', 'train', '{SLIDE}'\]"):
             levels.restore(other)

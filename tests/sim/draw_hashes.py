@@ -23,8 +23,8 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from tests.layout.knobbed import knobbed_scene
 from tests.layout.layout_hashes import processor
+from tests.layout.param_scenes import scene_with_params
 from tests.layout.scenes import box_mjcf
 from tests.sim.test_drawn_resets import compiled_scene
 
@@ -34,7 +34,7 @@ MASSES = {"mass": {"scale": [0.125, 8.0], "distribution": "log_uniform"}}
 LOOKS = {"friction": {"abs": [0.8, 0.1], "distribution": "normal"}, "rgba": {"choice": [[1, 0, 0], [0, 1, 0]]}}
 CENTRES = {"ipos": {"add": [[-0.01, -0.01, 0.0], [0.01, 0.01, 0.0]]}}
 CAMERA = {"pos": {"add": [-0.1, 0.1]}, "quat": {"add": [[-5, -5, -5], [5, 5, 5]]}, "fovy": {"add": [-5, 5]}}
-LAYOUTS = ("qpos", "present", "start", "status", "attempts", "knob", "draw_seed", "draw_episode", "draw_stream")
+LAYOUTS = ("qpos", "present", "start", "status", "attempts", "param", "draw_seed", "draw_episode", "draw_stream")
 
 
 def _copies(arrays: Mapping[str, wp.array], mark: str = "") -> dict[str, np.ndarray]:
@@ -47,21 +47,21 @@ def _randomizer(compiled: CompiledScene, *fields: str, **words: Any) -> ResetRan
     return ResetRandomizer(compiled, put_model(compiled, NWORLD, *fields), data, seed=7, prefetch=False, **words)
 
 
-def _narrow(set_knobs: Callable[..., None], knobs: Mapping[str, Any]) -> None:
+def _narrow(set_params: Callable[..., None], params: Mapping[str, Any]) -> None:
     """Set every interval, count, box and list of weights to a narrower one in every third world."""
-    for name, knob in knobs.items():
-        low, high = np.split(knob.default, 2) if knob.half else (knob.default, knob.default)
-        narrow = np.concatenate([np.round(0.75 * low + 0.25 * high) if knob.form == "count" else low, high])
-        if knob.form in ("interval", "box"):
+    for name, param in params.items():
+        low, high = np.split(param.default, 2) if param.half else (param.default, param.default)
+        narrow = np.concatenate([np.round(0.75 * low + 0.25 * high) if param.form == "count" else low, high])
+        if param.form in ("interval", "box"):
             narrow = np.concatenate([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
-        values = {"weights": 0.5 * knob.default + 1.0, "clearance": knob.default + 0.03}.get(knob.form, narrow)
-        set_knobs({name: values}, np.arange(NWORLD) % 3 == 0)
+        values = {"weights": 0.5 * param.default + 1.0, "clearance": param.default + 0.03}.get(param.form, narrow)
+        set_params({name: values}, np.arange(NWORLD) % 3 == 0)
 
 
 def _reset_some(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
-    """Reset all worlds, then every second, the knobs narrowed in between; return what they have drawn."""
+    """Reset all worlds, then every second, the params narrowed in between; return what they have drawn."""
     randomizer.reset()
-    _narrow(randomizer.pipeline.set_knobs, randomizer.layouts.knobs.knobs)
+    _narrow(randomizer.pipeline.set_params, randomizer.layouts.params.params)
     randomizer.reset(np.arange(NWORLD) % 2 == 0)
     return _drawn(randomizer)
 
@@ -74,9 +74,9 @@ def _drawn(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
     return _copies(found | {f"data.{name}": getattr(randomizer.data, name) for name in ("qpos", "mocap_pos", "ctrl")})
 
 
-def resets(device: str, folder: Path, *, variants: bool, knobs: Sequence[str] = ()) -> dict[str, np.ndarray]:
+def resets(device: str, folder: Path, *, variants: bool, params: Sequence[str] = ()) -> dict[str, np.ndarray]:
     """Draw masses, friction, colours, gains, armatures and a camera; of an object with variants, too."""
-    return _reset_some(_randomizer(compiled_scene(device, variants=variants), knobs=knobs))
+    return _reset_some(_randomizer(compiled_scene(device, variants=variants), params=params))
 
 
 def words(device: str, folder: Path) -> dict[str, np.ndarray]:
@@ -99,9 +99,9 @@ def masses(device: str, folder: Path) -> dict[str, np.ndarray]:
     scene = {"floor": {"size": [1, 1]}, "attempts": 3, "restarts": 1, "objects": objects, "bank": 8}
     compiled = compile_scene(SceneConfig.load(scene), device)
     found = {}
-    for knobs in ((), ("objects.load.randomize.mass",)):
-        randomizer = _randomizer(compiled, "body_mass", "geom_friction", knobs=knobs)
-        found |= {f"{name}{' narrowed' if knobs else ''}": array for name, array in _reset_some(randomizer).items()}
+    for params in ((), ("objects.load.randomize.mass",)):
+        randomizer = _randomizer(compiled, "body_mass", "geom_friction", params=params)
+        found |= {f"{name}{' narrowed' if params else ''}": array for name, array in _reset_some(randomizer).items()}
     factors = np.linspace(0.5, 2.0, NWORLD, dtype=np.float32)
     for name in ("body_mass", "geom_friction"):
         randomizer.scale_field(name, "load", factors)
@@ -112,11 +112,11 @@ def masses(device: str, folder: Path) -> dict[str, np.ndarray]:
 
 
 def parameters(device: str, folder: Path) -> dict[str, np.ndarray]:
-    """Narrow all that can be a knob of layouts, kinds of starts as well, with a mass that is drawn."""
-    scene = knobbed_scene(folder, objects__a__randomize=MASSES)
-    generator = LayoutGenerator(compile_scene(scene, device), NWORLD, knobs="*")
+    """Narrow all that can be a param of layouts, kinds of starts as well, with a mass that is drawn."""
+    scene = scene_with_params(folder, objects__a__randomize=MASSES)
+    generator = LayoutGenerator(compile_scene(scene, device), NWORLD, params="*")
     generator.generate()
-    _narrow(generator.set_knobs, generator.layouts.knobs.knobs)
+    _narrow(generator.set_params, generator.layouts.params.params)
     generator.generate(np.arange(NWORLD) % 2 == 0)
     return _copies({name: getattr(generator.layouts, name) for name in LAYOUTS})
 
@@ -124,7 +124,7 @@ def parameters(device: str, folder: Path) -> dict[str, np.ndarray]:
 CASES: dict[str, Callable[..., dict[str, np.ndarray]]] = {
     "resets": lambda device, folder: resets(device, folder, variants=False),
     "resets with variants": lambda device, folder: resets(device, folder, variants=True),
-    "resets with knobs": lambda device, folder: resets(device, folder, variants=True, knobs=["*.randomize.*"]),
+    "resets with params": lambda device, folder: resets(device, folder, variants=True, params=["*.randomize.*"]),
     "words": words,
     "masses": masses,
     "parameters": parameters,

@@ -111,24 +111,24 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
     np.testing.assert_allclose(rows["body_subtreemass"][:, 0], rows["body_mass"].sum(axis=1), rtol=1e-5)
 
 
-def test_randomizers_that_share_fields_have_the_same_knobs_of_draws(scene: CompiledScene):
-    """The fields draw by the columns of one row of knobs."""
+def test_randomizers_that_share_fields_have_the_same_params_of_draws(scene: CompiledScene):
+    """The fields draw by the columns of one row of params."""
     name = "objects.can.randomize.mass"
-    one = make(scene, knobs=(name,))
-    for knobs in ((), ("objects.*.randomize.*",)):
-        with pytest.raises(ArgumentError, match="knobs: another randomizer of the same `fields`"):
-            ResetRandomizer(scene, one.model, one.data, fields=one.fields, knobs=knobs)
-    ResetRandomizer(scene, one.model, one.data, fields=one.fields, knobs=(name,))
+    one = make(scene, params=(name,))
+    for params in ((), ("objects.*.randomize.*",)):
+        with pytest.raises(ArgumentError, match="params: another randomizer of the same `fields`"):
+            ResetRandomizer(scene, one.model, one.data, fields=one.fields, params=params)
+    ResetRandomizer(scene, one.model, one.data, fields=one.fields, params=(name,))
 
 
-def test_knobs_narrow_draws(scene: CompiledScene):
-    """Also of layouts that were made ahead before the knob was set."""
+def test_params_narrow_draws(scene: CompiledScene):
+    """Also of layouts that were made ahead before the param was set."""
     name = "objects.can.randomize.mass"
-    one, other = (make(scene, prefetch=prefetch, knobs=(name,)) for prefetch in (True, False))
+    one, other = (make(scene, prefetch=prefetch, params=(name,)) for prefetch in (True, False))
     for randomizer in (one, other):
         for step in range(4):
             if step == 2:
-                randomizer.pipeline.set_knobs({name: [1.0, 1.1]}, np.arange(NWORLD) < 3)
+                randomizer.pipeline.set_params({name: [1.0, 1.1]}, np.arange(NWORLD) < 3)
             randomizer.reset()
             wp.synchronize_device(randomizer.device)
     rows = values(other)

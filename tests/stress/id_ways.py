@@ -11,11 +11,11 @@ import warp as wp
 
 from sceniris_gym.commands.replay import drawn, replay
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.knobs import knobs_in
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.params import params_in
 from sceniris_gym.layout.pipeline import LayoutPipeline
-from sceniris_gym.layout.scene_knobs import Knob, scene_knobs
+from sceniris_gym.layout.scene_params import Param, scene_params
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -36,14 +36,14 @@ class Served:
     Args:
         compiled: The scene.
         seed: Seed of the first world.
-        knobs: Give the worlds all knobs, and half of them numbers of their own.
+        params: Give the worlds all params, and half of them numbers of their own.
     """
 
-    def __init__(self, compiled: CompiledScene, seed: int, *, knobs: bool) -> None:
-        self.compiled, self.names = compiled, knob_names(compiled) if knobs else ()
+    def __init__(self, compiled: CompiledScene, seed: int, *, params: bool) -> None:
+        self.compiled, self.names = compiled, param_names(compiled) if params else ()
         self.randomizer = randomizer(compiled, WORLDS, self.names)
         rows = narrowed(self.randomizer, np.random.default_rng(seed)) if self.names else None
-        self.randomizer.pipeline.reseed(list(range(seed, seed + WORLDS)), knobs=rows)
+        self.randomizer.pipeline.reseed(list(range(seed, seed + WORLDS)), params=rows)
         self.randomizer.reset()
         self.randomizer.reset()
         self.ids = self.randomizer.pipeline.ids(self.randomizer.split)
@@ -51,29 +51,29 @@ class Served:
         self.status = [STATUS.get(int(status), "none") for status in self.rows["layout status"]]
 
 
-def knob_names(compiled: CompiledScene) -> tuple[str, ...]:
-    """Return the names of all knobs that a scene can have."""
-    return tuple(name for name, knob in scene_knobs(compiled).items() if isinstance(knob, Knob))
+def param_names(compiled: CompiledScene) -> tuple[str, ...]:
+    """Return the names of all params that a scene can have."""
+    return tuple(name for name, param in scene_params(compiled).items() if isinstance(param, Param))
 
 
-def randomizer(compiled: CompiledScene, nworld: int, knobs: Sequence[str]) -> ResetRandomizer:
+def randomizer(compiled: CompiledScene, nworld: int, params: Sequence[str]) -> ResetRandomizer:
     """Return worlds that were not reset yet."""
     batch = Batch(compiled.scene, nworld, compiled.device, graph=False)
-    return ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, knobs=knobs, graph=False)
+    return ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, params=params, graph=False)
 
 
 def narrowed(worlds: ResetRandomizer, rng: np.random.Generator) -> np.ndarray:
-    """Return numbers of all knobs, in every other world within those of the scene file, shape (nworld, nvalue)."""
-    table = worlds.layouts.knobs
+    """Return numbers of all params, in every other world within those of the scene file, shape (nworld, nvalue)."""
+    table = worlds.layouts.params
     rows = np.tile(table.default, (WORLDS, 1))
-    for name, knob in table.knobs.items():
-        if not knob.half:
+    for name, param in table.params.items():
+        if not param.half:
             continue
-        low, high = knob.default[: knob.half], knob.default[knob.half :]
-        ends = np.sort(rng.uniform(size=(WORLDS, 2, knob.half)), axis=1) ** [[0.7], [0.3]]  # most of them wide
+        low, high = param.default[: param.half], param.default[param.half :]
+        ends = np.sort(rng.uniform(size=(WORLDS, 2, param.half)), axis=1) ** [[0.7], [0.3]]  # most of them wide
         found = np.clip(low + ends * (high - low), low, high).astype(np.float32)
-        found = np.rint(found) if knob.form == "count" else found
-        rows[1::2, table.first[name] : table.first[name] + 2 * knob.half] = found.reshape(WORLDS, -1)[1::2]
+        found = np.rint(found) if param.form == "count" else found
+        rows[1::2, table.first[name] : table.first[name] + 2 * param.half] = found.reshape(WORLDS, -1)[1::2]
     return rows
 
 
@@ -100,12 +100,12 @@ def by_replay(served: Served, order: np.ndarray) -> Rows:
 
 
 def by_randomizer(served: Served, order: np.ndarray) -> Rows:
-    """Return the worlds of another randomizer with the seeds, episodes and knobs of the ids."""
+    """Return the worlds of another randomizer with the seeds, episodes and params of the ids."""
     names = [LayoutId.parse(served.ids[world]) for world in order]
     worlds = randomizer(served.compiled, len(order), served.names)
-    knobs = np.concatenate([worlds.layouts.knobs.rows(knobs_in(name.knobs), 1) for name in names])
+    params = np.concatenate([worlds.layouts.params.rows(params_in(name.params), 1) for name in names])
     episodes = np.array([name.episode for name in names], np.int32)
-    worlds.pipeline.reseed([name.seed for name in names], episodes=episodes, knobs=knobs if served.names else None)
+    worlds.pipeline.reseed([name.seed for name in names], episodes=episodes, params=params if served.names else None)
     worlds.reset()
     return rows_of(worlds)
 
@@ -127,7 +127,7 @@ class _Idle(Task):
 
 def by_options(served: Served, order: np.ndarray) -> Rows:
     """Return the worlds of an environment that was reset to the ids."""
-    words: dict[str, Any] = {"knobs": served.names, "graph": False, "nconmax": 256, "njmax": 1024}
+    words: dict[str, Any] = {"params": served.names, "graph": False, "nconmax": 256, "njmax": 1024}
     envs = SceneVectorEnv(_Idle, len(order), scene=served.compiled, **words)
     try:
         envs.reset(options={"layouts": [served.ids[world] for world in order]})
@@ -138,7 +138,7 @@ def by_options(served: Served, order: np.ndarray) -> Rows:
 
 def by_generator(served: Served, order: np.ndarray) -> Rows:
     """Return the layouts of a generator, chosen as an adapter chooses them."""
-    generator = LayoutGenerator(served.compiled, len(order), knobs=served.names)
+    generator = LayoutGenerator(served.compiled, len(order), params=served.names)
     ids = [served.ids[world] for world in order]
     generator.reseed(*as_chosen_layouts(ids, len(order), LayoutPipeline(generator)))
     generator.generate()

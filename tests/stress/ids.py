@@ -1,10 +1,10 @@
-"""Ids of layouts, valid and from the bank, with and without knobs: each makes the same layout again to the bit.
+"""Ids of layouts, valid and from the bank, with and without params: each makes the same layout again to the bit.
 
 python -m tests.stress.ids --ids 10000 --seed 7 --processes 64 --device cuda:0 -o report.json
 python -m tests.stress.ids --ids 512 --scene drawer_open_pick
 
 Scenes are those of `tests.stress.mixed`, numbered from `--first` on, and each has `WORLDS` worlds. In every other scene
-the worlds have all knobs that the scene can have, half of them with numbers of their own. The ids of their second
+the worlds have all params that the scene can have, half of them with numbers of their own. The ids of their second
 episodes go back, in another order of worlds, through
 
 - replay: the command's function, with the numbers that it says are drawn;
@@ -44,8 +44,8 @@ class Outcome:
 
     Attributes:
         name: The scene.
-        knobs: Whether the worlds have knobs.
-        refused: Why there are no ids: the scene or the knobs are refused, or the ids cannot be told.
+        params: Whether the worlds have params.
+        refused: Why there are no ids: the scene or the params are refused, or the ids cannot be told.
         failed: Any other error, a crash or a hang.
         counts: Number of ids by way, status and result, such as "replay fallback equal".
         first: By way and status, the first id that differs, the world, and the names of what differs.
@@ -53,7 +53,7 @@ class Outcome:
     """
 
     name: str
-    knobs: bool = False
+    params: bool = False
     refused: str = ""
     failed: str = ""
     counts: Counter[str] = field(default_factory=Counter)
@@ -68,7 +68,7 @@ class Task:
     name: str
     words: Any
     seed: int
-    knobs: bool
+    params: bool
 
 
 def differing(served: Rows, world: int, found: Rows, row: int) -> list[str]:
@@ -87,12 +87,12 @@ def try_ids(task: Task, device: str | None = "cpu") -> Outcome:
     from sceniris_gym.errors import ScenirisError
     from sceniris_gym.layout.compile import compile_scene
 
-    outcome = Outcome(task.name, task.knobs)
+    outcome = Outcome(task.name, task.params)
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         words = make(int(task.name)).write(Path(folder)) if task.words is None else task.words
         try:
-            served = Served(compile_scene(words, device), task.seed, knobs=task.knobs)
+            served = Served(compile_scene(words, device), task.seed, params=task.params)
         except ScenirisError as error:
             outcome.refused = f"{type(error).__name__}: {error}".replace(folder, "FOLDER")
             return outcome
@@ -114,7 +114,7 @@ def try_ids(task: Task, device: str | None = "cpu") -> Outcome:
 
 
 def _lost(task: Task, reason: str) -> Outcome:
-    return Outcome(task.name, task.knobs, failed=reason)
+    return Outcome(task.name, task.params, failed=reason)
 
 
 def total(outcomes: Sequence[Outcome]) -> Counter[str]:
@@ -123,14 +123,14 @@ def total(outcomes: Sequence[Outcome]) -> Counter[str]:
 
 
 def report(outcomes: Sequence[Outcome]) -> list[str]:
-    """Return a line for each way and status, with and without knobs, and the first of what is wrong."""
+    """Return a line for each way and status, with and without params, and the first of what is wrong."""
     lines = [f"{'':34} {'equal':>8} {'refused':>8} {'differs':>8}"]
-    for knobs in (False, True):
-        counts = total([o for o in outcomes if o.knobs == knobs])
+    for params in (False, True):
+        counts = total([o for o in outcomes if o.params == params])
         for way in BACK:
             for status in STATUS.values():
                 numbers = " ".join(f"{counts[f'{way} {status} {word}']:8}" for word in ("equal", "refused", "differs"))
-                lines.append(f"{way:12} {status:10} {'knobs' if knobs else '':10} {numbers}")
+                lines.append(f"{way:12} {status:10} {'params' if params else '':10} {numbers}")
     for outcome in outcomes:
         told = {**outcome.first, **outcome.errors, **({"failed": outcome.failed} if outcome.failed else {})}
         lines += [f"{outcome.name}: {key}: {words[:200]}" for key, words in told.items()]

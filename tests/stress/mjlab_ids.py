@@ -1,9 +1,9 @@
-"""Ids of layouts in mjlab, valid and from the bank, with and without a knob: each makes the same layout again.
+"""Ids of layouts in mjlab, valid and from the bank, with and without a param: each makes the same layout again.
 
 python -m tests.stress.mjlab_ids --ids 10000
 
 mjlab needs MuJoCo 3.11, so this runs in the venv of `make test-mjlab`. Four cubes have little room, so that many worlds
-run out of restarts. In every other environment a knob makes it narrower. The ids of their second episodes go back in
+run out of restarts. In every other environment a param makes it narrower. The ids of their second episodes go back in
 another order of environments. The exit status is 1 if a bit of the layout or of an entity's pose differs.
 """
 
@@ -25,7 +25,7 @@ from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImpo
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg
 from tests.stress.mixed import STATUS
 
-_KNOB = "objects.cube_0.region"
+_PARAM = "objects.cube_0.region"
 _NARROW = [[0.28, -0.04], [0.35, 0.04]]
 _CUBES = tuple(f"cube_{i}" for i in range(4))
 _AREA = {"box": [[0.27, -0.05], [0.36, 0.05]]}
@@ -40,7 +40,7 @@ def environment(seed: int) -> ManagerBasedRlEnv:
         num_envs=_NUM_ENVS, env_spacing=3.0, terrain=TerrainEntityCfg(terrain_type="plane"), entities=cubes
     )
     cfg = ManagerBasedRlEnvCfg(decimation=1, scene=scene, seed=seed)
-    cfg.events["layouts"] = PlaceLayoutsCfg(scene=_SCENE, seed=seed, knobs=[_KNOB])
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=_SCENE, seed=seed, params=[_PARAM])
     return ManagerBasedRlEnv(cfg, "cpu")
 
 
@@ -58,7 +58,7 @@ def main() -> int:
     counts: Counter[str] = Counter()
     first, second = environment(100_000), environment(7)
     terms = [env.event_manager.get_term_cfg("layouts").func for env in (first, second)]
-    terms[0].set_knob(_KNOB, _NARROW, torch.arange(0, _NUM_ENVS, 2))
+    terms[0].set_param(_PARAM, _NARROW, torch.arange(0, _NUM_ENVS, 2))
     rng = np.random.default_rng(0)
     first.reset()
     while counts.total() < wanted:
@@ -72,8 +72,8 @@ def main() -> int:
             half = len(found) - 3 * len(_CUBES)  # poses are rounded to their environments' origins
             same = found[:half].tobytes() == served[i, :half].tobytes() and told[row] == ids[i]
             near = np.abs(found[half:] - served[i, half:]).max() < 1e-4
-            knob = "knob" if "=" in ids[i] else "none"
-            counts[f"{STATUS.get(int(status[i]), 'none')} {knob} {'equal' if same and near else 'differs'}"] += 1
+            param = "param" if "=" in ids[i] else "none"
+            counts[f"{STATUS.get(int(status[i]), 'none')} {param} {'equal' if same and near else 'differs'}"] += 1
     print("\n".join(f"{name}: {count}" for name, count in sorted(counts.items())))
     return int(any("differs" in name for name in counts))
 

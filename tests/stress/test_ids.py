@@ -20,11 +20,11 @@ def test_a_bit_that_differs_is_found():
 
 
 def test_a_report_counts_ids_by_way_and_status():
-    """With and without knobs; the first that differs is told."""
+    """With and without params; the first that differs is told."""
     one = Outcome("1", counts=Counter({"replay valid equal": 3, "replay fallback refused": 1}))
-    two = Outcome("2", knobs=True, counts=Counter({"replay fallback differs": 2}), first={"replay fallback": "an id"})
+    two = Outcome("2", params=True, counts=Counter({"replay fallback differs": 2}), first={"replay fallback": "an id"})
     lines = [line.split() for line in report([one, two])]
     assert ["replay", "valid", "3", "0", "0"] in lines and ["replay", "fallback", "0", "1", "0"] in lines
-    assert ["replay", "fallback", "knobs", "0", "0", "2"] in lines
+    assert ["replay", "fallback", "params", "0", "0", "2"] in lines
     assert ["2:", "replay", "fallback:", "an", "id"] in lines
     assert len(lines) == 1 + 4 * len(BACK) + 2 and sum(total([one, two]).values()) == 6

@@ -318,26 +318,26 @@ WRONG_CALLS = {
     "masked": (
         ArgumentError,
         SLIDE,
-        lambda envs: envs.set_knob(SLIDE, np.ma.array([0.05, 0.06], mask=np.array([True, False]))),
+        lambda envs: envs.set_param(SLIDE, np.ma.array([0.05, 0.06], mask=np.array([True, False]))),
     ),
     "nested": (ArgumentError, "dense", lambda envs: envs.step(torch.nested.nested_tensor([torch.zeros(5)] * 2))),
     "id of a number": (ArgumentTypeError, "integers", lambda envs: envs.compiled.layout_id("x", 0)),
     "id of a half": (ArgumentTypeError, "integers", lambda envs: envs.compiled.layout_id(1.5, 0)),
     "id of nothing": (ArgumentTypeError, "integers", lambda envs: envs.compiled.layout_id(3, None)),
-    "id of a knob": (
+    "id of a param": (
         ArgumentError,
         rf"options\['layouts'\].*:train:0:0:{SLIDE}=.*{SLIDE} should be",
         lambda envs: _reset_to(envs, f"{envs.compiled.hash}:train:0:0:{SLIDE}={'41000000' * 2}"),
     ),
-    "knob": (ArgumentTypeError, "set_knob: name", lambda envs: envs.set_knob([SLIDE], [0.05, 0.06])),
-    "value": (ArgumentError, SLIDE, lambda envs: envs.set_knob(SLIDE, 10**400)),
-    "ragged": (ArgumentError, SLIDE, lambda envs: envs.set_knob(SLIDE, [[0.05], [0.05, 0.06]])),
+    "param": (ArgumentTypeError, "set_param: name", lambda envs: envs.set_param([SLIDE], [0.05, 0.06])),
+    "value": (ArgumentError, SLIDE, lambda envs: envs.set_param(SLIDE, 10**400)),
+    "ragged": (ArgumentError, SLIDE, lambda envs: envs.set_param(SLIDE, [[0.05], [0.05, 0.06]])),
     "rows": (
         ArgumentError,
-        "knobs should have shape",
-        lambda envs: envs.randomizer.pipeline.reseed(0, knobs=[[1], [1, 2]]),
+        "params should have shape",
+        lambda envs: envs.randomizer.pipeline.reseed(0, params=[[1], [1, 2]]),
     ),
-    "nan": (ArgumentError, SLIDE, lambda envs: envs.randomizer.pipeline.reseed(0, knobs=np.full((2, 2), np.nan))),
+    "nan": (ArgumentError, SLIDE, lambda envs: envs.randomizer.pipeline.reseed(0, params=np.full((2, 2), np.nan))),
     "replace": (ArgumentTypeError, "objects should be a name", lambda envs: envs.replace(3)),
     "name": (ArgumentTypeError, "random: name should be a str", lambda envs: envs.randomizer.random(3, 3)),
     "shape": (CountError, "random: shape", lambda envs: envs.randomizer.random("a", (10**6, 10**6))),
@@ -361,7 +361,7 @@ def _reset_to(envs: SceneVectorEnv, layouts: Any) -> None:
 
 def test_calls_with_anything_end_in_errors_of_the_package(make_env):
     """Of methods of an environment and its randomizer; the environment goes on as if nothing had been called."""
-    envs, plain = make_env(2, knobs=SLIDE), make_env(2, knobs=SLIDE)
+    envs, plain = make_env(2, params=SLIDE), make_env(2, params=SLIDE)
     for each in (envs, plain):
         each.reset(seed=0)
     for name, (error, match, call) in WRONG_CALLS.items():

@@ -103,9 +103,9 @@ def test_torch_waits_for_nothing_in_a_step(cuda_scene, mode):
         torch.cuda.set_sync_debug_mode("default")
 
 
-def test_levels_with_knobs_are_the_layouts_of_their_ids(cuda_scene):
+def test_levels_with_params_are_the_layouts_of_their_ids(cuda_scene):
     """Fresh and replayed, made ahead; torch waits for nothing while they are chosen."""
-    words: dict[str, Any] = {"scene": cuda_scene, "knobs": "*", "max_episode_steps": 3}
+    words: dict[str, Any] = {"scene": cuda_scene, "params": "*", "max_episode_steps": 3}
     levels = Levels("failure", replay=0.5, every=1, capacity=64, ranges=Ranges({SLIDE: [0.05, 0.06]}, episodes=4))
     envs, plain = SceneVectorEnv(Hold, 4, **words, levels=levels), SceneVectorEnv(Hold, 4, **words)
     envs.reset(seed=5)

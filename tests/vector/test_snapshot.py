@@ -139,13 +139,13 @@ def test_rows_go_to_the_masked_worlds_in_order(make_env):
 
 
 def test_the_episodes_that_follow_are_those_that_were_chosen(make_env):
-    """By knobs, also those that no layout has been made with yet, and by seeds; in another environment, too."""
-    first, second = (make_env(4, knobs=SLIDE) for _ in range(2))
+    """By params, also those that no layout has been made with yet, and by seeds; in another environment, too."""
+    first, second = (make_env(4, params=SLIDE) for _ in range(2))
     first.reset(seed=4)
     second.reset(seed=9)
-    first.set_knob(SLIDE, [0.05, 0.06], np.arange(4) < 3)
+    first.set_param(SLIDE, [0.05, 0.06], np.arange(4) < 3)
     first.reset()
-    first.set_knob(SLIDE, [0.07, 0.08], np.arange(4) == 1)
+    first.set_param(SLIDE, [0.07, 0.08], np.arange(4) == 1)
     first.randomizer.pipeline.reseed(77, np.arange(4) == 2)
     kept, runs = first.snapshot(), []
     for envs in (first, second, first):
@@ -154,15 +154,15 @@ def test_the_episodes_that_follow_are_those_that_were_chosen(make_env):
         for _ in range(3):
             runs[-1] += [*envs.layout_ids(), envs.randomizer.layouts.qpos.numpy().tobytes()]
             envs.reset()
-        envs.set_knob(SLIDE, [0.1, 0.11])
+        envs.set_param(SLIDE, [0.1, 0.11])
     assert runs[0] == runs[1] == runs[2]
-    second.reset(options={"state": kept, "knobs": {SLIDE: [0.13, 0.14]}})
+    second.reset(options={"state": kept, "params": {SLIDE: [0.13, 0.14]}})
     second.reset()
     assert (np.abs(second.randomizer.layouts.joint("slide").numpy() - 0.135) <= 0.005).all()
 
 
 def test_wrong_snapshots_are_refused(make_env):
-    """Of another scene, split or type, of other knobs, too many rows, a seed beside them, or before the first reset."""
+    """Of another scene, split or type, of other params, too many rows, with a seed, or before the first reset."""
     envs = make_env(2)
     with pytest.raises(gymnasium.error.ResetNeeded, match=r"before snapshot"):
         envs.snapshot()
@@ -181,12 +181,12 @@ def test_wrong_snapshots_are_refused(make_env):
     others = [replace(kept, source=("0123456789abcdef", *kept.source[1:]))]
     finite = kept.rows["finite"]
     others += [replace(kept, rows={**kept.rows, "finite": form}) for form in (finite.to("meta"), finite.to_sparse())]
-    for words in ({"split": "eval"}, {"knobs": SLIDE}):
+    for words in ({"split": "eval"}, {"params": SLIDE}):
         foreign = make_env(2, **words)
         foreign.reset(seed=0)
         others.append(foreign.snapshot())
     for other in others:
-        with pytest.raises(SceneMismatchError, match="of this scene, split, task and knobs"):
+        with pytest.raises(SceneMismatchError, match="of this scene, split, task and params"):
             envs.reset(options={"state": other})
 
 
@@ -213,11 +213,11 @@ def _with(kept: Snapshot, name: str, value: float) -> Snapshot:
 
 def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
     """Edited on the way: the worlds stay as they were, and the rows of the others can still be restored."""
-    envs = make_env(2, knobs=SLIDE)
+    envs = make_env(2, params=SLIDE)
     envs.reset(seed=4)
     kept, before = envs.snapshot(), state(envs)
     wrong = {
-        r"from \[0\.04\] to \[0\.16\]": [_with(kept, f"layout.{name}", 7.0) for name in ("knob", "next_knob")],
+        r"from \[0\.04\] to \[0\.16\]": [_with(kept, f"layout.{name}", 7.0) for name in ("param", "next_param")],
         "finite numbers": [
             *(_with(kept, f"data.{name}", np.nan) for name in ("qpos", "time", "qacc_warmstart", "qfrc_applied")),
             _with(kept, "layout.qpos", np.nan),
@@ -230,7 +230,7 @@ def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
         r"elapsed should be from 0 to 2147483647, got -3 in row 1": [_with(kept, "elapsed", -3)],
         r"start should be from -1 to -1, got 5 in row 1": [_with(kept, "layout.start", 5)],
         r"present should be from 0 to 1, got 7 in row 1": [_with(kept, "layout.present", 7)],
-        r"of this scene, split, task and knobs": [
+        r"of this scene, split, task and params": [
             replace(kept, rows={**kept.rows, "data.qpos": kept.rows["data.qpos"][:1]}),
             replace(kept, rows={**kept.rows, "elapsed": kept.rows["elapsed"].float()}),
             replace(kept, worlds=kept.worlds.float()),
@@ -264,7 +264,7 @@ def test_one_number_names_one_row_of_a_snapshot(make_env):
         with pytest.raises(ArgumentError, match="Snapshot: the index should be rows from 0 to 2"):
             kept[index]
     for worlds in (None, kept.worlds.numpy(), torch.tensor(0)):
-        with pytest.raises(SceneMismatchError, match="of this scene, split, task and knobs"):
+        with pytest.raises(SceneMismatchError, match="of this scene, split, task and params"):
             envs.reset(options={"state": replace(kept, worlds=worlds)})
 
 

@@ -168,10 +168,10 @@ def state_of(scene: dict[str, Any] | SceneModel, num_envs: int = 2) -> State:
     batch.data.ctrl.assign(np.tile(model.home_ctrl, (num_envs, 1)))
     batch.update()
     numbers = {name: wp.zeros(num_envs, dtype=wp.int32, device="cpu") for name in ("episode", "status", "start")}
-    knob = wp.zeros((num_envs, 0), dtype=float, device="cpu")
+    param = wp.zeros((num_envs, 0), dtype=float, device="cpu")
     seeds, present = wp.zeros(num_envs, dtype=wp.uint64, device="cpu"), np.ones((num_envs, len(model.config.objects)))
     layouts: Any = SimpleNamespace(
-        seed=seeds, reaching=None, present=wp.array(present.astype(np.int32)), knob=knob, **numbers
+        seed=seeds, reaching=None, present=wp.array(present.astype(np.int32)), param=param, **numbers
     )
     return State(batch, layouts)
 

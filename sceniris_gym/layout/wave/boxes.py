@@ -1,4 +1,4 @@
-"""Draw points anew in the worlds in which a knob narrows the region of an object on a support to a box.
+"""Draw points anew in the worlds in which a param narrows the region of an object on a support to a box.
 
 The region's triangles are clipped to the box, and a point is uniform by area in what is left of them.
 """
@@ -56,7 +56,7 @@ def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
     """Return True if the box of a world differs from that of the scene file."""
     narrowed = bool(False)
     for k in range(first, first + 4):
-        if layouts.next_knob[worldid, k] != layouts.default_knob[k]:
+        if layouts.next_param[worldid, k] != layouts.default_param[k]:
             narrowed = True
     return narrowed
 
@@ -67,7 +67,7 @@ def _draw_in_boxes(
     program: Program,
     split: wp.uint32,
     columns: wp.array[int],
-    # Layouts in: present, pending*, next_knob, default_knob, place, bodies*
+    # Layouts in: present, pending*, next_param, default_param, place, bodies*
     layouts: LayoutsView,
     # Search in: restarts*, candidates, trials*, turn, heading, qpos; out: surface, grasp, places*, flags*; both: cause,
     #   point, body_pos, body_quat
@@ -85,7 +85,7 @@ def _draw_in_boxes(
             continue
         seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
         u = uniforms(seed, episode, stream_of(program, split, obj), trial_of(program, search, c), _DRAW)
-        box = layouts.next_knob[worldid]
+        box = layouts.next_param[worldid]
         tri = _choose_triangle(program, search.turn[c].variant, box, first, polygon, u[0])
         if tri < 0:
             search.cause[c] = Cause.EMPTY
@@ -99,10 +99,10 @@ def _draw_in_boxes(
 
 
 def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
-    """Draw the points of this wave's candidates anew where a knob narrows their region.
+    """Draw the points of this wave's candidates anew where a param narrows their region.
 
     Args:
         work: The arrays of the generator.
-        columns: First column of each object's box in a row of knobs, -1 for none, shape (nobject,), int32.
+        columns: First column of each object's box in a row of params, -1 for none, shape (nobject,), int32.
     """
     work.launch_lanes(_draw_in_boxes, [work.program, work.split, columns, work.layouts], work.search)

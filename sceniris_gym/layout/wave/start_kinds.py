@@ -17,9 +17,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, column: int) -> float:
-    """Return the weight of a kind in a world: that of its knob if there is one, else that of the scene file."""
+    """Return the weight of a kind in a world: that of its param if there is one, else that of the scene file."""
     if column >= 0:
-        return layouts.next_knob[worldid, column + kind]
+        return layouts.next_param[worldid, column + kind]
     return starts.weight[kind]
 
 
@@ -29,7 +29,7 @@ def _draw_kinds(
     mask: wp.array[bool],
     split: wp.uint32,
     column: int,
-    # Layouts in: pending*, next_knob; out: start
+    # Layouts in: pending*, next_param; out: start
     layouts: LayoutsView,
     # Out, by world:
     draw_range: wp.array2d[wp.vec2],
@@ -60,7 +60,7 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) 
     Args:
         work: The arrays of the generator. Its program has intervals of joints for each world if a kind draws joints.
         mask: Which worlds, shape (nworld,), bool; all if None.
-        column: First column of their weights in a row of knobs, -1 for none.
+        column: First column of their weights in a row of params, -1 for none.
     """
     inputs = [work.compiled.starts, mask, work.split, column]
     work.launch(_draw_kinds, work.nworld, inputs, work.layouts, work.program.draw_range)

@@ -1,4 +1,4 @@
-"""A scene of which all that can be a knob of layouts is one."""
+"""A scene of which all that can be a param of layouts is one."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _DOOR = """<geom type="box" size=".05 .05 .05" pos="0 0 .05"/>
 <geom type="box" size=".01 .01 .01" pos="0 0 .2" contype="0" conaffinity="0"/></body>"""
 
 
-def knobbed_scene(folder: Path, **words: Any) -> dict[str, Any]:
-    """All that can be a knob of layouts: joints, counts, weights, distances, and regions on a support and in space."""
+def scene_with_params(folder: Path, **words: Any) -> dict[str, Any]:
+    """All that can be a param of layouts: joints, counts, weights, distances, and regions on a support and in space."""
     box = box_mjcf(folder, "box", 0.04, 0.04, 0.04)
     door = write_mjcf(folder, "cabinet", _DOOR)
     objects: dict[str, Any] = {

@@ -1,6 +1,6 @@
-"""`KnobTable`: numbers of a scene file that may change while it is used, world by world, without compiling it again.
+"""`ParamTable`: numbers of a scene file that may change while it is used, world by world, without compiling it again.
 
-A knob narrows what the scene file says: a count, an interval, a region. So all that was proved of the scene, and every
+A param narrows what the scene file says: a count, an interval, a region. So all that was proved of the scene, and every
 size that was worked out for it, stays true.
 """
 
@@ -17,100 +17,100 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_names, check_type
 from sceniris_gym.layout.masks import as_numbers
-from sceniris_gym.layout.scene_knobs import Knob, draw_key, scene_knobs
+from sceniris_gym.layout.scene_params import Param, draw_key, scene_params
 from sceniris_gym.program.compiled import CompiledScene
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_KNOB = r"[^=,:]+=(?:[0-9a-f]{8})+"
-PARTS = rf"{_KNOB}(?:,{_KNOB})*"
+_PARAM = r"[^=,:]+=(?:[0-9a-f]{8})+"
+PARTS = rf"{_PARAM}(?:,{_PARAM})*"
 """Regular expression of the fifth part of a layout id."""
 
 
-class KnobTable:
-    """The knobs that some worlds of a scene have, each with its columns in a row of numbers.
+class ParamTable:
+    """The params that some worlds of a scene have, each with its columns in a row of numbers.
 
     Args:
         compiled: The scene.
-        names: Names of knobs, or patterns such as "objects.*.region".
+        names: Names of params, or patterns such as "objects.*.region".
 
     Attributes:
-        knobs: The knobs by name, sorted.
-        first: The first column of each knob, by its name.
+        params: The params by name, sorted.
+        first: The first column of each param, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
-        of_draws: The knob of each draw of physics or looks, by the draw's name.
+        of_draws: The param of each draw of physics or looks, by the draw's name.
         are_kept: Whether layouts keep the numbers that they were made with, as stored ones do.
 
     Raises:
         ArgumentTypeError: `names` are no names.
-        UnknownNameError: There is no such knob.
+        UnknownNameError: There is no such param.
         ArgumentError: A part of the scene file that cannot be one, and the reason.
     """
 
     def __init__(self, compiled: CompiledScene, names: str | Sequence[str]) -> None:
-        every = scene_knobs(compiled) if names else {}
-        known = {name: knob for name, knob in every.items() if isinstance(knob, Knob)}
-        chosen: dict[str, Knob] = {}
-        for name in as_names(names, "knobs"):
+        every = scene_params(compiled) if names else {}
+        known = {name: param for name, param in every.items() if isinstance(param, Param)}
+        chosen: dict[str, Param] = {}
+        for name in as_names(names, "params"):
             found = [name] if name in known else fnmatch.filter(known, name)
             if not found and name in every:
-                raise ArgumentError(f"knobs: '{name}' cannot be a knob: {every[name]}")
+                raise ArgumentError(f"params: '{name}' cannot be a param: {every[name]}")
             if not found:
-                raise UnknownNameError("knob", str(name), "knobs", known)
+                raise UnknownNameError("param", str(name), "params", known)
             chosen |= {one: known[one] for one in found}
-        self.knobs = {name: chosen[name] for name in sorted(chosen)}
-        numbers = [knob.default for knob in self.knobs.values()]
-        self.first = dict(zip(self.knobs, np.cumsum([0, *map(len, numbers)]).tolist(), strict=False))
+        self.params = {name: chosen[name] for name in sorted(chosen)}
+        numbers = [param.default for param in self.params.values()]
+        self.first = dict(zip(self.params, np.cumsum([0, *map(len, numbers)]).tolist(), strict=False))
         self.default = np.concatenate([np.zeros(0, np.float32), *numbers])
         self.are_kept = False
         self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the knobs, sorted."""
-        return tuple(self.knobs)
+        """Names of the params, sorted."""
+        return tuple(self.params)
 
-    def knob(self, name: str, where: str = "set_knob") -> Knob:
-        """Return a knob by its name.
+    def param(self, name: str, where: str = "set_param") -> Param:
+        """Return a param by its name.
 
         Raises:
             UnknownNameError: It is none of these.
         """
-        check_names("knob", [name], f"{where} (the argument `knobs` should name it)", self.names)
-        return self.knobs[name]
+        check_names("param", [name], f"{where} (the argument `params` should name it)", self.names)
+        return self.params[name]
 
     def named(self, rows: Any) -> dict[str, Any]:
-        """Return columns of rows by the names of their knobs, each of shape (nrow, number of numbers)."""
-        ends = {name: self.first[name] + len(knob.default) for name, knob in self.knobs.items()}
+        """Return columns of rows by the names of their params, each of shape (nrow, number of numbers)."""
+        ends = {name: self.first[name] + len(param.default) for name, param in self.params.items()}
         return {name: rows[:, self.first[name] : end] for name, end in ends.items()}
 
     def checked(self, rows: Any, nrow: int) -> np.ndarray:
         """Return rows with a number for each column, shape (nrow, nvalue), as float32.
 
         Raises:
-            ArgumentError: Anything else, or numbers that a knob cannot have.
+            ArgumentError: Anything else, or numbers that a param cannot have.
         """
         given = as_numbers(rows)
         if given.shape != (nrow, len(self.default)):
-            raise ArgumentError(f"knobs should have shape {(nrow, len(self.default))}, got {short(rows)}.")
+            raise ArgumentError(f"params should have shape {(nrow, len(self.default))}, got {short(rows)}.")
         for name, values in self.named(given).items():
-            self.knobs[name].checked(values, nrow)
+            self.params[name].checked(values, nrow)
         return given.astype(np.float32)
 
     def text(self, row: np.ndarray) -> str:
-        """Return the fifth part of a layout id: the knobs that differ from the scene file, sorted, float32 in hex."""
+        """Return the fifth part of a layout id: the params that differ from the scene file, sorted, float32 in hex."""
         parts = []
         for name, values in self.named(np.asarray(row, np.float32)[None]).items():
-            if (values[0] != self.knobs[name].default).any():
+            if (values[0] != self.params[name].default).any():
                 bits = "".join(f"{number:08x}" for number in values[0].view(np.uint32))
                 parts.append(f"{quote(name, safe='.')}={bits}")
         return ",".join(parts)
 
     def rows(self, values: Mapping[str, Any], nworld: int) -> np.ndarray:
-        """Return the numbers of all worlds in which some knobs have other values, shape (nworld, nvalue), float32.
+        """Return the numbers of all worlds in which some params have other values, shape (nworld, nvalue), float32.
 
         Raises:
-            UnknownNameError, ArgumentError: A knob that is not in the table, or values that it cannot have.
+            UnknownNameError, ArgumentError: A param that is not in the table, or values that it cannot have.
         """
         rows = np.tile(self.default, (nworld, 1))
         columns, found = self.part(values, nworld)
@@ -118,27 +118,29 @@ class KnobTable:
         return rows
 
     def part(self, values: Mapping[str, Any], nworld: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns of some knobs, and their values in one row for all worlds, or in one for each.
+        """Return the columns of some params, and their values in one row for all worlds, or in one for each.
 
         Raises:
             UnknownNameError, ArgumentError: As `rows`.
             ArgumentTypeError: No mapping of names to values.
         """
-        check_type(values, Mapping, "knobs")
-        found = [self.knob(name).checked(value, nworld) for name, value in values.items()]
-        columns = [self.first[name] + k for name in values for k in range(len(self.knob(name).default))]
+        check_type(values, Mapping, "params")
+        found = [self.param(name).checked(value, nworld) for name, value in values.items()]
+        columns = [self.first[name] + k for name in values for k in range(len(self.param(name).default))]
         blank = np.zeros((max(map(len, found), default=1), 1), np.float32)
         return np.array(columns, np.int32), np.concatenate([blank[:, :0], *(blank + rows for rows in found)], axis=1)
 
     def boxes(self, compiled: CompiledScene) -> wp.array | None:
         """Return the first column of each object's region on a support, -1 for none, int32; None if none has one."""
-        flat = {name: self.first[name] for name, knob in self.knobs.items() if knob.form == "box" and not knob.places}
+        flat = {
+            name: self.first[name] for name, param in self.params.items() if param.form == "box" and not param.places
+        }
         first = [flat.get(f"{compiled.config.key(name)}.region", -1) for name in compiled.placed]
         return wp.array(first, dtype=int, device=compiled.device) if max(first, default=-1) >= 0 else None
 
 
-def knobs_in(text: str) -> dict[str, np.ndarray]:
-    """Return the knobs that the fifth part of a layout id names, with their numbers."""
+def params_in(text: str) -> dict[str, np.ndarray]:
+    """Return the params that the fifth part of a layout id names, with their numbers."""
     found = {}
     for part in text.split(",") if text else ():
         name, digits = part.split("=")
@@ -153,16 +155,16 @@ def _set(
     columns: wp.array[int],
     values: wp.array2d[float],
     # Out:
-    knob: wp.array2d[float],
+    param: wp.array2d[float],
 ):
     worldid, k = wp.tid()
     if mask:
         if not mask[worldid]:
             return
-    knob[worldid, columns[k]] = values[worldid % values.shape[0], k]
+    param[worldid, columns[k]] = values[worldid % values.shape[0], k]
 
 
-def launch_set(knob: wp.array, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
+def launch_set(param: wp.array, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
     """Write numbers into columns of the masked worlds, all if None; `values` have one row, or one per world."""
-    dim = (knob.shape[0], values.shape[1])
-    wp.launch(_set, dim, inputs=[mask, columns, values], outputs=[knob], device=knob.device)
+    dim = (param.shape[0], values.shape[1])
+    wp.launch(_set, dim, inputs=[mask, columns, values], outputs=[param], device=param.device)

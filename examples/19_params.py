@@ -1,4 +1,4 @@
-"""Knobs: widen the regions of things while an environment runs, and make a layout again by its id."""
+"""Params: widen the regions of things while an environment runs, and make a layout again by its id."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ import tyro
 import sceniris_gym  # noqa: F401, registers the environments
 
 THINGS = ("bottle", "apple", "orange", "can", "block")
-KNOBS = [f"objects.{name}.region" for name in THINGS]
+PARAMS = [f"objects.{name}.region" for name in THINGS]
 
 
 def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> None:
@@ -20,15 +20,15 @@ def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> No
         resets: number of resets, the last one to the regions of the scene file.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
-    envs = gym.make_vec("sceniris_gym/TabletopReach-v0", num_envs=num_envs, device=device, knobs=KNOBS)
+    envs = gym.make_vec("sceniris_gym/TabletopReach-v0", num_envs=num_envs, device=device, params=PARAMS)
     base: Any = envs.unwrapped
     _, info = envs.reset(seed=0)
-    widest = {name: values[0] for name, values in info["layout_knobs"].items()}
+    widest = {name: values[0] for name, values in info["layout_params"].items()}
     for k in range(1, resets + 1):
         for name, box in widest.items():
             middle = 0.5 * (box[:2] + box[2:]).repeat(2)
             share = 0.5 + 0.5 * k / resets
-            base.set_knob(name, torch.lerp(middle, box, share))
+            base.set_param(name, torch.lerp(middle, box, share))
         envs.reset()
         at = torch.stack([base.state.pose(name)[:, :2] for name in THINGS])
         size = at.amax(dim=(0, 1)) - at.amin(dim=(0, 1))
@@ -37,7 +37,7 @@ def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> No
             told, wanted = base.layout_ids()[0], base.state.pose("apple")[0].clone()
     envs.reset(options={"layouts": told})
     print(f"the first narrow layout again: {torch.equal(base.state.pose('apple')[0], wanted)}")
-    print(f"its id has {told.count('=')} knobs")
+    print(f"its id has {told.count('=')} params")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Knobs of environments: through every door a world gets the layout and the physics that its knobs say."""
+"""Params of environments: through every door a world gets the layout and the physics that its params say."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def _slides(envs: SceneVectorEnv) -> list[float]:
     return envs.randomizer.layouts.joint("slide").tolist()
 
 
-def test_a_knob_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
-    """`set_knob`, `set_attr`, options of a reset: the next layouts of these worlds alone follow."""
+def test_a_param_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
+    """`set_param`, `set_attr`, options of a reset: the next layouts of these worlds alone follow."""
     doors = {
-        "set_knob": lambda envs, value, mask: envs.set_knob(SLIDE, value, mask),
+        "set_param": lambda envs, value, mask: envs.set_param(SLIDE, value, mask),
         "set_attr": lambda envs, value, mask: envs.set_attr(SLIDE, np.where(mask[:, None], value, [0.04, 0.16])),
-        "options": lambda envs, value, mask: envs.reset(options={"knobs": {SLIDE: value}, "reset_mask": mask}),
+        "options": lambda envs, value, mask: envs.reset(options={"params": {SLIDE: value}, "reset_mask": mask}),
     }
     plain, mask = make_env(4), np.array([True, False, True, False])
     plain.reset(seed=3)
     plain.reset(options={"reset_mask": mask})
     for name, door in doors.items():
-        envs = make_env(4, knobs=["objects.cabinet.joints.*"])
+        envs = make_env(4, params=["objects.cabinet.joints.*"])
         assert_equal(make_env(4).reset(seed=3)[0], envs.reset(seed=3)[0])
         door(envs, [0.05, 0.06], mask)
         if name != "options":
@@ -43,43 +43,43 @@ def test_a_knob_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
         slides, others = _slides(envs), _slides(plain)
         assert all(0.05 <= slides[i] <= 0.06 for i in (0, 2)), name
         assert [slides[i] for i in (1, 3)] == [others[i] for i in (1, 3)]
-    with pytest.raises(UnknownNameError, match=r"`knobs` should name it\): unknown knob 'objects\.block\.region'"):
-        envs.set_knob("objects.block.region", [[0, 0], [0.1, 0.1]])
+    with pytest.raises(UnknownNameError, match=r"`params` should name it\): unknown param 'objects\.block\.region'"):
+        envs.set_param("objects.block.region", [[0, 0], [0.1, 0.1]])
     with pytest.raises(UnknownNameError, match=r"Did you mean 'objects\.cabinet\.joints\.slide'"):
         envs.set_attr("objects.cabinet.joints.slid", [0.05, 0.06])
     with pytest.raises(ArgumentError, match=r"from \[0\.04\] to \[0\.16\], as in the scene file, got \[0\.0, 0\.1\]"):
-        envs.set_knob(SLIDE, [0.0, 0.1])
-    with pytest.raises(ArgumentTypeError, match="knobs should be a Mapping"):
-        envs.reset(options={"knobs": [SLIDE]})
+        envs.set_param(SLIDE, [0.0, 0.1])
+    with pytest.raises(ArgumentTypeError, match="params should be a Mapping"):
+        envs.reset(options={"params": [SLIDE]})
     with pytest.raises(MaskTypeError, match="mask should be a boolean"):
-        envs.set_knob(SLIDE, [0.05, 0.06], [True] * 4)
+        envs.set_param(SLIDE, [0.05, 0.06], [True] * 4)
 
 
-def test_an_id_with_knobs_is_a_layout_through_every_door(make_env):  # noqa: F811
-    """Bits of the observation after a reset to the id, or to seed, episode and knobs of an info."""
-    envs = make_env(3, knobs="*")
+def test_an_id_with_params_is_a_layout_through_every_door(make_env):  # noqa: F811
+    """Bits of the observation after a reset to the id, or to seed, episode and params of an info."""
+    envs = make_env(3, params="*")
     envs.reset(seed=5)
-    envs.set_knob(SLIDE, [0.07, 0.08], np.array([True, True, False]))
+    envs.set_param(SLIDE, [0.07, 0.08], np.array([True, True, False]))
     wanted, info = envs.reset()
     ids = envs.layout_ids()
     assert [name.count(":") for name in ids] == [4, 4, 3]
     ended = envs.step(actions(3, ending=(0, 2)))[-1]
     assert envs.layout_ids(ended["final_info"]) == ids
     assert envs.layout_ids(ended) == envs.layout_ids() != ids
-    other = make_env(3, knobs=[SLIDE, "objects.block.region"])
+    other = make_env(3, params=[SLIDE, "objects.block.region"])
     assert_equal(other.reset(options={"layouts": ids})[0], wanted)
     assert other.layout_ids() == ids
     told = {"seed": info["layout_seed"], "episode": info["layout_episode"]}
-    told["knobs"] = {SLIDE: info["layout_knobs"][SLIDE]}
+    told["params"] = {SLIDE: info["layout_params"][SLIDE]}
     assert_equal(other.reset(options={"layouts": told})[0], wanted)
-    one = SceneEnv(Reach, scene=envs.compiled, knobs=SLIDE)
+    one = SceneEnv(Reach, scene=envs.compiled, params=SLIDE)
     found, _ = one.reset(options={"layouts": ids[1]})
     assert_equal({name: rows[None] for name, rows in found.items()}, {k: v[1:2] for k, v in wanted.items()})
-    one.set_knob(SLIDE, [0.1, 0.11])
-    assert one.reset()[1]["layout_knobs"][SLIDE].tolist() == pytest.approx([0.1, 0.11])
+    one.set_param(SLIDE, [0.1, 0.11])
+    assert one.reset()[1]["layout_params"][SLIDE].tolist() == pytest.approx([0.1, 0.11])
     wrapped = gymnasium.wrappers.TimeLimit(one, 5)
     assert wrapped.set_wrapper_attr(SLIDE, [0.07, 0.08])  # as Gymnasium's own vector environments do in `set_attr`
-    assert wrapped.reset()[1]["layout_knobs"][SLIDE].tolist() == pytest.approx([0.07, 0.08])
+    assert wrapped.reset()[1]["layout_params"][SLIDE].tolist() == pytest.approx([0.07, 0.08])
     assert wrapped.set_wrapper_attr("note", "kept")
     assert wrapped.get_wrapper_attr("note") == "kept"
     with pytest.raises(UnknownNameError, match=SLIDE):
@@ -89,16 +89,16 @@ def test_an_id_with_knobs_is_a_layout_through_every_door(make_env):  # noqa: F81
 
 
 @pytest.mark.parametrize("prefetch", [False, True])
-def test_draws_of_physics_follow_their_knobs(prefetch: bool):
+def test_draws_of_physics_follow_their_params(prefetch: bool):
     """A narrowed factor of mass is what a scene that says so draws, with what follows from it, made ahead or not."""
     narrow = {**RANDOM, "objects": {**RANDOM["objects"]}}
     narrow["objects"]["block"] = {**SCENE["objects"]["block"], "randomize": {"mass": {"scale": [1.5, 1.75]}}}
     words = {"device": "cpu", "prefetch": prefetch}
-    envs, told = SceneVectorEnv(Reach, 6, scene=RANDOM, knobs=[MASS], **words), np.arange(6) < 3
+    envs, told = SceneVectorEnv(Reach, 6, scene=RANDOM, params=[MASS], **words), np.arange(6) < 3
     wanted, plain = (SceneVectorEnv(Reach, 6, scene=scene, **words) for scene in (narrow, RANDOM))
     for number in range(4):
         if number == 2:
-            envs.set_knob(MASS, [1.5, 1.75], told)
+            envs.set_param(MASS, [1.5, 1.75], told)
         for one in (envs, wanted, plain):
             one.reset(seed=2 if number == 0 else None)
         for field in ("body_mass", "body_inertia", "body_invweight0"):
@@ -109,25 +109,25 @@ def test_draws_of_physics_follow_their_knobs(prefetch: bool):
             assert (found[left] != usual[left]).any() == (number >= 2)
 
 
-def test_levels_are_replayed_with_their_knobs(make_env):  # noqa: F811
-    """A replayed level is the layout of its id, knobs and all, whatever the knobs are by then."""
+def test_levels_are_replayed_with_their_params(make_env):  # noqa: F811
+    """A replayed level is the layout of its id, params and all, whatever the params are by then."""
     levels = Levels("failure", replay=0.6, every=1, capacity=64)
-    envs, plain = make_env(4, max_episode_steps=2, levels=levels, knobs="*"), make_env(4, knobs="*")
+    envs, plain = make_env(4, max_episode_steps=2, levels=levels, params="*"), make_env(4, params="*")
     envs.reset(seed=5)
     replayed, seen = 0, set()
     for step in range(40):
         if step % 10 == 0:
-            envs.set_knob(SLIDE, [0.04 + 0.002 * step, 0.05 + 0.002 * step])
+            envs.set_param(SLIDE, [0.04 + 0.002 * step, 0.05 + 0.002 * step])
         observation, _, _, _, info = envs.step(actions(4))
         if info["_final_obs"].any():
-            told = {name: info[f"layout_{name}"] for name in ("seed", "episode", "knobs")}
+            told = {name: info[f"layout_{name}"] for name in ("seed", "episode", "params")}
             assert_equal(plain.reset(options={"layouts": told})[0], observation)
             replayed += int((info["layout_level"] >= 0).sum())
-            seen |= {tuple(row) for row in info["layout_knobs"][SLIDE].tolist()}
+            seen |= {tuple(row) for row in info["layout_params"][SLIDE].tolist()}
     assert replayed > 10
     assert len(seen) > 3
     drawn = envs.randomizer.levels.sample(100)
-    assert {tuple(row) for row in drawn["knobs"][SLIDE].tolist()} <= seen | {tuple(map(float, row)) for row in seen}
+    assert {tuple(row) for row in drawn["params"][SLIDE].tolist()} <= seen | {tuple(map(float, row)) for row in seen}
     envs.randomizer.levels.insert(np.array([77]), np.array([1]), np.array([0.0]), {SLIDE: [0.1, 0.12]})
 
 
@@ -145,16 +145,16 @@ def test_layouts_from_the_bank_are_no_levels(make_env, score: str):  # noqa: F81
         assert envs.randomizer.levels.size == size
 
 
-def test_gymnasium_makes_environments_with_knobs():
-    """By name, with patterns; a source of layouts of one's own has no knobs."""
-    envs = gymnasium.make_vec("sceniris_gym/TabletopReach-v0", num_envs=2, device="cpu", knobs="objects.*.region")
+def test_gymnasium_makes_environments_with_params():
+    """By name, with patterns; a source of layouts of one's own has no params."""
+    envs = gymnasium.make_vec("sceniris_gym/TabletopReach-v0", num_envs=2, device="cpu", params="objects.*.region")
     _, info = envs.reset(seed=0)
-    assert len(info["layout_knobs"]) == 5
-    with pytest.raises(ArgumentError, match="prefetch and knobs"):
+    assert len(info["layout_params"]) == 5
+    with pytest.raises(ArgumentError, match="prefetch and params"):
         gymnasium.make_vec(
             "sceniris_gym/TabletopReach-v0",
             num_envs=2,
             scene=envs.unwrapped.compiled,  # type: ignore[attr-defined]
-            knobs="*",
+            params="*",
             layout_source=lambda compiled, num_envs: envs.unwrapped.randomizer.pipeline,  # type: ignore[attr-defined]
         )

@@ -1,4 +1,4 @@
-"""`Knob`, and the knobs of a scene: the parts of its file that can be narrowed while it is used."""
+"""`Param`, and the params of a scene: the parts of its file that can be narrowed while it is used."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
 from sceniris_gym.scene.draws import FieldDraw
 
 STARTS = "start.weights"
-"""The knob of the weights of the kinds of starts."""
+"""The param of the weights of the kinds of starts."""
 # Share of a limit by which rounding may go beyond it: to six digits, as messages have it, or to single precision.
 _ROUNDING = 5.0e-6
 
 
 @dataclass(frozen=True)
-class Knob:
+class Param:
     """A number or a few of a scene file that may change.
 
     Attributes:
@@ -94,13 +94,13 @@ class Knob:
         return rows
 
 
-def scene_knobs(compiled: CompiledScene) -> dict[str, Knob | str]:
-    """Return all knobs of a scene by name, and the reason for each part of a like kind that cannot be one."""
+def scene_params(compiled: CompiledScene) -> dict[str, Param | str]:
+    """Return all params of a scene by name, and the reason for each part of a like kind that cannot be one."""
     finders = (_joints, _groups, _starts, _distances, _regions, _randomize, _clearances)
     return {name: found for find in finders for name, found in find(compiled)}
 
 
-def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the intervals that joints are drawn from."""
     scene, program = compiled.scene, compiled.program
     first, choices = program.obj_drawadr.numpy(), program.draw_choicenum.numpy()
@@ -115,17 +115,17 @@ def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
                 yield name, "it is a 'choice' of positions. Give a 'range' in the scene file."
             else:
                 places = (("draw_range", 2 * k, 0), ("draw_range", 2 * k + 1, 1))
-                yield name, Knob(name, ranges[k], places=places, written=written)
+                yield name, Param(name, ranges[k], places=places, written=written)
 
 
-def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the counts of groups, and the weights of their members or of the variants of an object."""
     for g, (group, words) in enumerate(compiled.config.groups.items()):
         key = f"objects.{group}" if group in compiled.config.variants else f"groups.{group}"
         if key.startswith("groups"):
             name = f"{key}.count"
             places = (("group", 4 * g + 2, 0), ("group", 4 * g + 3, 1))
-            yield name, Knob(name, np.array(words.count, np.float32), "count", places=places)
+            yield name, Param(name, np.array(words.count, np.float32), "count", places=places)
         adr = int(compiled.program.group.numpy()[0, g, 0])
         weights = np.array([words.weights.get(member, 1.0) for member in words.of], np.float32)
         both = range(2 * len(words.of))  # those of both splits, one member after the other
@@ -135,17 +135,17 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
         if words.splits:
             yield f"{key}.weights", "its members have 'splits', each with weights of its own."
         else:
-            yield f"{key}.weights", Knob(f"{key}.weights", weights, "weights", words.count[1], places)
+            yield f"{key}.weights", Param(f"{key}.weights", weights, "weights", words.count[1], places)
 
 
-def _starts(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+def _starts(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the weights of the kinds of starts."""
     if compiled.config.start:
         weights = np.array([kind.weight for kind in compiled.config.start], np.float32)
-        yield STARTS, Knob(STARTS, weights, "weights", least=1)
+        yield STARTS, Param(STARTS, weights, "weights", least=1)
 
 
-def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the intervals of distances of relations."""
     program = compiled.program
     first, number = program.obj_reladr.numpy(), program.obj_relnum.numpy()
@@ -156,12 +156,12 @@ def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
             name, k = f"{compiled.config.key(owner)}.relations.{r}.distance", first[i] + r
             if isinstance(relation, Sector) and np.isfinite(relation.high):
                 places = (("rel_low", k, 0), ("rel_high", k, 1))
-                yield name, Knob(name, np.array([low[k], high[k]], np.float32), places=places)
+                yield name, Param(name, np.array([low[k], high[k]], np.float32), places=places)
             else:
                 yield name, "its relation has no greatest distance. Give 'max' or 'equal' in the scene file."
 
 
-def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the boxes around the regions of objects."""
     program = compiled.program
     cuts, heaps = program.obj_cutnum.numpy(), program.obj_heap.numpy()[:, 0]
@@ -177,13 +177,13 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
         elif part.support is None:
             ends = ("obj_box_lower", "obj_box_upper")
             box = np.concatenate([getattr(program, end).numpy()[0, i] for end in ends])
-            yield name, Knob(name, box, "box", places=tuple((ends[k // 3], 3 * i + k % 3, k) for k in range(6)))
+            yield name, Param(name, box, "box", places=tuple((ends[k // 3], 3 * i + k % 3, k) for k in range(6)))
         else:
             own = range(first[i], first[i] + number[i])
             xy = np.concatenate([triangles[:, triadr[v] : triadr[v] + trinum[v]].reshape(-1, 2) for v in own])
             corners = () if part.region is None else part.region.box or ()
             ends = np.concatenate([xy.min(axis=0), xy.max(axis=0)])
-            yield name, Knob(name, ends, "box", written=tuple(itertools.chain(*corners)))
+            yield name, Param(name, ends, "box", written=tuple(itertools.chain(*corners)))
 
 
 def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:
@@ -196,17 +196,17 @@ def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:
     return f"objects.{owner}.randomize.{word}" if known else f"randomize.{draw.name}"
 
 
-def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the intervals of what resets draw of physics and looks."""
     for draw in compiled.scene.sim.draws:
         name = draw_key(compiled, draw)
         if draw.config.choice is not None or draw.config.distribution == "normal":
             yield name, "it has a 'choice', or a 'normal' distribution. Give the ends of a 'uniform' one."
         else:
-            yield name, Knob(name, np.array(draw.config.ends, np.float32).ravel())
+            yield name, Param(name, np.array(draw.config.ends, np.float32).ravel())
 
 
-def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
+def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the clearances of objects and robots, which pairs of what is placed keep, with whatever is there before."""
     program, config, owners = compiled.program, compiled.config, compiled.scene.owners
     bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
@@ -220,5 +220,5 @@ def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Knob | str]]:
                     places[other].append(("pair_margin", pair, 0))
     for owner, part in (*config.objects.items(), *config.all_robots.items()):
         name, least = f"{config.key(owner)}.clearance", np.array([part.clearance], np.float32)
-        known = Knob(name, least, "clearance", places=tuple(places[owner]))
+        known = Param(name, least, "clearance", places=tuple(places[owner]))
         yield name, known if known.places else "nothing is placed that it keeps off."

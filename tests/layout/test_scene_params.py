@@ -1,4 +1,4 @@
-"""The knobs of a scene: their names, the values that they take, and the reasons for what is none."""
+"""The params of a scene: their names, the values that they take, and the reasons for what is none."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, write_mjcf
 
 
-def test_what_cannot_be_a_knob_says_so(knobbed: CompiledScene):
-    """By its name, with the reason or the nearest names; and values that a knob cannot have are refused."""
-    with pytest.raises(ArgumentError, match=r"'objects\.near\.region' cannot be a knob: .*relations"):
-        LayoutGenerator(knobbed, 2, knobs=["objects.near.region"])
+def test_what_cannot_be_a_param_says_so(param_scene: CompiledScene):
+    """By its name, with the reason or the nearest names; and values that a param cannot have are refused."""
+    with pytest.raises(ArgumentError, match=r"'objects\.near\.region' cannot be a param: .*relations"):
+        LayoutGenerator(param_scene, 2, params=["objects.near.region"])
     with pytest.raises(UnknownNameError, match=r"'groups\.same\.count'.* Did you mean 'groups\.some\.count'"):
-        LayoutGenerator(knobbed, 2, knobs=["groups.same.count"])
-    generator = LayoutGenerator(knobbed, 2, knobs=["groups.*", "objects.cabinet.joints.*", "objects.a.clearance"])
+        LayoutGenerator(param_scene, 2, params=["groups.same.count"])
+    generator = LayoutGenerator(param_scene, 2, params=["groups.*", "objects.cabinet.joints.*", "objects.a.clearance"])
     wrong: dict[str, list[Any]] = {
         "groups.some.count": [[-1, 2], [0, 5], [1.5, 2], [3, 2], [1], "two", [1, np.nan]],
         "groups.some.weights": [[1, 1, 0, 0], [1, 1, 1, -1]],
@@ -34,17 +34,17 @@ def test_what_cannot_be_a_knob_says_so(knobbed: CompiledScene):
     for name, values in wrong.items():
         for value in values:
             with pytest.raises(ArgumentError, match=name.replace(".", r"\.")):
-                generator.set_knobs({name: value})
+                generator.set_params({name: value})
     with pytest.raises(ArgumentError, match=r"groups\.some\.weights should be from 0 to 1e\+06, got "):
-        generator.set_knobs({"groups.some.weights": [1, 1, 1, -1]})
+        generator.set_params({"groups.some.weights": [1, 1, 1, -1]})
     with pytest.raises(UnknownNameError, match=r"'objects\.spot\.region'"):
-        generator.set_knobs({"objects.spot.region": [[0, 0], [1, 1]]})
-    generator.set_knobs({"groups.some.count": np.array([[0, 1], [2, 2]])})  # a value for each world
-    assert generator.layouts.view.next_knob.numpy()[:, 0].tolist() == [0.0, 2.0]
+        generator.set_params({"objects.spot.region": [[0, 0], [1, 1]]})
+    generator.set_params({"groups.some.count": np.array([[0, 1], [2, 2]])})  # a value for each world
+    assert generator.layouts.view.next_param.numpy()[:, 0].tolist() == [0.0, 2.0]
 
 
 CLEARANCES = {
-    "knobbed": {"objects.a.clearance": 0.02, "objects.cabinet.clearance": 0.15, "objects.high.clearance": 0.4},
+    "param_scene": {"objects.a.clearance": 0.02, "objects.cabinet.clearance": 0.15, "objects.high.clearance": 0.4},
     "crane": {"robot.clearance": 0.03, "objects.other.clearance": 0.05},
 }
 
@@ -55,9 +55,9 @@ def test_pairs_keep_the_larger_of_two_clearances(request: pytest.FixtureRequest,
     compiled, values = request.getfixturevalue(scene), CLEARANCES[scene]
     other = compile_scene(SceneConfig.load(compiled.config, values), "cpu")
     wanted, usual = other.program.pair_margin.numpy()[0], compiled.program.pair_margin.numpy()[0]
-    generator, mask = LayoutGenerator(compiled, 4, knobs="*.clearance"), np.array([True, False, False, True])
-    generator.set_knobs(values, mask)
-    columns, program, _ = search_columns(compiled, 4, generator.layouts.knobs)
+    generator, mask = LayoutGenerator(compiled, 4, params="*.clearance"), np.array([True, False, False, True])
+    generator.set_params(values, mask)
+    columns, program, _ = search_columns(compiled, 4, generator.layouts.params)
     columns.launch(None, generator.layouts.view, opens=True)
     np.testing.assert_array_equal(program.pair_margin.numpy(), np.where(mask[:, None], wanted, usual))
     assert (wanted != usual).any()
@@ -101,31 +101,31 @@ WRITTEN = {
 }
 
 
-def test_every_knob_takes_what_the_scene_file_says(tmp_path: Path):
+def test_every_param_takes_what_the_scene_file_says(tmp_path: Path):
     """In double precision, in every form: with the bits of the scene file. Six digits are taken as well."""
-    generator = LayoutGenerator(compile_scene(_generous_scene(tmp_path), "cpu"), 2, knobs="*")
-    knobs = generator.layouts.knobs.knobs
+    generator = LayoutGenerator(compile_scene(_generous_scene(tmp_path), "cpu"), 2, params="*")
+    params = generator.layouts.params.params
     for name, value in WRITTEN.items():
-        np.testing.assert_array_equal(knobs[name].checked(value, 2)[0], knobs[name].default, err_msg=name)
-        told = np.vectorize(lambda x: float(f"{x:g}"))(knobs[name].default)
+        np.testing.assert_array_equal(params[name].checked(value, 2)[0], params[name].default, err_msg=name)
+        told = np.vectorize(lambda x: float(f"{x:g}"))(params[name].default)
         rows = np.tile(told, (2, 1)).astype(float)
-        np.testing.assert_allclose(knobs[name].checked(rows, 2)[1], knobs[name].default, rtol=5e-6, err_msg=name)
-    generator.set_knobs(WRITTEN)
-    generator.set_knobs({"objects.wide.region": [[-0.4, -0.36], [0.1, 0.36]]})  # narrowed along x alone
-    wide = generator.layouts.knobs.named(generator.layouts.view.next_knob.numpy())["objects.wide.region"]
+        np.testing.assert_allclose(params[name].checked(rows, 2)[1], params[name].default, rtol=5e-6, err_msg=name)
+    generator.set_params(WRITTEN)
+    generator.set_params({"objects.wide.region": [[-0.4, -0.36], [0.1, 0.36]]})  # narrowed along x alone
+    wide = generator.layouts.params.named(generator.layouts.view.next_param.numpy())["objects.wide.region"]
     np.testing.assert_array_equal(wide[0], np.array([-0.4, -0.35, 0.1, 0.35], np.float32))
 
 
-def test_messages_of_knobs_have_the_numbers_of_the_scene_file(tmp_path: Path):
+def test_messages_of_params_have_the_numbers_of_the_scene_file(tmp_path: Path):
     """Rather than the edges of a support, or more digits than anyone wrote; and rows that are no rows are refused."""
-    generator = LayoutGenerator(compile_scene(_generous_scene(tmp_path), "cpu"), 4, knobs="*")
+    generator = LayoutGenerator(compile_scene(_generous_scene(tmp_path), "cpu"), 4, params="*")
     with pytest.raises(ArgumentError, match=r"low and high from \[-0\.4, -0\.36\] to \[0\.56, 0\.36\], as in the"):
-        generator.set_knobs({"objects.wide.region": [[-0.4, -0.36], [0.5601, 0.36]]})
+        generator.set_params({"objects.wide.region": [[-0.4, -0.36], [0.5601, 0.36]]})
     with pytest.raises(ArgumentError, match=r"from \[0\.122173\] to \[1\.22173\], as in the scene file"):
-        generator.set_knobs({"objects.chest.joints.flap": [0.12, 1.2]})
+        generator.set_params({"objects.chest.joints.flap": [0.12, 1.2]})
     with pytest.raises(ArgumentError, match=r"from \[-0\.4, -0\.36\]"):
-        generator.set_knobs({"objects.wide.region": [[0.46, 0.0], [0.56, 0.1]]})  # all of it beyond the edge
+        generator.set_params({"objects.wide.region": [[0.46, 0.0], [0.56, 0.1]]})  # all of it beyond the edge
     strange = [10**400, [[0.2], [0.3, 0.4]], np.full((2, 4), 0.3), [True, True], "ab", torch.ones(2, device="meta")]
     for value in strange:
         with pytest.raises(ArgumentError, match=r"joints\.flap should be \[low, high\], or such for each of 4 worlds"):
-            generator.set_knobs({"objects.chest.joints.flap": value})
+            generator.set_params({"objects.chest.joints.flap": value})
