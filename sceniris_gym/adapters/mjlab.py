@@ -8,16 +8,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import mujoco
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
 from sceniris_gym.adapters.mjlab_variants import VariantRows, model_of_variants
-from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
+from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.masks import as_world_ids
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws
 from sceniris_gym.scene.adopt import instead_of_variants
 from sceniris_gym.scene.build import build_model
@@ -25,7 +27,7 @@ from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
 from sceniris_gym.sim.sources import make_pipeline
-from sceniris_gym.vector.arguments import ChosenLayouts, as_chosen_layouts, fresh_seed
+from sceniris_gym.vector.arguments import fresh_seed
 from sceniris_gym.vector.ranks import Rank
 
 EventTermCfg: Any = import_extra("mjlab.managers.event_manager", "mjlab", "mjlab").EventTermCfg
@@ -81,7 +83,7 @@ class PlaceLayouts(ManagerTermBase):
         self._addresses = _addresses(env, self._roots, self._joints)
         self.split: str = cfg.split
         self._fits, self._placed, self._kept = False, None, False
-        self._chosen: dict[int, str] = {}
+        self._chosen: list[ChosenLayouts] = []
 
     def __call__(self, env: Any, env_ids: Tensor | None) -> None:
         """Place the objects of the environments `env_ids`, or of all if None."""
@@ -95,8 +97,10 @@ class PlaceLayouts(ManagerTermBase):
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
         if self._chosen:  # now, as a curriculum may have set params since
-            chosen = self._as_layouts({i: self._chosen.pop(i) for i in ids.tolist() if i in self._chosen})
-            self.pipeline.reseed(*chosen)
+            due = mask.cpu().numpy()
+            for chosen in self._chosen:
+                self.pipeline.reseed(layouts=chosen._replace(given=chosen.given & due))
+            self._keep_chosen(~due)
         self.pipeline.generate(mask)
         self._variants.write(self.layouts, ids)
         self._write(ids)
@@ -108,36 +112,35 @@ class PlaceLayouts(ManagerTermBase):
         """Return the ids of the present layouts, one per environment. Waits for the device."""
         return self.layouts.ids(self.split)
 
-    def choose(self, ids: Sequence[str], env_ids: Sequence[int] | None = None) -> None:
-        """Give environments the layouts with these ids at their next reset. They go on from there.
+    def reseed(self, *, layouts: Any, env_ids: Any = None) -> None:
+        """Choose the layouts that environments get at their next reset. They go on from there.
 
         Args:
-            ids: Layout ids of the scene and split.
-            env_ids: The environment of each id; None is all of them in order.
+            layouts: A layout id, or one for each environment (None is its next layout), or a mapping such as
+                `env.extras["layout"]`.
+            env_ids: The environments, in the order of the layouts: ids, a slice, or None for all.
 
         Raises:
-            ArgumentError: Not one id for each environment.
+            ArgumentError: Another form or number of layouts.
             LayoutIdError, SceneMismatchError: A malformed id, or one of another scene or split.
         """
-        num_envs = self._env.num_envs
-        wanted = list(range(num_envs)) if env_ids is None else [int(i) for i in env_ids]
-        if isinstance(ids, str) or len(ids) != len(wanted):
-            raise ArgumentError(
-                f"choose: ids should be {len(wanted)} layout ids, one per environment, got {short(ids)}."
-            )
-        by_env = dict(zip(wanted, ids, strict=True))
-        self._as_layouts(by_env)
-        self._chosen |= by_env
+        chosen, where = self.pipeline.chosen(layouts, env_ids), np.zeros(self._env.num_envs, bool)
+        where[as_world_ids(env_ids, len(where))] = True
+        self._keep_chosen(~where)
+        self._chosen.append(chosen._replace(given=chosen.given & where))
 
-    def set_param(self, name: str, value: Any, env_ids: Tensor | slice | None = None) -> None:
+    def _keep_chosen(self, where: np.ndarray) -> None:
+        """Keep only the choices for some environments, shape (num_envs,), bool."""
+        kept = [chosen._replace(given=chosen.given & where) for chosen in self._chosen]
+        self._chosen = [chosen for chosen in kept if chosen.given.any()]
+
+    def set_param(self, name: str, value: Any, env_ids: Any = None) -> None:
         """Change a part of the scene in some environments, or in all: their next layouts follow.
 
         Raises:
             UnknownNameError, ArgumentError: See `LayoutSource.set_params`.
         """
-        mask = torch.zeros(self._env.num_envs, dtype=torch.bool, device=self._env.device)
-        mask[slice(None) if env_ids is None else env_ids] = True
-        self.pipeline.set_params({name: value}, mask)
+        self.pipeline.set_params({name: value}, env_ids)
 
     def reset(self, env_ids: Tensor | None) -> None:
         """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""
@@ -159,11 +162,6 @@ class PlaceLayouts(ManagerTermBase):
         """Write a result of `state` back."""
         for (array, adr), values in zip(self._addresses, state, strict=True):
             array[env_ids[:, None], adr] = values
-
-    def _as_layouts(self, ids: dict[int, str]) -> ChosenLayouts:
-        """Return the layouts with these ids, by the environments that are to get them; see `choose`."""
-        number = self._env.num_envs
-        return as_chosen_layouts([ids.get(i) for i in range(number)], number, self.pipeline)
 
     def _write(self, env_ids: Tensor) -> None:
         origins = self._env.scene.env_origins[env_ids]

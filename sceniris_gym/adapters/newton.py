@@ -11,7 +11,7 @@ import warp as wp
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type, import_extra
-from sceniris_gym.layout.masks import as_mask, fill_mask
+from sceniris_gym.layout.masks import as_worlds, fill_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
 from sceniris_gym.sim.fit import check_fit, check_model
@@ -174,17 +174,20 @@ class NewtonRandomizer(StaysHere):
         self._check_start()
 
     @launching
-    def reset(self, mask: Any = None) -> None:
-        """Give the masked worlds their next layouts.
+    def reset(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
+        """Give worlds their next layouts, or chosen ones.
 
         Args:
-            mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds.
+            worlds: None for all worlds; booleans, shape (nworld,); ids of worlds; or a slice.
+            seed: See `ResetRandomizer.reset`.
+            layouts: See `ResetRandomizer.reset`.
 
         Raises:
-            MaskTypeError, MaskError: Not an array of booleans, or of a wrong shape.
+            MaskTypeError, MaskError, ArgumentError, SceneMismatchError: As `ResetRandomizer.reset`.
         """
-        nworld = self.model.world_count
-        fill_mask(None if mask is None else as_mask(mask, nworld, self.model.device), self._mask)
+        fill_mask(as_worlds(worlds, self.model.world_count, self.model.device, self._mask), self._mask)
+        if seed is not None or layouts is not None:
+            self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
         self.pipeline.generate(self._mask)
         for state in self.states:
             self._write(self.layouts.qpos, state.joint_q, state.joint_qd, self.model.joint_X_p)

@@ -58,7 +58,7 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     named = params_in(layout.params)
     generator = LayoutGenerator(compiled, 1, split=layout.split, params=tuple(named))
     generator.set_params(named)
-    generator.reseed([layout.seed], episodes=layout.episode)
+    generator.reseed(layouts={"seed": layout.seed, "episode": layout.episode})
     generator.generate()
     return read_table(generator)
 

@@ -139,7 +139,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         load_kernels(self._work, staged=self._stage is not None)
         if self._stage is not None:
             self._stage.launch_pose_hands()
-        self.reseed(seed)
+        self.reseed(seed=seed)
 
     @property
     def nworld(self) -> int:

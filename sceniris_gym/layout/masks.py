@@ -17,28 +17,11 @@ from sceniris_gym.errors import CountError, MaskError, MaskTypeError
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-def as_mask(mask: Any, nworld: int, device: Any, name: str = "mask") -> wp.array:
-    """Return a mask of worlds as a Warp array on `device`, without waiting for it.
-
-    Args:
-        mask: Booleans, shape (nworld,): a numpy array, a torch tensor or a Warp array. It is not modified.
-        nworld: Number of worlds.
-        device: The target device.
-        name: Name of the mask in error messages.
-
-    Raises:
-        MaskTypeError: Not one of these arrays, or not an array of booleans.
-        MaskError: Wrong shape.
-    """
-    check_mask(mask, nworld, name)
-    return _to_device(mask, wp.bool, device)
-
-
 def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
     """Return a copy of a mask of worlds on the host, shape (nworld,), bool. Wait for the device that it is on.
 
     Raises:
-        MaskTypeError, MaskError: As `as_mask`.
+        MaskTypeError, MaskError: As `check_mask`.
     """
     check_mask(mask, nworld, name)
     if _kind(mask) == "torch":
@@ -50,10 +33,15 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
 
 
 def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
-    """Refuse what `as_mask` does not take, by the same errors."""
+    """Refuse what is no mask of worlds: an array of numpy, torch or Warp of booleans, shape (nworld,).
+
+    Raises:
+        MaskTypeError: Not one of these arrays, or not an array of booleans.
+        MaskError: Wrong shape.
+    """
     if _kind(mask) is None:
         raise MaskTypeError(f"{name} should be a boolean numpy array, torch tensor or Warp array, got {type(mask)}.")
-    if str(mask.dtype) not in ("bool", "torch.bool") and mask.dtype is not wp.bool:
+    if not is_mask(mask):
         raise MaskTypeError(f"{name} should hold booleans, got {mask.dtype}. A comparison such as `x > 0` gives them.")
     _check_dense(mask, name)
     if tuple(mask.shape) != (nworld,):
@@ -73,29 +61,60 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
         MaskTypeError: Not integers.
         MaskError: Wrong shape, or a row that does not exist (checked in sequences and numpy arrays only).
     """
-    rows = _as_integers(rows, "rows")
+    rows = _as_array(rows, "rows")
+    _check_integers(rows, "rows")
     if tuple(rows.shape) != (nworld,):
         raise MaskError(f"rows should have shape ({nworld},), one row (or -1) per world, got {tuple(rows.shape)}.")
     return _upload_numbers(rows, "rows", -1, nrow, ", or -1 for none", device)
 
 
-def as_ids(ids: Any, nworld: int, device: Any) -> wp.array:
-    """Return numbers of worlds as an int32 Warp array on `device`, in any order and of any length.
+def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None = None) -> wp.array | None:
+    """Return the mask of the worlds that a user chose, shape (nworld,), bool, on `device`; None is all worlds.
 
     Args:
-        ids: Integers, shape (n,): a sequence, a slice, a numpy array, a torch tensor or a Warp array of int32.
+        worlds: None for all. Or booleans, shape (nworld,). Or ids of worlds, shape (k,), in any order. Or a slice.
+            Arrays may be sequences, or arrays of numpy, torch or Warp (int32).
         nworld: Number of worlds.
         device: The target device.
+        mask_out: Memory for the mask of ids, which a captured graph needs. None allocates it.
 
     Raises:
-        MaskTypeError: Not integers.
-        MaskError: Wrong shape, or a world that does not exist (checked in sequences and numpy arrays only).
+        MaskTypeError: Neither booleans nor integers.
+        MaskError: Wrong shape; a world that does not exist (checked in sequences and numpy arrays only); or `nworld`
+            integers with repetitions, which look like a mask.
     """
-    ids = np.arange(nworld)[ids] if isinstance(ids, slice) else ids
-    ids = _as_integers(ids, "env_ids", " For booleans there is `mask`.")
-    if len(ids.shape) != 1:
-        raise MaskError(f"env_ids should have shape (n,), the numbers of worlds, got {tuple(ids.shape)}.")
-    return _upload_numbers(ids, "env_ids", 0, nworld, "", device)
+    if worlds is None:
+        return None
+    worlds = _booleans_or_ids(worlds, nworld)
+    if is_mask(worlds):
+        check_mask(worlds, nworld, "worlds")
+        return _to_device(worlds, wp.bool, device)
+    _refuse_integer_mask(worlds, nworld)
+    mask = wp.zeros(nworld, dtype=wp.bool, device=device) if mask_out is None else mask_out
+    mask_of_ids(_upload_numbers(worlds, "worlds", 0, nworld, "", device), mask)
+    return mask
+
+
+def as_world_ids(worlds: Any, nworld: int) -> np.ndarray:
+    """Return the ids of the worlds that a user chose, on the host, in the order given. Wait for their device.
+
+    Raises:
+        MaskError, MaskTypeError: As `as_worlds`.
+    """
+    if worlds is None:
+        return np.arange(nworld)
+    worlds = _booleans_or_ids(worlds, nworld)
+    if is_mask(worlds):
+        return np.flatnonzero(as_host_mask(worlds, nworld, "worlds"))
+    found = as_numbers(worlds)
+    as_worlds(found, nworld, "cpu")
+    return found
+
+
+def is_mask(worlds: Any) -> bool:
+    """Return whether worlds are given as an array of booleans, or are all worlds."""
+    dtype = getattr(worlds, "dtype", None)
+    return worlds is None or dtype is wp.bool or str(dtype) in ("bool", "torch.bool")
 
 
 def as_numbers(values: Any) -> np.ndarray:
@@ -150,8 +169,33 @@ def mask_of_ids(ids: wp.array, mask_out: wp.array) -> None:
     wp.launch(_mask_of_ids, dim=ids.shape[0], inputs=[ids], outputs=[mask_out], device=mask_out.device)
 
 
-def _as_integers(values: Any, name: str, hint: str = "") -> Any:
-    """Return integers as an array of one of the libraries; a sequence becomes a numpy array."""
+def _booleans_or_ids(worlds: Any, nworld: int) -> Any:
+    """Return worlds as an array of one of the libraries, of booleans or of ids."""
+    if isinstance(worlds, slice):
+        return np.arange(nworld)[worlds]
+    worlds = _as_array(worlds, "worlds")
+    if not is_mask(worlds):
+        _check_integers(worlds, "worlds", "booleans or ids")
+        if len(worlds.shape) != 1:
+            raise MaskError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
+    return worlds
+
+
+def _refuse_integer_mask(ids: Any, nworld: int) -> None:
+    """Refuse as many integers as worlds that name a world twice: a mask of 0 and 1, which `mjw.reset_data` takes."""
+    if ids.shape[0] != nworld or nworld == 1:
+        return
+    if _kind(ids) != "numpy" and wp.get_device(str(ids.device)).is_capturing:
+        raise MaskError(f"worlds should be booleans inside of a capture, or fewer than {nworld} ids.")
+    if len(np.unique(as_numbers(ids))) < nworld:
+        raise MaskError(
+            f"worlds should be booleans or ids: {nworld} integers with repetitions look like a mask. A comparison such "
+            "as `x > 0` gives booleans."
+        )
+
+
+def _as_array(values: Any, name: str) -> Any:
+    """Return an array of one of the libraries as it is; a sequence becomes a numpy array."""
     if _kind(values) is None:
         try:
             values = np.asarray(values)
@@ -159,9 +203,12 @@ def _as_integers(values: Any, name: str, hint: str = "") -> Any:
             raise MaskTypeError(f"{name} should be integers, got {type(values)} of different lengths.") from None
         values = values.astype(int) if values.size == 0 else values
     _check_dense(values, name)
-    if "int" not in getattr(values.dtype, "__name__", str(values.dtype)):
-        raise MaskTypeError(f"{name} should hold integers, got {values.dtype}.{hint}")
     return values
+
+
+def _check_integers(values: Any, name: str, wanted: str = "integers") -> None:
+    if "int" not in getattr(values.dtype, "__name__", str(values.dtype)):
+        raise MaskTypeError(f"{name} should hold {wanted}, got {values.dtype}.")
 
 
 def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, device: Any) -> wp.array:

@@ -6,7 +6,6 @@ A key is seed and episode of a layout. It is opened before the layout is made, a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -14,7 +13,6 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import SeedError
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
-from sceniris_gym.program.compiled import MOST_EPISODES
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -104,22 +102,6 @@ def launch_close(layouts: LayoutsView, mask: wp.array | None, block_dim: int = 2
     wp.launch(_close, dim, inputs=[mask], outputs=[layouts], device=layouts.seed.device, block_dim=block_dim)
 
 
-def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:
-    """Return a seed for each world on a device, shape (nworld,), uint64: a Warp array as it is, others by `as_seeds`.
-
-    Raises:
-        SeedError: See `as_seeds`; or a Warp array of another type, shape or device.
-    """
-    if not isinstance(seed, wp.array):
-        return wp.array(as_seeds(seed, nworld), dtype=wp.uint64, device=device)
-    if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
-        raise SeedError(
-            f"seeds on the device should be a uint64 array of shape ({nworld},) on {device}, got "
-            f"{seed.dtype.__name__} of shape {tuple(seed.shape)} on {seed.device}."
-        )
-    return seed
-
-
 def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     """Return a seed for each world, shape (nworld,), uint64: seed + i (modulo 2^64) for an integer, else as given.
 
@@ -144,30 +126,6 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
         if not _is_seed(value):
             raise SeedError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
     return np.fromiter(seed, np.uint64, len(seed))
-
-
-def episodes_on_device(episode: Any, nworld: int, device: Any) -> wp.array:
-    """Return an episode for each world on a device, shape (nworld,), int32.
-
-    Args:
-        episode: One for all worlds, or one per world on the host; or an int32 Warp array on the device.
-        nworld: Number of worlds.
-        device: The device.
-
-    Raises:
-        SeedError: Not integers from 0 to 2^31 - 2, or not one per world.
-    """
-    if isinstance(episode, wp.array):
-        if episode.dtype is not wp.int32 or episode.shape != (nworld,) or episode.device != wp.get_device(device):
-            raise SeedError(f"episodes on the device should be an int32 array of shape ({nworld},) on {device}.")
-        return episode
-    try:
-        wanted = np.broadcast_to(np.asarray(episode), (nworld,))
-    except ValueError:
-        raise SeedError(f"episodes should be one integer, or {nworld} of them; got {short(episode)}.") from None
-    if wanted.dtype.kind not in "iu" or (wanted < 0).any() or (wanted >= MOST_EPISODES).any():
-        raise SeedError(f"episodes should be integers from 0 to 2^31 - 2, got {short(episode)}.")
-    return wp.array(wanted.astype(np.int32), dtype=int, device=device)
 
 
 def _is_seed(value: object) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -12,10 +12,11 @@ import warp as wp
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError
+from sceniris_gym.layout.chosen import ChosenLayouts, as_layouts, seeds_on_device
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
-from sceniris_gym.layout.masks import as_mask, fill_mask
+from sceniris_gym.layout.masks import as_host_mask, as_worlds, fill_mask
 from sceniris_gym.layout.params import launch_set
-from sceniris_gym.layout.seeds import episodes_on_device, launch_close, launch_open, launch_reseed, seeds_on_device
+from sceniris_gym.layout.seeds import launch_close, launch_open, launch_reseed
 
 
 class LayoutSource(StaysHere):
@@ -128,72 +129,77 @@ class LayoutSource(StaysHere):
         return LaunchSequence(lambda: self.launch_generate(mask), mask.device), mask
 
     @launching
-    def generate(self, mask: Any = None) -> None:
-        """Advance the masked worlds by one episode and write their new layouts into `layouts`.
+    def generate(self, worlds: Any = None) -> None:
+        """Advance worlds by one episode and write their new layouts into `layouts`.
 
         The launches are captured into a graph at the first call, or part of a capture of the caller's.
 
         Args:
-            mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; all worlds if None.
+            worlds: None for all worlds; booleans, shape (nworld,); ids of worlds; or a slice.
 
         Raises:
-            MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
+            MaskError, MaskTypeError: Worlds that do not exist, or neither booleans nor integers.
         """
         launches, own = self._captured
-        fill_mask(self._checked(mask), own)
+        fill_mask(self._mask_of(worlds, own), own)
         launches()
         self.after_reset()
 
     @launching
-    def reseed(
-        self,
-        seeds: int | Sequence[int] | np.ndarray | wp.array | None,
-        mask: Any = None,
-        episodes: Any = None,
-        params: np.ndarray | None = None,
-    ) -> None:
-        """Choose the next layouts of the masked worlds, which go on from there.
+    def reseed(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
+        """Choose the next layouts of worlds, which go on from there.
 
         The present layouts keep their seeds and episodes until the next ones are served.
 
         Args:
-            seeds: Seed of world 0, world i gets seed + i; or one 64-bit seed per world, shape (nworld,), on the host or
-                as a uint64 Warp array on the device; None keeps the seeds of the present layouts.
-            mask: As in generate.
-            episodes: Episode of all worlds, or one per world, shape (nworld,), on the host or as an int32 Warp array on
-                the device; None is episode 0 of new seeds.
-            params: Numbers of the params, a row for each world, shape (nworld, nvalue); None leaves them as they are.
+            worlds: As in `generate`.
+            seed: World i gets seed + i and starts at episode 0. Or a 64-bit seed for each chosen world in order, or for
+                each world; a uint64 Warp array on the device, shape (nworld,), is not copied to the host.
+            layouts: A layout id, or one for each world (None keeps its next layout), or a mapping such as
+                `info["layout"]`: {"seed": ..., "episode": ...}, perhaps with "params".
 
         Raises:
-            SeedError: Not 64-bit seeds, episodes below 2^31 - 1, or not one per world.
-            ArgumentError: Numbers that the params cannot have, not a row for each world, or stored layouts.
-            MaskError, MaskTypeError: As in generate.
+            ArgumentError: Neither `seed` nor `layouts`, or both; or values that no layout has.
+            SceneMismatchError: An id of another scene or split.
+            UnknownNameError: A param that the worlds do not have.
+            MaskError, MaskTypeError: As in `generate`.
         """
-        nworld, device = self.layouts.nworld, self.layouts.seed.device
-        keeps = seeds is None and episodes is not None
-        wanted = None if keeps else seeds_on_device(seeds, nworld, device)
-        first = None if episodes is None else episodes_on_device(episodes, nworld, device)
-        rows = np.zeros((1, 0)) if params is None else self.layouts.params.checked(params, nworld)
-        columns, on_device = self._changeable(np.arange(rows.shape[1])), self._checked(mask)
-        self.launch_reseed(wanted, on_device, first)
-        self._set_params(columns, rows, on_device)
+        if (seed is None) == (layouts is None):
+            raise ArgumentError("reseed should have seed or layouts, and not both.")
+        nworld, device, mask = self.layouts.nworld, self.layouts.seed.device, self._mask_of(worlds)
+        if layouts is None:
+            self.launch_reseed(seeds_on_device(seed, nworld, device, worlds), mask)
+            return
+        chosen = self.chosen(layouts, worlds)
+        if not chosen.given.all():
+            mask = self._mask_of(chosen.given if mask is None else chosen.given & as_host_mask(mask, nworld))
+        rows = np.zeros((1, 0)) if chosen.param is None else self.layouts.params.checked(chosen.param, nworld)
+        columns = self._changeable(np.arange(rows.shape[1]))
+        seeds = wp.array(chosen.seed, dtype=wp.uint64, device=device)
+        episodes = None if chosen.episode is None else wp.array(chosen.episode, dtype=int, device=device)
+        self.launch_reseed(seeds, mask, episodes)
+        self._set_params(columns, rows, mask)
+
+    def chosen(self, layouts: Any, worlds: Any = None, name: str = "layouts") -> ChosenLayouts:
+        """Return the layouts that a user chose for some worlds; see `as_layouts`."""
+        return as_layouts(layouts, self.layouts, self.split or "train", self.served, worlds, name)
 
     @launching
-    def set_params(self, values: Mapping[str, Any], mask: Any = None) -> None:
-        """Change params of the masked worlds; their next layouts follow, and all after them.
+    def set_params(self, values: Mapping[str, Any], worlds: Any = None) -> None:
+        """Change params of worlds, for their next layouts and all after them.
 
         Args:
             values: By the names of params the value that the scene file could have in their place, such as [1, 3] for
                 "groups.clutter.count"; or such a value for each world. Joint positions are in m or rad.
-            mask: As in generate.
+            worlds: As in `generate`.
 
         Raises:
             UnknownNameError: The worlds were not made with such a param.
             ArgumentError: A value that does not lie within that of the scene file, or stored layouts.
-            MaskError, MaskTypeError: As in generate.
+            MaskError, MaskTypeError: As in `generate`.
         """
         columns, rows = self.layouts.params.part(values, self.layouts.nworld)
-        self._set_params(self._changeable(columns), rows, self._checked(mask))
+        self._set_params(self._changeable(columns), rows, self._mask_of(worlds))
 
     def _changeable(self, columns: np.ndarray) -> np.ndarray:
         """Return columns of params, unless there are some and the layouts keep theirs."""
@@ -208,5 +214,5 @@ class LayoutSource(StaysHere):
             with wp.ScopedDevice(self.layouts.seed.device):
                 self.launch_set_params(wp.array(columns, dtype=int), wp.array(rows, dtype=float), mask)
 
-    def _checked(self, mask: Any) -> wp.array | None:
-        return None if mask is None else as_mask(mask, self.layouts.nworld, self.layouts.seed.device)
+    def _mask_of(self, worlds: Any, mask_out: wp.array | None = None) -> wp.array | None:
+        return as_worlds(worlds, self.layouts.nworld, self.layouts.seed.device, mask_out)

@@ -105,7 +105,7 @@ class StoredLayouts(LayoutSource):
         self.layouts.params.are_kept = True
         self.device = compiled.device
         self._table, self._stored = table, _on_device(table, self.device)
-        self.reseed(seed)
+        self.reseed(seed=seed)
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Copy the next row of the masked worlds; see `LayoutSource`."""

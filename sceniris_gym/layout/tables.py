@@ -127,7 +127,7 @@ def make_tables(generator: LayoutGenerator, seeds: np.ndarray) -> Iterator[Layou
     nworld = generator.nworld
     for start in range(0, len(seeds), nworld):
         part = seeds[start : start + nworld]
-        generator.reseed(np.resize(part, nworld))
+        generator.reseed(seed=np.resize(part, nworld))
         generator.generate(wp.array(np.arange(nworld) < len(part), dtype=bool, device=generator.compiled.device))
         yield read_table(generator, len(part))
 

@@ -14,9 +14,9 @@ import warp as wp
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence, launching
-from sceniris_gym.errors import MaskTypeError, check_names, check_type
+from sceniris_gym.errors import check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, as_shape, fill_mask, mask_of_ids, mask_of_rows
+from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, mask_of_rows
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
@@ -177,34 +177,26 @@ class ResetRandomizer(Fixed, StaysHere):
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
     @launching
-    def reset(self, mask: Any = None, *, env_ids: Any = None, seeds: Any = None, episodes: Any = None) -> None:
-        """Give the masked worlds, or those with these numbers, their next layouts or chosen ones.
+    def reset(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
+        """Give worlds their next layouts, or chosen ones.
 
         Args:
-            mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds. It may be
-                false everywhere, which resets nothing.
-            env_ids: Instead of a mask the numbers of the worlds, in any order: a sequence, a slice, or integers of
-                shape (n,) as a Warp array, torch tensor or numpy array. An empty one resets nothing.
-            seeds: Seeds of these layouts, one for each world; see `LayoutSource.reseed`. The worlds go on from there.
-            episodes: Their episodes, 0 if there are seeds alone; of the present seeds if there are no `seeds`.
+            worlds: None for all worlds; booleans, shape (nworld,), perhaps all false; ids of worlds, shape (k,), in any
+                order; or a slice. Booleans and ids may be a sequence, or an array of numpy, torch or Warp.
+            seed: World i gets seed + i, from episode 0 on; or a seed for each chosen world in order, or for each world.
+            layouts: A layout id, or one for each world (None is its next layout), or a mapping such as
+                `info["layout"]`. The worlds go on from there. See `LayoutSource.reseed`.
 
         Raises:
-            MaskTypeError: Not an array of booleans, or of integers; or both of them given.
-            MaskError: Wrong shape, or a world that does not exist.
-            SeedError: See `LayoutSource.reseed`.
+            MaskTypeError: Neither booleans nor integers.
+            MaskError: Wrong shape, a world that does not exist, or integers that look like a mask.
+            ArgumentError, SceneMismatchError, UnknownNameError: See `LayoutSource.reseed`.
         """
         self.fields.check()
-        nworld = self.data.nworld
-        if env_ids is None:
-            chosen = None if mask is None else as_mask(mask, nworld, self.device)
-        elif mask is None:
-            chosen = self._mask
-            mask_of_ids(as_ids(env_ids, nworld, self.device), chosen)
-        else:
-            raise MaskTypeError("reset should have a mask or env_ids, not both.")
-        if seeds is not None or episodes is not None:
-            self.pipeline.reseed(seeds, chosen, episodes)
-        self.launch_reset(chosen)
+        mask = as_worlds(worlds, self.data.nworld, self.device, self._mask)
+        if seed is not None or layouts is not None:
+            self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
+        self.launch_reset(mask)
 
     def launch_reset(self, mask: wp.array | None) -> None:
         """Reset the masked worlds: `reset` without its checks.
@@ -218,8 +210,8 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline.after_reset()
 
     @launching
-    def replace(self, objects: str | Sequence[str], mask: Any = None) -> None:
-        """Give objects new places in the masked worlds, in the middle of their episodes.
+    def replace(self, objects: str | Sequence[str], worlds: Any = None) -> None:
+        """Give objects new places in some worlds, in the middle of their episodes.
 
         All else stays bit for bit as it is in `data`: it is an obstacle, an anchor of relations, and a support if it is
         level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
@@ -235,14 +227,14 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Args:
             objects: Names of placed objects, each with all that the scene puts on it.
-            mask: Booleans, shape (nworld,), as in `reset`; None is all worlds.
+            worlds: As in `reset`.
 
         Raises:
             UnknownNameError: Not an object that the scene places.
             ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
             MaskTypeError, MaskError: As in `reset`.
         """
-        self.replacer.launch(objects, None if mask is None else as_mask(mask, self.data.nworld, self.device))
+        self.replacer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.replacer.mask))
 
     def model_field(self, name: str, of: str | None = None) -> wp.array:
         """Return a field of the Model with a row for each world, to write to after a reset.

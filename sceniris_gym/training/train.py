@@ -224,7 +224,8 @@ class Run:
                 kept = {k: v.cpu() if isinstance(v, torch.Tensor) else v for k, v in progress["levels"].items()}
                 randomizer.levels.restore({name: np.asarray(values) for name, values in kept.items()})
             else:
-                randomizer.pipeline.reseed(None, episodes=progress["episode"].cpu().numpy() + 1)
+                pipeline = randomizer.pipeline
+                pipeline.reseed(layouts={"seed": pipeline.layouts.seed.numpy(), "episode": progress["episode"] + 1})
             self.env.reset()  # starts the next episodes
             self.env.episode_length_buf = progress["elapsed"].to(device)
         # different action noise than at the start of the run

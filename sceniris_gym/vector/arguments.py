@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,14 +15,12 @@ from torch import Tensor
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError, SeedError, check_names
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, check_names
+from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.compile import compile_scene, device_name
-from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.masks import as_count, as_host_mask, as_numbers
-from sceniris_gym.layout.params import params_in
-from sceniris_gym.layout.pipeline import LayoutPipeline
+from sceniris_gym.layout.masks import as_count, as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
-from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
@@ -30,22 +28,6 @@ _MOST_PIXELS = 1 << 14  # along an edge
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
 LAYOUTS, STATE, PARAMS = "layouts", "state", "params"
 RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE, PARAMS)
-
-
-class ChosenLayouts(NamedTuple):
-    """The layouts that some worlds are to get, as `LayoutSource.reseed` takes them.
-
-    Attributes:
-        seeds: Of each world, shape (num_envs,), uint64.
-        given: Which worlds, shape (num_envs,), bool.
-        episodes: Of each world, shape (num_envs,), int32; None is episode 0.
-        params: Numbers of the params, shape (num_envs, nvalue), float32; None leaves them as they are.
-    """
-
-    seeds: np.ndarray
-    given: np.ndarray
-    episodes: np.ndarray | None = None
-    params: np.ndarray | None = None
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
@@ -145,14 +127,18 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     return as_count(width, f"{name}[0]", most=_MOST_PIXELS), as_count(height, f"{name}[1]", most=_MOST_PIXELS)
 
 
-def as_reset_seeds(seed: Any, num_envs: int, rank: Rank, *, first: bool) -> ChosenLayouts | None:
+def as_reset_seeds(
+    seed: Any, num_envs: int, rank: Rank, *, first: bool, mask: np.ndarray | None = None
+) -> ChosenLayouts | None:
     """Return the first layouts of seeds, for the worlds that get one; None if no world is reseeded.
 
     Args:
-        seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None.
+        seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None; or an entry for
+            each masked world in order.
         num_envs: Number of worlds.
         rank: The process; an integer seed is moved on to the seeds that this process has for itself.
         first: Draw a seed for each None in a sequence, as the first reset does.
+        mask: The worlds that are reset, shape (num_envs,), bool; None is all worlds.
 
     Raises:
         SeedError: Any other seed.
@@ -160,6 +146,9 @@ def as_reset_seeds(seed: Any, num_envs: int, rank: Rank, *, first: bool) -> Chos
     if seed is None:
         return None
     given = np.ones(num_envs, bool)
+    if mask is not None and isinstance(seed, Sequence | np.ndarray) and len(seed) == mask.sum() < num_envs:
+        entries = iter(seed)
+        seed = [next(entries) if masked else None for masked in mask]
     if isinstance(seed, list | tuple) and len(seed) == num_envs and type(None) in set(map(type, seed)):
         wanted = np.fromiter(seed, dtype=object, count=len(seed))
         missing = (wanted == np.array(None)).astype(bool)
@@ -190,69 +179,6 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     if not mask.any():
         raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
     return mask
-
-
-def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> ChosenLayouts:
-    """Return the layouts that worlds are to get.
-
-    Args:
-        value: `options["layouts"]`: a layout id for all worlds, a sequence with one for each world (None for its next
-            layout), or {"seed": seeds, "episode": episodes} as `info` has them under `layout_seed` and
-            `layout_episode`, each a number for all worlds or an array; with "params" as in `layout_params`.
-        num_envs: Number of worlds.
-        pipeline: Makes the layouts.
-
-    Raises:
-        ArgumentError: Anything else, or not one for each world.
-        LayoutIdError, SeedError: A malformed id, seed or episode.
-        SceneMismatchError: An id of another scene or split.
-        UnknownNameError: An id with a param that the worlds do not have.
-    """
-    scene, table, split = pipeline.layouts.compiled.scene, pipeline.layouts.params, pipeline.split or "train"
-    where = f"options['{LAYOUTS}']"
-    if isinstance(value, Mapping):
-        if {*value, PARAMS} != {"seed", "episode", PARAMS}:
-            raise ArgumentError(f"{where} should have the keys 'seed' and 'episode', got {short(list(value))}.")
-        names = ("seed", "episode")
-        seeds, episodes = (_numbers_of_worlds(value[name], num_envs, f"{where}['{name}']") for name in names)
-        if (episodes < 0).any() or (episodes >= MOST_EPISODES).any():
-            raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
-        rows = table.rows(value[PARAMS], num_envs) if PARAMS in value else None
-        return ChosenLayouts(seeds.astype(np.uint64), np.ones(num_envs, bool), episodes.astype(np.int32), rows)
-    texts = [value] * num_envs if isinstance(value, str | LayoutId) else value
-    if not isinstance(texts, Sequence) or len(texts) != num_envs:
-        raise ArgumentError(
-            f"{where} should be a layout id, a sequence of {num_envs} of them, one per world, or a mapping with 'seed' "
-            f"and 'episode', got {short(value)}."
-        )
-    cure = f"{where} should have ids of the environment's scene and split."
-    ids = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
-    found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
-    values: dict[str, np.ndarray] = {}
-    for text, one in zip(texts, found, strict=True):
-        if one.params not in values:
-            try:
-                values[one.params] = table.rows(params_in(one.params), 1)[0]
-            except ArgumentError as error:
-                raise ArgumentError(f"{where}: layout id '{text}': {error}") from None
-    seeds = np.array([one.seed for one in found], np.uint64)
-    episodes = np.array([one.episode for one in found], np.int32)
-    params = np.array([values[one.params] for one in found])
-    chosen = np.array([one is not None for one in ids])
-    served_split, (served_seeds, served_episodes, _) = pipeline.served(split, (seeds, episodes, params))
-    wrong = chosen & ((served_seeds != seeds) | (served_episodes != episodes) | (served_split != split))
-    if wrong.any():
-        one, cure = ids[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."
-        raise SceneMismatchError(f"{where}: the layout_source does not serve '{one}' by its id. {cure}")
-    return ChosenLayouts(seeds, chosen, episodes, params)
-
-
-def _numbers_of_worlds(value: Any, num_envs: int, name: str) -> np.ndarray:
-    """Return integers, one for each world, shape (num_envs,); torch tensors may be on any device."""
-    found = as_numbers(value)
-    if found.dtype.kind not in "iu" or found.shape not in ((), (num_envs,)):
-        raise ArgumentError(f"{name} should be an integer, or one for each of {num_envs} worlds, got {short(value)}.")
-    return np.broadcast_to(found, (num_envs,))
 
 
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:

@@ -21,14 +21,15 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
-from sceniris_gym.layout.masks import as_count, as_host_mask, check_mask
+from sceniris_gym.layout.chosen import ChosenLayouts
+from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.choice import Levels
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector import arguments
-from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE, ChosenLayouts
+from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
 from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer, action_space
 from sceniris_gym.vector.ranks import Rank
@@ -275,7 +276,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             )
         source, chosen = self.randomizer.pipeline, None
         if given.get(LAYOUTS) is not None:
-            chosen = arguments.as_chosen_layouts(given[LAYOUTS], self.num_envs, source)
+            chosen = source.chosen(given[LAYOUTS], mask, f"options['{LAYOUTS}']")
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
@@ -298,8 +299,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return self._returned(observation), self._returned(self._worlds.layout_info())
 
     @exclusive
-    def replace(self, objects: str | Sequence[str], mask: Any = None) -> None:
-        """Give objects new places in the masked worlds, in the middle of their episodes; see `ResetRandomizer.replace`.
+    def replace(self, objects: str | Sequence[str], worlds: Any = None) -> None:
+        """Give objects new places in some worlds, in the middle of their episodes; see `ResetRandomizer.replace`.
 
         No episode begins, and all else keeps its state, the memory of the task too. From the first call on, `info` has
         `layout_redraw`, the number of redraws of each world since its reset, and `layout_kept`: nothing fitted in the
@@ -308,24 +309,24 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         Args:
             objects: Names of placed objects, each with all that the scene puts on it.
-            mask: Booleans (torch on the device, numpy or Warp), shape (num_envs,); None is all worlds. It may be false
-                everywhere.
+            worlds: None for all worlds; booleans, shape (num_envs,), perhaps all false; ids of worlds, shape (k,); or a
+                slice.
 
         Raises:
             ResetNeeded: There was no reset yet.
             UnknownNameError, ArgumentError, MaskTypeError, MaskError: As ResetRandomizer.replace.
         """
         with self._launching("replace"):
-            if isinstance(mask, Tensor):  # it takes a tenth of the time of a view for Warp
-                check_mask(mask, self.num_envs)
-                self._redrawn.copy_(mask)
+            if isinstance(worlds, Tensor) and worlds.dtype is torch.bool:  # a tenth of the time of a view for Warp
+                check_mask(worlds, self.num_envs, "worlds")
+                self._redrawn.copy_(worlds)
                 self.randomizer.replacer.launch(objects, self.randomizer.replacer.mask)
             else:
-                self.randomizer.replace(objects, mask)
+                self.randomizer.replace(objects, worlds)
 
     @exclusive
-    def snapshot(self, mask: Any = None) -> Snapshot:
-        """Copy the state of the masked worlds, for `reset(options={"state": snapshot})`.
+    def snapshot(self, worlds: Any = None) -> Snapshot:
+        """Copy the state of worlds, for `reset(options={"state": snapshot})`.
 
         It has the physics, the layout and which one follows, the steps since the reset, and the memory of the task:
         every tensor of the task and its helpers that has `num_envs` rows and that torch has written to. On a CPU an
@@ -333,25 +334,25 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         Statistics count a restored episode from there on.
 
         Args:
-            mask: As in `replace`; None is all worlds.
+            worlds: As in `replace`. The rows of the snapshot have the order of ids.
 
         Raises:
             ResetNeeded: There was no reset yet.
             MaskError, MaskTypeError: As in `replace`.
         """
         with self._launching("snapshot"):
-            worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(as_host_mask(mask, self.num_envs))
-            return take(self._worlds.source, self._live(), torch.from_numpy(worlds).to(self.device))
+            ids = as_world_ids(worlds, self.num_envs).astype(np.int64)
+            return take(self._worlds.source, self._live(), torch.from_numpy(ids).to(self.device))
 
     @exclusive
-    def set_param(self, name: str, value: Any, mask: Any = None) -> None:
-        """Change a part of the scene file in the masked worlds: their next layouts follow, and all after them.
+    def set_param(self, name: str, value: Any, worlds: Any = None) -> None:
+        """Change a part of the scene file in some worlds, for their next layouts and all after them.
 
         Args:
             name: One of the `params` that the environment was made with, such as "groups.clutter.count".
             value: What the scene file could have in its place, within what it has: [1, 3]. Joint positions are in m or
                 rad. Or such a value for each world, shape (num_envs, ...).
-            mask: As in `replace`; None is all worlds.
+            worlds: As in `replace`.
 
         Raises:
             UnknownNameError: The environment was not made with such a param.
@@ -360,7 +361,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         check_type(name, str, "set_param: name")
         with self._launching():
-            self.randomizer.pipeline.set_params({name: value}, mask)
+            self.randomizer.pipeline.set_params({name: value}, worlds)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a param, or else an attribute of the environment, as Gymnasium's own vector environments do.
@@ -401,15 +402,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if seed is None and not self._ready:
             # it is -1 after a generator was assigned to np_random
             seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
-        for part in (arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready), chosen):
+        own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
+        for part in (own, chosen):
             if part is None:
                 continue
             given = part.given if mask is None else part.given & mask
-            self.randomizer.pipeline.reseed(*part._replace(given=given))
+            self.randomizer.pipeline.reseed(layouts=part._replace(given=given))
             if part is not chosen and mask is None and isinstance(seed, int | np.integer):
                 self._np_random, self._np_random_seed = seeding.np_random(int(seed))
             elif given.any():
-                self.np_random = np.random.default_rng(part.seeds[given])  # which makes np_random_seed -1
+                self.np_random = np.random.default_rng(part.seed[given])  # which makes np_random_seed -1
 
     @exclusive
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:

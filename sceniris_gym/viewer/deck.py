@@ -15,6 +15,7 @@ from sceniris_gym.layout.blame import Blame, Hit
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import read_rejected, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
@@ -160,7 +161,7 @@ class LayoutDeck:
 
 
 def _made(generator: LayoutGenerator, where: Where) -> LayoutTable:
-    generator.reseed([(where.seed + i) % 2**64 for i in range(generator.nworld)], episodes=where.episode)
+    generator.reseed(layouts={"seed": as_seeds(where.seed, generator.nworld), "episode": where.episode})
     generator.generate()
     wp.synchronize_device(generator.compiled.device)
     return read_table(generator)

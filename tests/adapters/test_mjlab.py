@@ -213,17 +213,17 @@ def test_chosen_environments_get_the_layouts_of_ids():
     term = env.event_manager.get_term_cfg("layouts").func
     env.reset(env_ids=torch.arange(NUM_ENVS))
     wanted = term.layouts.pose("cube_0")[2].clone()
-    term.choose([term.compiled.layout_id(7, 1), term.compiled.layout_id(7, 0)], [4, 0])
+    term.reseed(layouts=[term.compiled.layout_id(7, 1), term.compiled.layout_id(7, 0)], env_ids=[4, 0])
     env.reset(env_ids=torch.tensor([1]))
     assert env.extras["layout_seed"].tolist() == [5, 6, 7, 8, 9, 10]
     env.reset(env_ids=torch.tensor([0, 4]))
     assert env.extras["layout_seed"].tolist() == [7, 6, 7, 8, 7, 10]
     assert env.extras["layout_episode"].tolist() == [0, 2, 1, 1, 1, 1]
     assert torch.equal(term.layouts.pose("cube_0")[4], wanted)
-    with pytest.raises(ArgumentError, match="should be 6 layout ids"):
-        term.choose(["a:train:0:0"])
+    with pytest.raises(ArgumentError, match="should have a single entry, or 6, one for each world, got 1"):
+        term.reseed(layouts=[term.compiled.layout_id(7, 1)])
     with pytest.raises(SceneMismatchError, match="is of scene"):
-        term.choose(["a:train:0:0"], [1])
+        term.reseed(layouts=["a:train:0:0"], env_ids=[1])
 
 
 def test_a_curriculum_sets_a_param_by_steps():
@@ -244,7 +244,7 @@ def test_a_curriculum_sets_a_param_by_steps():
         assert [name.count("=") for name in ids] == [0, int(step == 2), 0, int(step == 2), 0, 0]
         found.append((ids, bool(((low <= at[[1, 3]]) & (at[[1, 3]] <= high)).all()), term.layouts.qpos.numpy().copy()))
     assert [narrowed for _, narrowed, _ in found] == [False, True, False]
-    term.choose(found[1][0])
+    term.reseed(layouts=found[1][0])
     for env_ids in (torch.tensor([0, 1, 2]), torch.tensor([3, 4, 5])):
         env.reset(env_ids=env_ids)
     assert np.array_equal(term.layouts.qpos.numpy(), found[1][2])

@@ -109,7 +109,9 @@ def poses(model: Any, solver: Any, state: Any) -> np.ndarray:
 def plain(compiled: CompiledScene, mjm: mujoco.MjModel, episodes: list[int], seed: int) -> Any:
     """Return MuJoCo-Warp's data with the layouts of these episodes, without Newton."""
     m, d = mjw.put_model(mjm), mjw.make_data(mjm, nworld=len(episodes))
-    ResetRandomizer(compiled, m, d, seed=seed).reset(seeds=[seed + i for i in range(len(episodes))], episodes=episodes)
+    ResetRandomizer(compiled, m, d, seed=seed).reset(
+        layouts={"seed": [seed + i for i in range(len(episodes))], "episode": episodes}
+    )
     return d
 
 

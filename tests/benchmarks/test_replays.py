@@ -24,7 +24,7 @@ def test_valid_layouts_are_replayed_in_turn(compiled: CompiledScene):
     assert rows.qpos.shape == (3, compiled.mjm.nq)
     assert len(np.unique(rows.qpos, axis=0)) == 3
     generator = replayed(rows)(compiled, 2)
-    generator.reseed([1, 2])
+    generator.reseed(seed=[1, 2])
     for episode in range(4):
         generator.generate()
         expected = rows.qpos[[(1 + episode) % 3, (2 + episode) % 3]]

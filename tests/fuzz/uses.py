@@ -114,7 +114,8 @@ def _params(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> N
         given[1] = [spoiled(PARAMS[name], draws) for _ in range(NUM_ENVS)]
     width = envs.randomizer.layouts.param.shape[1]
     if part == 4:
-        envs.randomizer.pipeline.reseed(0, params=spoiled(np.zeros((NUM_ENVS, width), np.float32), draws))
+        rows = spoiled(np.zeros((NUM_ENVS, width), np.float32), draws)
+        envs.randomizer.pipeline.reseed(layouts={"seed": 0, "episode": 0, "params": {name: rows}})
     else:
         envs.set_param(*given)
 
@@ -193,8 +194,8 @@ def _names(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> No
         lambda: envs.set_attr("task", wrong),
         lambda: envs.layout_ids(wrong),
         lambda: envs.step(some_array(draws)),
-        lambda: envs.randomizer.reset(env_ids=wrong),
-        lambda: envs.randomizer.reset(seeds=wrong, episodes=value(draws)),
+        lambda: envs.randomizer.reset(wrong),
+        lambda: envs.randomizer.reset(layouts={"seed": wrong, "episode": value(draws)}),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), params=wrong),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), nconmax=wrong if not isinstance(wrong, int) else -1),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), layout_source=wrong),

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.columns import BANKED, NEXT, columns, row_types
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.stored import INTEGERS
@@ -15,7 +16,6 @@ from sceniris_gym.levels.buffer import Buffer, Episodes
 from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.scene.layout_table import COLUMNS, Column
 from sceniris_gym.sim.write import Poses
-from sceniris_gym.vector.arguments import ChosenLayouts
 from tests.kernel_accesses import Kind, Package, StructName, read
 from tests.layout.scenes import compiled_from
 from tests.scene.memory import NEAR, cubes_on, spec_of
@@ -96,7 +96,7 @@ def test_all_that_names_a_layout_has_its_key():
     assert {*NEXT} == {f"next_{name}" for name in key} <= LayoutsView.vars.keys()
     assert key | {*NEXT} <= Buffer.vars.keys()
     assert key <= {*Episodes._fields}
-    assert {f"{name}s" for name in key} == {*ChosenLayouts._fields} - {"given"}
+    assert key == {*ChosenLayouts._fields} - {"given"}
 
 
 def test_all_that_has_a_state_has_all_of_it():

@@ -89,7 +89,7 @@ def test_nothing_of_an_earlier_episode_is_left_in_a_later_one(mid: CompiledScene
     generator = LayoutGenerator(mid, 3, seed=1)
     for _ in range(5):
         generator.generate()
-    generator.reseed(77)
+    generator.reseed(seed=77)
     generator.generate()
     assert _rows(generator) == _rows_of(mid, 77, 3)
 
@@ -125,7 +125,7 @@ def test_counts_of_rejections_go_on_beyond_32_bits(mid: CompiledScene):
     generator.generate()
     counted = generator.layouts.rejections.numpy().astype(np.int64)
     generator.layouts.rejections.fill_(2**31 - 1)
-    generator.reseed(0)
+    generator.reseed(seed=0)
     generator.generate()
     assert counted.any()
     assert (generator.layouts.rejections.numpy() == counted + (2**31 - 1)).all()
@@ -152,7 +152,7 @@ def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: CompiledScene):
     for _ in range(2):
         generator.generate()
     mask = _mask([False, True, False, True])
-    generator.reseed([100, 101, 102, 103], mask)
+    generator.reseed(mask, seed=[100, 101, 102, 103])
     assert generator.layouts.seed.numpy().tolist() == [10, 11, 12, 13]  # of the layouts that are there
     assert generator.layouts.episode.numpy().tolist() == [1] * 4
     generator.generate()
@@ -160,7 +160,7 @@ def test_reseeding_starts_the_masked_worlds_at_episode_zero(mid: CompiledScene):
     assert generator.layouts.episode.numpy().tolist() == [2, 0, 2, 0]
     expected = _by_id(mid, [10, 12], 3) | _by_id(mid, [101, 103], 1)
     assert all(expected[k] == v for k, v in _rows(generator).items())
-    generator.reseed(wp.array(np.array([1, 2, 3, 4], np.uint64), dtype=wp.uint64, device="cpu"), mask)
+    generator.reseed(mask, seed=wp.array(np.array([1, 2, 3, 4], np.uint64), dtype=wp.uint64, device="cpu"))
     generator.generate()
     assert generator.layouts.seed.numpy().tolist() == [10, 2, 12, 4]
 
@@ -170,11 +170,11 @@ def test_episodes_are_chosen_and_worlds_go_on_from_there(mid: CompiledScene, mak
     """With new seeds or the present ones, one episode for all or one for each; the others go on as they would have."""
     source = make(mid, 4)
     source.generate()
-    source.reseed([7, 8, 9, 10], _mask([True, False, True, False]), episodes=[4, 0, 2, 0])
+    source.reseed(_mask([True, False, True, False]), layouts={"seed": [7, 8, 9, 10], "episode": [4, 0, 2, 0]})
     source.generate()
     expected = _by_id(mid, [7], 5) | _by_id(mid, [9], 3) | _by_id(mid, [1, 3], 2)
     assert all(expected[k] == v for k, v in _rows(source).items())
-    source.reseed(None, episodes=1)
+    source.reseed(layouts={"seed": source.layouts.seed.numpy(), "episode": 1})
     source.generate()
     source.generate(_mask([True, True, True, False]))
     assert source.layouts.episode.numpy().tolist() == [2, 2, 2, 1]
@@ -186,8 +186,8 @@ def test_episodes_are_chosen_and_worlds_go_on_from_there(mid: CompiledScene, mak
 @pytest.mark.parametrize("episodes", [-1, 1 << 31, [0, 1], 0.5, "first"])
 def test_wrong_episodes_are_refused(mid: CompiledScene, episodes: Any):
     """Negative, too large, not one for each world, or no integers."""
-    with pytest.raises(SeedError, match="episodes should be"):
-        LayoutGenerator(mid, 4).reseed(0, episodes=episodes)
+    with pytest.raises(SeedError, match=r"layouts\['episode'\] should"):
+        LayoutGenerator(mid, 4).reseed(layouts={"seed": 0, "episode": episodes})
 
 
 def test_an_unknown_split_is_refused(mid: CompiledScene):
@@ -291,7 +291,7 @@ def test_generation_runs_in_a_captured_graph(mid: CompiledScene):
     generator = LayoutGenerator(mid, 2, seed=21)
     with wp.ScopedCapture(device="cpu") as capture:
         generator.generate()
-    generator.reseed(21)
+    generator.reseed(seed=21)
     for episode in range(3):
         wp.capture_launch(capture.graph)
         assert {k[1] for k in _rows(generator)} == {episode}
@@ -306,7 +306,7 @@ def test_generation_runs_in_a_captured_graph(mid: CompiledScene):
 def test_a_wrong_mask_is_refused(mid: CompiledScene, mask: wp.array, error: type[Exception]):
     """By both methods that take one: a kernel would read beyond its end."""
     generator = LayoutGenerator(mid, 4)
-    for method in (generator.generate, lambda mask: generator.reseed(3, mask)):
+    for method in (generator.generate, lambda mask: generator.reseed(mask, seed=3)):
         with pytest.raises(error, match="mask should"):
             method(mask)
 
@@ -317,7 +317,7 @@ def test_a_mask_on_another_device_is_copied():
     generator = LayoutGenerator(compile_scene("mid", "cuda:0"), 4)
     generator.generate(wp.array([True, False, False, True], dtype=wp.bool, device="cpu"))
     assert generator.layouts.episode.numpy().tolist() == [0, -1, -1, 0]
-    generator.reseed(0, wp.zeros(4, dtype=wp.bool, device="cpu"))
+    generator.reseed(wp.zeros(4, dtype=wp.bool, device="cpu"), seed=0)
 
 
 @pytest.mark.parametrize(

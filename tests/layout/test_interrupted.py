@@ -122,7 +122,7 @@ def test_an_interrupted_reset_did_not_happen_or_was_done(
                 plain.launch_generate(first)
             if step % 10 == 9:  # new seeds, and episodes as an evaluation chooses them
                 for one in (source, plain):
-                    one.reseed(np.arange(step, step + NWORLD), episodes=step % 3)
+                    one.reseed(layouts={"seed": np.arange(step, step + NWORLD), "episode": step % 3})
             reset(mask)
             plain.launch_generate(mask)
             assert _bits(source, mask) == _bits(plain, mask), f"step {step}"

@@ -14,9 +14,11 @@ from sceniris_gym.layout.masks import (
     MOST_WORLDS,
     as_count,
     as_host_mask,
-    as_mask,
     as_rows,
     as_shape,
+    as_world_ids,
+    as_worlds,
+    check_mask,
     mask_of_ids,
     mask_of_rows,
 )
@@ -39,7 +41,7 @@ MASK = [True, False, False, True, True]
 def test_masks_of_all_libraries_arrive_as_they_are(make):
     """True where they were true, as Warp booleans, and what was given stays as it was."""
     given = make(MASK)
-    found = as_mask(given, 5, CPU)
+    found = as_worlds(given, 5, CPU)
     assert isinstance(found, wp.array)
     assert (found.dtype, found.device) == (wp.bool, CPU)
     assert found.numpy().tolist() == MASK
@@ -57,8 +59,8 @@ def test_masks_of_all_libraries_arrive_as_they_are(make):
 )
 def test_a_mask_without_all_its_values_is_refused(given: Any):
     """Warp would read memory that is not there, or what was masked."""
-    with pytest.raises(MaskError, match="mask should be a dense array"):
-        as_mask(given, 5, CPU)
+    with pytest.raises(MaskError, match="worlds should be a dense array"):
+        as_worlds(given, 5, CPU)
 
 
 def test_rows_without_values_or_of_different_lengths_are_refused():
@@ -71,19 +73,17 @@ def test_rows_without_values_or_of_different_lengths_are_refused():
 
 def test_masks_that_run_backwards_arrive_in_their_order():
     """Negative strides are no matter."""
-    assert as_mask(np.array(MASK)[::-1], 5, CPU).numpy().tolist() == MASK[::-1]
+    assert as_worlds(np.array(MASK)[::-1], 5, CPU).numpy().tolist() == MASK[::-1]
     assert as_rows(np.arange(5)[::-1], 5, 5, CPU).numpy().tolist() == [4, 3, 2, 1, 0]
 
 
 def test_what_was_computed_with_gradients_is_taken_too():
     """A comparison has none, but its tensors may come from where they are recorded."""
     scores = torch.tensor([0.2, -0.1], requires_grad=True)
-    assert as_mask(scores > 0, 2, CPU).numpy().tolist() == [True, False]
+    assert as_worlds(scores > 0, 2, CPU).numpy().tolist() == [True, False]
 
 
-@pytest.mark.parametrize(
-    "check", [lambda mask: as_mask(mask, 2, CPU, "chosen"), lambda m: as_host_mask(m, 2, "chosen")]
-)
+@pytest.mark.parametrize("check", [lambda m: check_mask(m, 2, "chosen"), lambda m: as_host_mask(m, 2, "chosen")])
 @pytest.mark.parametrize(
     ("mask", "error", "words"),
     [
@@ -106,6 +106,60 @@ def test_what_is_no_mask_is_named(check, mask: Any, error: type[Exception], word
     """By the name that it has for the user, with its type or shape and the right one."""
     with pytest.raises(error, match=f"chosen.*{words}"):
         check(mask)
+
+
+@pytest.mark.parametrize(
+    ("worlds", "ids"),
+    [
+        (None, [0, 1, 2, 3, 4]),
+        (MASK, [0, 3, 4]),
+        ([], []),
+        ((4, 2), [4, 2]),
+        (slice(4, None, -2), [4, 2, 0]),
+        (np.array([3, 3, 0]), [3, 3, 0]),
+        (np.arange(5)[::-1], [4, 3, 2, 1, 0]),
+        (torch.tensor([1]), [1]),
+        (torch.tensor(MASK), [0, 3, 4]),
+        (wp.array([2, 0], dtype=int, device="cpu"), [2, 0]),
+    ],
+)
+def test_booleans_select_worlds_and_integers_number_them(worlds: Any, ids: list[int]):
+    """NumPy's rule, for sequences, slices and arrays of all libraries; ids keep their order on the host."""
+    assert as_world_ids(worlds, 5).tolist() == ids
+    mask, memory = as_worlds(worlds, 5, CPU), wp.ones(5, dtype=wp.bool, device="cpu")
+    assert (np.arange(5) if mask is None else np.flatnonzero(mask.numpy())).tolist() == sorted({*ids})
+    again = as_worlds(worlds, 5, CPU, memory)
+    assert again is memory or again is None or len(np.asarray(worlds)) == 5
+
+
+@pytest.mark.parametrize("make", [list, np.array, torch.tensor, lambda v: wp.array(v, dtype=int, device="cpu")])
+def test_integers_that_look_like_a_mask_are_refused(make):
+    """As many as worlds, with repetitions: `mjw.reset_data` takes these as a mask."""
+    for take in (lambda worlds: as_worlds(worlds, 4, CPU), lambda worlds: as_world_ids(worlds, 4)):
+        with pytest.raises(MaskError, match="worlds should be booleans or ids: 4 integers with repetitions look like"):
+            take(make([1, 0, 1, 0]))
+        take(make([1, 0, 1]))
+
+
+@pytest.mark.parametrize(
+    ("worlds", "error", "words"),
+    [
+        ([0, 3], MaskError, r"worlds\[1\] should be from 0 to 2, got 3"),
+        ([-1], MaskError, r"worlds\[0\] should be from 0 to 2, got -1"),
+        (np.zeros((2, 2), int), MaskError, r"worlds should have shape \(k,\), .* got \(2, 2\)"),
+        (2, MaskError, r"worlds should have shape \(k,\), .* got \(\)"),
+        ([True, False], MaskError, r"worlds should have shape \(3,\), .* got \(2,\)"),
+        (np.ones((1, 3), bool), MaskError, r"worlds should have shape \(3,\)"),
+        ([0.5], MaskTypeError, "worlds should hold booleans or ids, got float64"),
+        ("here", MaskTypeError, "worlds should hold booleans or ids, got <U4"),
+        ([[0], [0, 1]], MaskTypeError, "worlds should be integers"),
+    ],
+)
+def test_what_are_no_worlds_is_named(worlds: Any, error: type[Exception], words: str):
+    """With the place of the wrong one, or its type and shape."""
+    for take in (lambda: as_worlds(worlds, 3, CPU), lambda: as_world_ids(worlds, 3)):
+        with pytest.raises(error, match=words):
+            take()
 
 
 @pytest.mark.parametrize(

@@ -71,12 +71,12 @@ def test_worlds_get_what_a_chooser_asks_for(mid: CompiledScene, ahead: bool):
     maker = LayoutGenerator(mid, NWORLD, seed=30, params="objects.*.region")
     chooser, other = Backwards(maker.layouts), LayoutGenerator(mid, NWORLD, seed=30)
     pipeline = LayoutPipeline(maker, ahead=prefetched(maker).ahead if ahead else None, chooser=chooser)
-    pipeline.reseed(30)
+    pipeline.reseed(seed=30)
     for episode in (9, 8, 7):
         pipeline.launch_generate(None)
         pipeline.after_reset()
         assert pipeline.layouts.episode.numpy().tolist() == [episode] * NWORLD
-        other.reseed(30, episodes=episode)
+        other.reseed(layouts={"seed": np.arange(30, 30 + NWORLD), "episode": episode})
         other.generate()
         np.testing.assert_array_equal(pipeline.layouts.qpos.numpy(), other.layouts.qpos.numpy())
     pipeline.launch_generate(wp.array([True, False, False], dtype=wp.bool, device="cpu"))

@@ -34,21 +34,21 @@ def test_a_wrong_seed_is_refused(seed):
         LayoutGenerator(compiled, 3, seed=seed)
     generator = LayoutGenerator(compiled, 3, seed=8)
     with pytest.raises(SeedError, match="seed"):
-        generator.reseed(seed)
+        generator.reseed(seed=seed)
     assert generator.layouts.seed.numpy().tolist() == [8, 9, 10]
 
 
 def test_after_the_last_episode_comes_the_first():
     """So that every layout has an id, and its bits; more episodes than a seed has are refused."""
     generator = LayoutGenerator(compile_on_cpu({"objects": {}}), 2, seed=5)
-    generator.reseed(5, episodes=2**31 - 2)
+    generator.reseed(layouts={"seed": [5, 6], "episode": 2**31 - 2})
     found = []
     for _ in range(2):
         generator.generate()
         found += generator.layouts.ids("train")[:1]
     assert [name.split(":")[2:] for name in found] == [["5", str(2**31 - 2)], ["5", "0"]]
     with pytest.raises(SeedError, match=r"from 0 to 2\^31 - 2, got 2147483647"):
-        generator.reseed(5, episodes=2**31 - 1)
+        generator.reseed(layouts={"seed": 5, "episode": 2**31 - 1})
 
 
 @pytest.mark.parametrize(
@@ -132,6 +132,6 @@ def test_device_seeds_of_a_wrong_kind_are_refused(dtype):
     """A Warp array of another type or length is no set of seeds."""
     generator = LayoutGenerator(compile_on_cpu({"objects": {}}), 3)
     with pytest.raises(SeedError, match="uint64"):
-        generator.reseed(wp.zeros(3, dtype=dtype, device="cpu"))
+        generator.reseed(seed=wp.zeros(3, dtype=dtype, device="cpu"))
     with pytest.raises(SeedError, match="3"):
-        generator.reseed(wp.zeros(2, dtype=wp.uint64, device="cpu"))
+        generator.reseed(seed=wp.zeros(2, dtype=wp.uint64, device="cpu"))

@@ -144,7 +144,7 @@ def test_a_randomizer_takes_every_source(mid: CompiledScene, make: Maker):
     """A randomizer writes the layouts that its source has made, also those of somebody's own class."""
     batch, source = Batch(mid.scene, NWORLD, "cpu"), make(mid)
     randomizer = ResetRandomizer(mid, batch.model, batch.data, layout_source=source)
-    randomizer.pipeline.reseed([1, 2, 3, 4])
+    randomizer.pipeline.reseed(seed=[1, 2, 3, 4])
     for mask in (None, np.array([True, False, True, False])):
         randomizer.reset(mask)
         np.testing.assert_array_equal(batch.data.qpos.numpy(), source.layouts.qpos.numpy())
@@ -159,7 +159,7 @@ def test_something_may_follow_every_reset(mid: CompiledScene):
         batch, source = Batch(mid.scene, NWORLD, "cpu"), Counted(mid)
         randomizer = ResetRandomizer(mid, batch.model, batch.data, layout_source=source, graph=graph)
         randomizer.reset()
-        randomizer.reset(env_ids=[2])
+        randomizer.reset([2])
         randomizer.launch_reset(mask_of([False, True, False, False]))
         source.generate(np.array([False, True, False, False]))
         assert source.resets == 4
@@ -185,7 +185,7 @@ def test_masks_and_seeds_of_all_libraries_are_taken(mid: CompiledScene, make: Ma
         source.generate(mask)
     source.generate(mask_of([True, True, True, False]))
     assert source.layouts.episode.numpy().tolist() == [2, 1, 0, -1]
-    source.reseed([7, 8, 9, 10], np.array([True, False, False, True]))
+    source.reseed(np.array([True, False, False, True]), seed=[7, 8, 9, 10])
     source.generate()
     assert source.layouts.seed.numpy().tolist() == [7, 31, 32, 10]
     assert source.layouts.episode.numpy().tolist() == [0, 2, 1, 0]

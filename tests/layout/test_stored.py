@@ -179,7 +179,7 @@ def test_new_seeds_start_at_episode_zero(crane: CompiledScene, table: LayoutTabl
     stored = StoredLayouts(crane, table, 3, seed=0)
     for _ in range(2):
         stored.generate()
-    stored.reseed([4, 5, 6], wp.array([False, True, True], dtype=wp.bool, device="cpu"))
+    stored.reseed(wp.array([False, True, True], dtype=wp.bool, device="cpu"), seed=[4, 5, 6])
     assert stored.layouts.seed.numpy().tolist() == [0, 1, 2]
     assert stored.layouts.episode.numpy().tolist() == [1, 1, 1]
     assert_rows(stored.layouts, table, [1, 2, 3])
@@ -187,7 +187,7 @@ def test_new_seeds_start_at_episode_zero(crane: CompiledScene, table: LayoutTabl
     assert stored.layouts.seed.numpy().tolist() == [0, 5, 6]
     assert stored.layouts.episode.numpy().tolist() == [2, 0, 0]
     assert_rows(stored.layouts, table, [2, 5, 6])
-    stored.reseed(1)
+    stored.reseed(seed=1)
     stored.generate()
     assert_rows(stored.layouts, table, [1, 2, 3])
 
@@ -401,7 +401,10 @@ def test_stored_layouts_keep_their_params_in_every_wrapper(crane: CompiledScene,
     """Other numbers are refused before anything is launched, and launches never raise."""
     source = wrap(StoredLayouts(crane, replace(table, params=(REGION,), param=BOX), 2))
     box = [[-0.1, -0.1], [0.1, 0.1]]
-    for change in (lambda: source.set_params({REGION: box}), lambda: source.reseed(5, params=BOX[:2])):
+    for change in (
+        lambda: source.set_params({REGION: box}),
+        lambda: source.reseed(layouts={"seed": 5, "episode": 0, "params": {REGION: box}}),
+    ):
         with pytest.raises(ArgumentError, match="set_params: stored layouts keep the params they were made with"):
             change()
     assert (source.layouts.view.next_episode.numpy() == 0).all()

@@ -72,7 +72,7 @@ def test_bits_are_those_of_one_world_alone(device: str, variants: bool):
         for step in range(6):
             mask, before = None if step in (0, 3) else some if step % 2 else ~some, values(randomizer)
             if step == 4:
-                randomizer.pipeline.reseed(11, ~some)
+                randomizer.pipeline.reseed(~some, seed=11)
             randomizer.reset(mask)
             after = values(randomizer)
             if mask is not None:
@@ -88,7 +88,7 @@ def test_bits_are_those_of_one_world_alone(device: str, variants: bool):
     assert {*FOLLOW, "body_mass", "geom_friction", "rest"} < set(after)
     seed, episode = (getattr(randomizer.layouts, name).numpy() for name in ("seed", "episode"))
     for world in range(NWORLD):
-        alone.reset(seeds=int(seed[world]), episodes=int(episode[world]))
+        alone.reset(layouts={"seed": int(seed[world]), "episode": int(episode[world])})
         for name, array in values(alone).items():
             np.testing.assert_array_equal(array[0], after[name][world], err_msg=f"{name} {world}")
 
@@ -100,7 +100,7 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
     scene = compiled_scene(device, variants=variants)
     one, alone = make(scene, prefetch=True), make(scene, prefetch=False)
     one.reset()
-    alone.pipeline.reseed(70)
+    alone.pipeline.reseed(seed=70)
     words: dict[str, Any] = {"fields": one.fields} if shared else {}
     other = ResetRandomizer(scene, one.model, one.data, seed=70, prefetch=True, **words)
     for randomizer in (other, one, other, alone, alone):

@@ -148,18 +148,10 @@ def test_worlds_go_by_their_numbers_as_well(compiled: CompiledScene):
         wp.array([0, 2], dtype=int, device="cpu"),
     ):
         randomizer = make(compiled)
-        randomizer.reset(env_ids=ids)
+        randomizer.reset(ids)
         np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [0, -1, 0])
-    randomizer.reset(env_ids=[])
-    randomizer.reset(env_ids=torch.zeros(0, dtype=torch.long))
+    randomizer.reset([])
+    randomizer.reset(torch.zeros(0, dtype=torch.long))
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [0, -1, 0])
-    randomizer.reset(env_ids=slice(None))
+    randomizer.reset(slice(None))
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 0, 1])
-    with pytest.raises(MaskError, match=r"env_ids\[1\] should be from 0 to 2, got 3"):
-        randomizer.reset(env_ids=[0, 3])
-    with pytest.raises(MaskError, match=r"should have shape \(n,\)"):
-        randomizer.reset(env_ids=np.zeros((2, 2), int))
-    with pytest.raises(MaskTypeError, match="For booleans there is `mask`"):
-        randomizer.reset(env_ids=[True, False, True])
-    with pytest.raises(MaskTypeError, match="a mask or env_ids, not both"):
-        randomizer.reset(np.ones(3, bool), env_ids=[0])

@@ -122,7 +122,7 @@ def test_the_same_state_seed_and_number_give_the_same_places(mid: CompiledScene)
         for _ in range(2):
             randomizer.replace("apple")
             found.append(randomizer.data.qpos.numpy().copy())
-        randomizer.reset(HALF, seeds=np.arange(4, 4 + NWORLD), episodes=0)
+        randomizer.reset(HALF, seed=np.arange(4, 4 + NWORLD))
         np.testing.assert_array_equal(randomizer.replacer.number.numpy(), np.where(HALF, 0, 2))
     np.testing.assert_array_equal(found[0], found[2])
     np.testing.assert_array_equal(found[1], found[3])

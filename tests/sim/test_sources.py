@@ -39,7 +39,7 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
         randomizer.reset()
         twin.generate()
         np.testing.assert_array_equal(data.qpos.numpy(), twin.layouts.qpos.numpy())
-    randomizer.pipeline.reseed([9, 9, 5], np.array([False, False, True]))
+    randomizer.pipeline.reseed(np.array([False, False, True]), seed=[9, 9, 5])
     randomizer.reset(torch.tensor([False, False, True]))
     np.testing.assert_array_equal(randomizer.layouts.seed.numpy(), [5, 6, 5])
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [1, 1, 0])

@@ -10,16 +10,15 @@ import torch
 import warp as wp
 
 from sceniris_gym.commands.replay import drawn, replay
+from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.params import params_in
-from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.scene_params import Param, scene_params
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.vector.arguments import as_chosen_layouts
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.stress.mixed import STATUS
@@ -43,7 +42,8 @@ class Served:
         self.compiled, self.names = compiled, param_names(compiled) if params else ()
         self.randomizer = randomizer(compiled, WORLDS, self.names)
         rows = narrowed(self.randomizer, np.random.default_rng(seed)) if self.names else None
-        self.randomizer.pipeline.reseed(list(range(seed, seed + WORLDS)), params=rows)
+        chosen = ChosenLayouts(np.arange(seed, seed + WORLDS, dtype=np.uint64), np.ones(WORLDS, bool), param=rows)
+        self.randomizer.pipeline.reseed(layouts=chosen)
         self.randomizer.reset()
         self.randomizer.reset()
         self.ids = self.randomizer.pipeline.ids(self.randomizer.split)
@@ -103,10 +103,10 @@ def by_randomizer(served: Served, order: np.ndarray) -> Rows:
     """Return the worlds of another randomizer with the seeds, episodes and params of the ids."""
     names = [LayoutId.parse(served.ids[world]) for world in order]
     worlds = randomizer(served.compiled, len(order), served.names)
-    params = np.concatenate([worlds.layouts.params.rows(params_in(name.params), 1) for name in names])
-    episodes = np.array([name.episode for name in names], np.int32)
-    worlds.pipeline.reseed([name.seed for name in names], episodes=episodes, params=params if served.names else None)
-    worlds.reset()
+    table = worlds.layouts.params
+    params = table.named(np.concatenate([table.rows(params_in(name.params), 1) for name in names]))
+    chosen = {"seed": [name.seed for name in names], "episode": [name.episode for name in names], "params": params}
+    worlds.reset(layouts=chosen)
     return rows_of(worlds)
 
 
@@ -140,7 +140,7 @@ def by_generator(served: Served, order: np.ndarray) -> Rows:
     """Return the layouts of a generator, chosen as an adapter chooses them."""
     generator = LayoutGenerator(served.compiled, len(order), params=served.names)
     ids = [served.ids[world] for world in order]
-    generator.reseed(*as_chosen_layouts(ids, len(order), LayoutPipeline(generator)))
+    generator.reseed(layouts=ids)
     generator.generate()
     return layout_rows(generator.layouts)
 

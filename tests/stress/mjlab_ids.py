@@ -64,7 +64,7 @@ def main() -> int:
     while counts.total() < wanted:
         first.reset()
         served, ids, order = rows(first, terms[0]), terms[0].layout_ids(), rng.permutation(_NUM_ENVS)
-        terms[1].choose([ids[i] for i in order])
+        terms[1].reseed(layouts=[ids[i] for i in order])
         second.reset()
         status = terms[0].layouts.status.numpy()
         told = terms[1].layout_ids()

@@ -87,7 +87,7 @@ class Soak:
                 wp.copy(array, wp.array(values, dtype=array.dtype, device=array.device))
         if draws.random() < 0.2:
             seeds = draws.integers(0, 2**63, self.num_envs, dtype=np.uint64)
-            self.randomizer.pipeline.reseed(seeds, mask)
+            self.randomizer.pipeline.reseed(mask, seed=seeds)
         self.randomizer.reset(mask)
         if draws.random() < 0.2:
             self.batch.step()

@@ -334,10 +334,14 @@ WRONG_CALLS = {
     "ragged": (ArgumentError, SLIDE, lambda envs: envs.set_param(SLIDE, [[0.05], [0.05, 0.06]])),
     "rows": (
         ArgumentError,
-        "params should have shape",
-        lambda envs: envs.randomizer.pipeline.reseed(0, params=[[1], [1, 2]]),
+        SLIDE,
+        lambda envs: _reset_to(envs, {"seed": 0, "episode": 0, "params": {SLIDE: [[1], [1, 2]]}}),
     ),
-    "nan": (ArgumentError, SLIDE, lambda envs: envs.randomizer.pipeline.reseed(0, params=np.full((2, 2), np.nan))),
+    "nan": (
+        ArgumentError,
+        SLIDE,
+        lambda envs: _reset_to(envs, {"seed": 0, "episode": 0, "params": {SLIDE: np.full((2, 2), np.nan)}}),
+    ),
     "replace": (ArgumentTypeError, "objects should be a name", lambda envs: envs.replace(3)),
     "name": (ArgumentTypeError, "random: name should be a str", lambda envs: envs.randomizer.random(3, 3)),
     "shape": (CountError, "random: shape", lambda envs: envs.randomizer.random("a", (10**6, 10**6))),

@@ -193,7 +193,7 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
     """The episode that runs keeps its seed and its number in all infos, until the reset."""
     envs = make_env(2)
     envs.reset(seed=3)
-    envs.randomizer.pipeline.reseed([50, 60], episodes=4)
+    envs.randomizer.pipeline.reseed(layouts={"seed": [50, 60], "episode": 4})
     *_, info = envs.step(actions(2, ending=(1,)))
     assert info["final_info"]["layout_seed"].tolist() == [3, 4]
     assert info["final_info"]["layout_episode"].tolist() == [0, 0]

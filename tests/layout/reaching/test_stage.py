@@ -100,7 +100,7 @@ def test_generation_runs_in_a_captured_graph(compiled: CompiledScene):
     plain, captured = LayoutGenerator(compiled, 20, seed=7), LayoutGenerator(compiled, 20, seed=7)
     with wp.ScopedCapture(device="cpu") as capture:
         captured.generate()
-    captured.reseed(7)
+    captured.reseed(seed=7)
     for _ in range(2):
         plain.generate()
         wp.capture_launch(capture.graph)

@@ -128,7 +128,7 @@ def test_starts_do_not_depend_on_those_before():
     usual, other = (LayoutGenerator(starting(), 24, seed=9) for _ in range(2))
     usual.generate()
     usual.generate()
-    other.reseed(9, episodes=1)
+    other.reseed(layouts={"seed": np.arange(9, 9 + 24), "episode": 1})
     other.generate()
     for name, values in _rows(usual).items():
         np.testing.assert_array_equal(values, _rows(other)[name])

@@ -100,7 +100,7 @@ def test_a_variant_is_a_matter_of_seed_and_episode(shapes: Shapes):
     for i in (0, 7, 39):
         one = LayoutGenerator(compiled, 3, seed=[5, 100 + i, 9])
         one.generate()
-        one.reseed([5, 100 + i, 9])
+        one.reseed(seed=[5, 100 + i, 9])
         one.generate()
         assert (one.layouts.present.numpy()[1] == many.present[i]).all()
         assert one.layouts.qpos.numpy()[1].tobytes() == many.qpos[i].tobytes()

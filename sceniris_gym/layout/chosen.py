@@ -1,0 +1,168 @@
+"""Layouts and seeds that a user chose for some worlds: checked once on the host, then one row for each world."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from sceniris_gym.config.fields import short
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, SeedError
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layouts import LayoutKeys, Layouts
+from sceniris_gym.layout.masks import as_numbers, as_world_ids, is_mask
+from sceniris_gym.layout.params import params_in
+from sceniris_gym.layout.seeds import as_seeds
+from sceniris_gym.program.compiled import MOST_EPISODES
+
+Served = Callable[[str, LayoutKeys], tuple[str, LayoutKeys]]
+"""The split and keys that a source serves to worlds with a split and keys; see `LayoutSource.served`."""
+
+
+class ChosenLayouts(NamedTuple):
+    """The next layout of each world.
+
+    Attributes:
+        seed: Seeds, shape (nworld,), uint64.
+        given: Worlds that have a chosen layout, shape (nworld,), bool.
+        episode: Episodes, shape (nworld,), int32. None is episode 0.
+        param: Numbers of the params, shape (nworld, nvalue), float32. None leaves them as they are.
+    """
+
+    seed: np.ndarray
+    given: np.ndarray
+    episode: np.ndarray | None = None
+    param: np.ndarray | None = None
+
+
+def as_layouts(
+    value: Any, layouts: Layouts, split: str, served: Served, worlds: Any = None, name: str = "layouts"
+) -> ChosenLayouts:
+    """Return the layouts that a user chose for some worlds.
+
+    Args:
+        value: A layout id for all chosen worlds; a sequence of ids, where None keeps a world's next layout; or a
+            mapping such as `info["layout"]`, with "seed" and "episode", perhaps "params", and keys that are not read. A
+            sequence has an entry for each chosen world in order, or for each world.
+        layouts: The layouts of these worlds.
+        split: Their split.
+        served: What their source serves.
+        worlds: The chosen worlds; see `as_worlds`.
+        name: Name of the argument in messages.
+
+    Raises:
+        ArgumentError: Another form, another number of entries, or a malformed id, seed or episode.
+        SceneMismatchError: An id of another scene or split.
+        UnknownNameError: An id with a param that the worlds do not have.
+    """
+    if isinstance(value, ChosenLayouts):
+        return value
+    nworld = layouts.nworld
+    if isinstance(value, Mapping):
+        found, single = _of_mapping(value, layouts, name)
+    else:
+        found, single = _of_ids(value, layouts, split, served, name)
+    seed, given, episode, param = found
+    if layouts.params.are_kept and param is not None and episode is not None:
+        kept = served(split, (seed, episode, param))[1][2]
+        if (kept != param)[given].any():
+            raise ArgumentError(f"{name} should have the params that the stored layouts were made with.")
+        param = None
+    rows = np.zeros(nworld, int) if single else _entries(len(seed), worlds, nworld, name)
+    first, numbers = (part if part is None else part[rows] for part in (episode, param))
+    return ChosenLayouts(seed[rows], given[rows], first, numbers)
+
+
+def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> wp.array:
+    """Return a seed for each world on a device, shape (nworld,), uint64.
+
+    Args:
+        seed: World i gets seed + i. Or one seed for each chosen world in order, or for each world. A Warp array on the
+            device is used as it is.
+        nworld: Number of worlds.
+        device: The device.
+        worlds: The chosen worlds; see `as_worlds`.
+
+    Raises:
+        SeedError: Not seeds, see `as_seeds`; or a Warp array of another type, shape or device.
+        ArgumentError: Another number of seeds.
+    """
+    if isinstance(seed, wp.array):
+        if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
+            raise SeedError(
+                f"seed on the device should be a uint64 array of shape ({nworld},) on {device}, got "
+                f"{seed.dtype.__name__} of shape {tuple(seed.shape)} on {seed.device}."
+            )
+        return seed
+    seed = as_numbers(seed) if type(seed).__module__ == "torch" else seed
+    many = isinstance(seed, Sequence | np.ndarray) and np.ndim(seed) == 1
+    found = as_seeds(seed, len(seed) if many else nworld)
+    return wp.array(found[_entries(len(found), worlds, nworld, "seed")] if many else found, wp.uint64, device=device)
+
+
+def _entries(number: int, worlds: Any, nworld: int, name: str) -> np.ndarray:
+    """Return the entry of each world, shape (nworld,): in the order of the chosen worlds, else of all worlds."""
+    every = np.arange(nworld)
+    if number == nworld and is_mask(worlds):  # which may be on a device
+        return every
+    ids = as_world_ids(worlds, nworld)
+    if number not in (len(ids), nworld):
+        many = f"{len(ids)}, one for each chosen world" if len(ids) < nworld else f"{nworld}, one for each world"
+        raise ArgumentError(f"{name} should have a single entry, or {many}, got {number}.")
+    if number == len(ids):
+        every[ids] = np.arange(number)
+        every[every >= number] = 0
+    return every
+
+
+def _of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[ChosenLayouts, bool]:
+    """Return the layouts of {"seed", "episode", "params"}, a row for each entry, and whether they are a single one."""
+    if not {"seed", "episode"} <= {*value}:
+        raise ArgumentError(f"{name} should have the keys 'seed' and 'episode', got {short(list(value))}.")
+    given = {key: as_numbers(value[key]) for key in ("seed", "episode")}
+    number = max((len(found) for found in given.values() if found.ndim == 1), default=1)
+    for key, found in given.items():
+        if found.dtype.kind not in "iu" or found.shape not in ((), (number,)):
+            form = "an integer, or one for each world" if number == 1 else f"an integer, or {number} of them"
+            raise ArgumentError(f"{name}['{key}'] should be {form}, got {short(value[key])}.")
+    if (given["episode"] < 0).any() or (given["episode"] >= MOST_EPISODES).any():
+        raise SeedError(f"{name}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
+    seed, episode = (np.broadcast_to(found, (number,)) for found in given.values())
+    # seeds in torch's tensors are in two's complement
+    param = layouts.params.rows(value["params"], number) if "params" in value else None
+    found = ChosenLayouts(seed.astype(np.uint64), np.ones(number, bool), episode.astype(np.int32), param)
+    return found, all(part.ndim == 0 for part in given.values())
+
+
+def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
+    """Return the layouts of ids, a row for each, and whether there is a single one."""
+    scene, table = layouts.compiled.scene, layouts.params
+    single = isinstance(value, str | LayoutId)
+    texts = [value] if single else value
+    if not isinstance(texts, Sequence):
+        raise ArgumentError(
+            f"{name} should be a layout id, a sequence of them, or a mapping with 'seed' and 'episode', got "
+            f"{short(value)}."
+        )
+    cure = f"{name} should have ids of the scene and split of these worlds."
+    ids = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
+    found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
+    values: dict[str, np.ndarray] = {}
+    for text, one in zip(texts, found, strict=True):
+        if one.params not in values:
+            try:
+                values[one.params] = table.rows(params_in(one.params), 1)[0]
+            except ArgumentError as error:
+                raise ArgumentError(f"{name}: layout id '{text}': {error}") from None
+    seed = np.array([one.seed for one in found], np.uint64)
+    episode = np.array([one.episode for one in found], np.int32)
+    param = np.array([values[one.params] for one in found]).reshape(len(found), len(table.default))
+    given = np.array([one is not None for one in ids], bool)
+    served_split, (served_seed, served_episode, _) = served(split, (seed, episode, param))
+    wrong = given & ((served_seed != seed) | (served_episode != episode) | (served_split != split))
+    if wrong.any():
+        one, cure = ids[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."
+        raise SceneMismatchError(f"{name}: the layout_source does not serve '{one}' by its id. {cure}")
+    return ChosenLayouts(seed, given, episode, param), single
