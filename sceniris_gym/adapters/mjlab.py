@@ -117,7 +117,7 @@ class PlaceLayouts(ManagerTermBase):
 
         Raises:
             ArgumentError: Not one id for each environment.
-            LayoutIdError, SceneMismatchError: A malformed id, or one of another scene or split.
+            ArgumentError, SceneMismatchError: A malformed id, or one of another scene or split.
         """
         num_envs = self._env.num_envs
         wanted = list(range(num_envs)) if env_ids is None else [int(i) for i in env_ids]

@@ -181,7 +181,7 @@ class NewtonRandomizer(StaysHere):
             mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; None is all worlds.
 
         Raises:
-            MaskTypeError, MaskError: Not an array of booleans, or of a wrong shape.
+            ArgumentTypeError, ArgumentError: Not an array of booleans, or of a wrong shape.
         """
         nworld = self.model.world_count
         fill_mask(None if mask is None else as_mask(mask, nworld, self.model.device), self._mask)

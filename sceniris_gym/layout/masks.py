@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -27,8 +27,8 @@ def as_mask(mask: Any, nworld: int, device: Any, name: str = "mask") -> wp.array
         name: Name of the mask in error messages.
 
     Raises:
-        MaskTypeError: Not one of these arrays, or not an array of booleans.
-        MaskError: Wrong shape.
+        ArgumentTypeError: Not one of these arrays, or not an array of booleans.
+        ArgumentError: Wrong shape.
     """
     check_mask(mask, nworld, name)
     return _to_device(mask, wp.bool, device)
@@ -38,7 +38,7 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
     """Return a copy of a mask of worlds on the host, shape (nworld,), bool. Wait for the device that it is on.
 
     Raises:
-        MaskTypeError, MaskError: As `as_mask`.
+        ArgumentTypeError, ArgumentError: As `as_mask`.
     """
     check_mask(mask, nworld, name)
     if _kind(mask) == "torch":
@@ -52,12 +52,12 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
 def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
     """Refuse what `as_mask` does not take, by the same errors."""
     if _kind(mask) is None:
-        raise MaskTypeError(f"{name} should be a boolean numpy array, torch tensor or Warp array, got {type(mask)}.")
+        raise ArgumentTypeError(f"{name} should be a boolean array of numpy, torch or Warp, got {type(mask)}.")
     if str(mask.dtype) not in ("bool", "torch.bool") and mask.dtype is not wp.bool:
-        raise MaskTypeError(f"{name} should hold booleans, got {mask.dtype}. A comparison such as `x > 0` gives them.")
+        raise ArgumentTypeError(f"{name} should hold booleans, got {mask.dtype}. A comparison, as `x > 0`, gives them.")
     _check_dense(mask, name)
     if tuple(mask.shape) != (nworld,):
-        raise MaskError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
+        raise ArgumentError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
 
 
 def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
@@ -70,12 +70,12 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
         device: The target device.
 
     Raises:
-        MaskTypeError: Not integers.
-        MaskError: Wrong shape, or a row that does not exist (checked in sequences and numpy arrays only).
+        ArgumentTypeError: Not integers.
+        ArgumentError: Wrong shape, or a row that does not exist (checked in sequences and numpy arrays only).
     """
     rows = _as_integers(rows, "rows")
     if tuple(rows.shape) != (nworld,):
-        raise MaskError(f"rows should have shape ({nworld},), one row (or -1) per world, got {tuple(rows.shape)}.")
+        raise ArgumentError(f"rows should have shape ({nworld},), one row (or -1) per world, got {tuple(rows.shape)}.")
     return _upload_numbers(rows, "rows", -1, nrow, ", or -1 for none", device)
 
 
@@ -88,13 +88,13 @@ def as_ids(ids: Any, nworld: int, device: Any) -> wp.array:
         device: The target device.
 
     Raises:
-        MaskTypeError: Not integers.
-        MaskError: Wrong shape, or a world that does not exist (checked in sequences and numpy arrays only).
+        ArgumentTypeError: Not integers.
+        ArgumentError: Wrong shape, or a world that does not exist (checked in sequences and numpy arrays only).
     """
     ids = np.arange(nworld)[ids] if isinstance(ids, slice) else ids
     ids = _as_integers(ids, "env_ids", " For booleans there is `mask`.")
     if len(ids.shape) != 1:
-        raise MaskError(f"env_ids should have shape (n,), the numbers of worlds, got {tuple(ids.shape)}.")
+        raise ArgumentError(f"env_ids should have shape (n,), the numbers of worlds, got {tuple(ids.shape)}.")
     return _upload_numbers(ids, "env_ids", 0, nworld, "", device)
 
 
@@ -156,11 +156,11 @@ def _as_integers(values: Any, name: str, hint: str = "") -> Any:
         try:
             values = np.asarray(values)
         except ValueError:  # lists of different lengths
-            raise MaskTypeError(f"{name} should be integers, got {type(values)} of different lengths.") from None
+            raise ArgumentTypeError(f"{name} should be integers, got {type(values)} of different lengths.") from None
         values = values.astype(int) if values.size == 0 else values
     _check_dense(values, name)
     if "int" not in getattr(values.dtype, "__name__", str(values.dtype)):
-        raise MaskTypeError(f"{name} should hold integers, got {values.dtype}.{hint}")
+        raise ArgumentTypeError(f"{name} should hold integers, got {values.dtype}.{hint}")
     return values
 
 
@@ -170,7 +170,7 @@ def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, dev
         wrong = np.flatnonzero((values < least) | (values >= end))
         if len(wrong):
             found = values[wrong[0]]
-            raise MaskError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {found}.")
+            raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {found}.")
         values = values.astype(np.int32)
     elif _kind(values) == "torch":
         # a number out of range must not wrap around to one in range
@@ -182,9 +182,9 @@ def _check_dense(array: Any, name: str) -> None:
     """Refuse a torch tensor that has no values of its own in memory, and a NumPy array that hides some."""
     if _kind(array) == "torch" and (array.is_meta or str(array.layout) != "torch.strided" or array.is_nested):
         what = "a meta tensor, which has no values" if array.is_meta else f"a tensor of layout {array.layout}"
-        raise MaskError(f"{name} should be a dense array, got {what}. `to_dense()` makes one of a sparse one.")
+        raise ArgumentError(f"{name} should be a dense array, got {what}. `to_dense()` makes one of a sparse one.")
     if isinstance(array, np.ma.MaskedArray):
-        raise MaskError(f"{name} should be a dense array, got a masked one. `filled(False)` makes one of it.")
+        raise ArgumentError(f"{name} should be a dense array, got a masked one. `filled(False)` makes one of it.")
 
 
 def _kind(array: Any) -> str | None:
@@ -206,7 +206,7 @@ def as_shape(shape: SupportsIndex | Sequence[SupportsIndex], name: str) -> tuple
     """Return a shape, given as a sequence or as the length of its only axis.
 
     Raises:
-        CountError: A length that is no integer of at least 0, or too many numbers.
+        ArgumentError: A length that is no integer of at least 0, or too many numbers.
     """
     found = tuple(as_count(n, name, 0) for n in (shape if isinstance(shape, Sequence) else (shape,)))
     as_count(math.prod(found), name, 0)
@@ -217,16 +217,16 @@ def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> 
     """Return an integer of any library as an int.
 
     Raises:
-        CountError: Not an integer, or one outside of `least` to `most`.
+        ArgumentError: Not an integer, or one outside of `least` to `most`.
     """
     try:
         count = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         count = None
     if count is None:
-        raise CountError(f"{name} should be an integer of at least {least}, got {short(value)}.")
+        raise ArgumentError(f"{name} should be an integer of at least {least}, got {short(value)}.")
     if not least <= count <= most:
         bound = f"an integer of at least {least}" if count < least else f"at most {most}"
         got = str(count) if abs(count) < 1 << 128 else "a number of more than 38 digits"
-        raise CountError(f"{name} should be {bound}, got {got}.")
+        raise ArgumentError(f"{name} should be {bound}, got {got}.")
     return count

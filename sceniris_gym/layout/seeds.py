@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import SeedError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
 from sceniris_gym.program.compiled import MOST_EPISODES
 
@@ -108,12 +108,12 @@ def seeds_on_device(seed: Any, nworld: int, device: Any) -> wp.array:
     """Return a seed for each world on a device, shape (nworld,), uint64: a Warp array as it is, others by `as_seeds`.
 
     Raises:
-        SeedError: See `as_seeds`; or a Warp array of another type, shape or device.
+        ArgumentError: See `as_seeds`; or a Warp array of another type, shape or device.
     """
     if not isinstance(seed, wp.array):
         return wp.array(as_seeds(seed, nworld), dtype=wp.uint64, device=device)
     if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
-        raise SeedError(
+        raise ArgumentError(
             f"seeds on the device should be a uint64 array of shape ({nworld},) on {device}, got "
             f"{seed.dtype.__name__} of shape {tuple(seed.shape)} on {seed.device}."
         )
@@ -124,25 +124,25 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     """Return a seed for each world, shape (nworld,), uint64: seed + i (modulo 2^64) for an integer, else as given.
 
     Raises:
-        SeedError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of them.
+        ArgumentError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of them.
     """
     if isinstance(seed, int | np.integer | np.bool_):
         if not _is_seed(seed):
-            raise SeedError(f"seed={short(seed)} should be an integer from 0 to 2^64 - 1.")
+            raise ArgumentError(f"seed={short(seed)} should be an integer from 0 to 2^64 - 1.")
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
     many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
     many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1 and not isinstance(seed, np.ma.MaskedArray))
     if not many or len(seed) != nworld:
         given = f"{len(seed)} of them, " if many else ""
-        raise SeedError(
+        raise ArgumentError(
             f"seeds should be one integer, or a sequence of {nworld}, one per world; got {given}{type(seed).__name__}."
         )
     if isinstance(seed, np.ndarray) and (seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all())):
         return seed.astype(np.uint64)
     for i, value in enumerate(seed.tolist() if isinstance(seed, np.ndarray) else seed):
         if not _is_seed(value):
-            raise SeedError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
+            raise ArgumentError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
     return np.fromiter(seed, np.uint64, len(seed))
 
 
@@ -155,18 +155,18 @@ def episodes_on_device(episode: Any, nworld: int, device: Any) -> wp.array:
         device: The device.
 
     Raises:
-        SeedError: Not integers from 0 to 2^31 - 2, or not one per world.
+        ArgumentError: Not integers from 0 to 2^31 - 2, or not one per world.
     """
     if isinstance(episode, wp.array):
         if episode.dtype is not wp.int32 or episode.shape != (nworld,) or episode.device != wp.get_device(device):
-            raise SeedError(f"episodes on the device should be an int32 array of shape ({nworld},) on {device}.")
+            raise ArgumentError(f"episodes on the device should be an int32 array of shape ({nworld},) on {device}.")
         return episode
     try:
         wanted = np.broadcast_to(np.asarray(episode), (nworld,))
     except ValueError:
-        raise SeedError(f"episodes should be one integer, or {nworld} of them; got {short(episode)}.") from None
+        raise ArgumentError(f"episodes should be one integer, or {nworld} of them; got {short(episode)}.") from None
     if wanted.dtype.kind not in "iu" or (wanted < 0).any() or (wanted >= MOST_EPISODES).any():
-        raise SeedError(f"episodes should be integers from 0 to 2^31 - 2, got {short(episode)}.")
+        raise ArgumentError(f"episodes should be integers from 0 to 2^31 - 2, got {short(episode)}.")
     return wp.array(wanted.astype(np.int32), dtype=int, device=device)
 
 

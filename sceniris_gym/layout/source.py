@@ -137,7 +137,7 @@ class LayoutSource(StaysHere):
             mask: Booleans, shape (nworld,): Warp array, torch tensor or numpy array; all worlds if None.
 
         Raises:
-            MaskError, MaskTypeError: A mask of the wrong shape, or not of booleans.
+            ArgumentError, ArgumentTypeError: A mask of the wrong shape, or not of booleans.
         """
         launches, own = self._captured
         fill_mask(self._checked(mask), own)
@@ -165,9 +165,9 @@ class LayoutSource(StaysHere):
             params: Numbers of the params, a row for each world, shape (nworld, nvalue); None leaves them as they are.
 
         Raises:
-            SeedError: Not 64-bit seeds, episodes below 2^31 - 1, or not one per world.
-            ArgumentError: Numbers that the params cannot have, not a row for each world, or stored layouts.
-            MaskError, MaskTypeError: As in generate.
+            ArgumentError: Not 64-bit seeds, episodes below 2^31 - 1, or not one per world. Numbers that the params
+                cannot have, not a row for each world, or stored layouts.
+            ArgumentError, ArgumentTypeError: As in generate.
         """
         nworld, device = self.layouts.nworld, self.layouts.seed.device
         keeps = seeds is None and episodes is not None
@@ -190,7 +190,7 @@ class LayoutSource(StaysHere):
         Raises:
             UnknownNameError: The worlds were not made with such a param.
             ArgumentError: A value that does not lie within that of the scene file, or stored layouts.
-            MaskError, MaskTypeError: As in generate.
+            ArgumentError, ArgumentTypeError: As in generate.
         """
         columns, rows = self.layouts.params.part(values, self.layouts.nworld)
         self._set_params(self._changeable(columns), rows, self._checked(mask))

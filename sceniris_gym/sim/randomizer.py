@@ -14,7 +14,7 @@ import warp as wp
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence, launching
-from sceniris_gym.errors import MaskTypeError, check_names, check_type
+from sceniris_gym.errors import ArgumentTypeError, check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_ids, as_mask, as_rows, as_shape, fill_mask, mask_of_ids, mask_of_rows
 from sceniris_gym.layout.source import LayoutSource
@@ -112,7 +112,7 @@ class ResetRandomizer(Fixed, StaysHere):
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
         ArgumentError: Both `layout_source` and `prefetch` or `params`, or a stream of another device.
-        MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
+        ArgumentTypeError, ArgumentError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
@@ -189,9 +189,8 @@ class ResetRandomizer(Fixed, StaysHere):
             episodes: Their episodes, 0 if there are seeds alone; of the present seeds if there are no `seeds`.
 
         Raises:
-            MaskTypeError: Not an array of booleans, or of integers; or both of them given.
-            MaskError: Wrong shape, or a world that does not exist.
-            SeedError: See `LayoutSource.reseed`.
+            ArgumentTypeError: Not an array of booleans, or of integers; or both of them given.
+            ArgumentError: Wrong shape, or a world that does not exist. See `LayoutSource.reseed`.
         """
         self.fields.check()
         nworld = self.data.nworld
@@ -201,7 +200,7 @@ class ResetRandomizer(Fixed, StaysHere):
             chosen = self._mask
             mask_of_ids(as_ids(env_ids, nworld, self.device), chosen)
         else:
-            raise MaskTypeError("reset should have a mask or env_ids, not both.")
+            raise ArgumentTypeError("reset should have a mask or env_ids, not both.")
         if seeds is not None or episodes is not None:
             self.pipeline.reseed(seeds, chosen, episodes)
         self.launch_reset(chosen)
@@ -240,7 +239,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Raises:
             UnknownNameError: Not an object that the scene places.
             ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
-            MaskTypeError, MaskError: As in `reset`.
+            ArgumentTypeError, ArgumentError: As in `reset`.
         """
         self.replacer.launch(objects, None if mask is None else as_mask(mask, self.data.nworld, self.device))
 
@@ -318,7 +317,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Raises:
             SceneMismatchError: The layouts are of another scene, or were drawn with other params.
             UnknownNameError, ArgumentError: The scene has no such params, or not such numbers of them.
-            MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
+            ArgumentError, ArgumentTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         stored, nrow = stored_rows(layouts, self.layouts, str(self.device)), layouts.qpos.shape[0]
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, SceneMismatchError, SeedError, check_names
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_names
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_count, as_host_mask, as_numbers
@@ -135,8 +135,7 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     """Return width and height.
 
     Raises:
-        ArgumentError: Not two numbers.
-        CountError: One that is no integer, or out of range.
+        ArgumentError: Not two numbers. One that is no integer, or out of range.
     """
     try:
         width, height = value
@@ -155,7 +154,7 @@ def as_reset_seeds(seed: Any, num_envs: int, rank: Rank, *, first: bool) -> Chos
         first: Draw a seed for each None in a sequence, as the first reset does.
 
     Raises:
-        SeedError: Any other seed.
+        ArgumentError: Any other seed.
     """
     if seed is None:
         return None
@@ -174,10 +173,9 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     """Return a copy of `options["reset_mask"]` on the host, shape (num_envs,), bool; None for all worlds.
 
     Raises:
-        ArgumentTypeError: The options are no mapping.
+        ArgumentTypeError: The options are no mapping. Not an array of booleans.
         UnknownNameError: An option that `reset` does not know.
-        MaskTypeError: Not an array of booleans.
-        MaskError: Wrong shape, or false everywhere.
+        ArgumentError: Wrong shape, or false everywhere.
     """
     if not isinstance(options, Mapping | None):
         raise ArgumentTypeError(f"reset: options should be {{'{RESET_MASK}': mask}} or None, got {short(options)}.")
@@ -188,7 +186,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     name = f"options['{RESET_MASK}']"
     mask = as_host_mask(options[RESET_MASK], num_envs, name)
     if not mask.any():
-        raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
+        raise ArgumentError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
     return mask
 
 
@@ -203,8 +201,7 @@ def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> Ch
         pipeline: Makes the layouts.
 
     Raises:
-        ArgumentError: Anything else, or not one for each world.
-        LayoutIdError, SeedError: A malformed id, seed or episode.
+        ArgumentError: Anything else, or not one for each world. A malformed id, seed or episode.
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a param that the worlds do not have.
     """
@@ -216,7 +213,7 @@ def as_chosen_layouts(value: Any, num_envs: int, pipeline: LayoutPipeline) -> Ch
         names = ("seed", "episode")
         seeds, episodes = (_numbers_of_worlds(value[name], num_envs, f"{where}['{name}']") for name in names)
         if (episodes < 0).any() or (episodes >= MOST_EPISODES).any():
-            raise SeedError(f"{where}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
+            raise ArgumentError(f"{where}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
         rows = table.rows(value[PARAMS], num_envs) if PARAMS in value else None
         return ChosenLayouts(seeds.astype(np.uint64), np.ones(num_envs, bool), episodes.astype(np.int32), rows)
     texts = [value] * num_envs if isinstance(value, str | LayoutId) else value
