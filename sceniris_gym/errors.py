@@ -1,16 +1,16 @@
-"""All errors and warnings that a user can meet. Each message says what was wrong, where, and what would be right."""
+"""All errors and warnings that a user can meet. Each message names the place, the mistake and the fix."""
 
 from __future__ import annotations
 
 import difflib
 import importlib
 import inspect
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
-    """Return " Did you mean 'x'?" for the valid name closest to `name`, or an empty string when none is close."""
+    """Return " Did you mean 'x'?" for the valid name closest to `name`, or an empty string if no name is close."""
     valid = list(valid)
     found = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     if not found:  # names with prefixes: 'upper_drawer' is close to 'cabinet/upper_drawer'
@@ -20,7 +20,7 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
 
 
 class _Pickled(Exception):
-    """An exception that pickles by its constructor's arguments, each of which is an attribute of the same name."""
+    """An exception that pickles by its constructor's arguments, which are attributes of the same names."""
 
     def __reduce__(self) -> tuple[Any, ...] | str:
         if "__init__" not in vars(type(self)):
@@ -41,7 +41,7 @@ class SceneFileError(ScenirisError):
 
 
 class SceneKeyError(ScenirisError):
-    """A wrong key or value in a scene; the message names its path."""
+    """A wrong key or value in a scene, a support without room, or names in a cycle. The message names its path."""
 
 
 class NotSupportedError(ScenirisError):
@@ -49,7 +49,7 @@ class NotSupportedError(ScenirisError):
 
 
 class UnknownNameError(ScenirisError):
-    """A name of a body, joint, object, asset or scene that does not exist; `valid` are those that do."""
+    """A name of a body, joint, object, asset or scene that does not exist. `valid` has the existing names."""
 
     def __init__(self, kind: str, name: str, where: str, valid: Iterable[str]) -> None:
         self.kind, self.name, self.where, self.valid = kind, name, where, sorted(filter(None, valid))
@@ -57,21 +57,11 @@ class UnknownNameError(ScenirisError):
         super().__init__(f"{where}: unknown {kind} '{name}'.{did_you_mean(str(name), self.valid)} Valid: {listing}.")
 
 
-class NoSupportError(ScenirisError):
-    """A support without a surface for objects, or of which cropping to a region or erosion leaves none."""
-
-
-class CycleError(ScenirisError):
-    """Names that depend on each other in a cycle, each on the next: supports of objects, or bases of scene files."""
-
-    def __init__(self, where: str, names: Iterable[str], what: str) -> None:
-        self.where, self.names, self.what = where, list(names), what
-        cycle = " -> ".join([*self.names, self.names[0]])
-        super().__init__(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
-
-
-class HeapError(ScenirisError):
-    """A container that does not hold the things of a heap, or rows of settled heaps that do not fit the scene."""
+def in_a_cycle(where: str, names: Iterable[str], what: str) -> SceneKeyError:
+    """Return the error for names that depend on each other in a cycle, each on the next."""
+    names = list(names)
+    cycle = " -> ".join([*names, names[0]])
+    return SceneKeyError(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
 
 
 MeshReason = Literal["empty", "flat", "open", "large", "not finite", "sliver", "size", "parts", "refused"]
@@ -100,88 +90,30 @@ class GraspError(ScenirisError):
     `needed` is None if no grasp has anything between the fingers.
     """
 
-    def __init__(self, where: str, needed: float | None, opening: float) -> None:
-        self.where, self.needed, self.opening = where, needed, opening
-        why = "no grasp has anything between the fingers"
-        if needed is not None:
-            why = f"its narrowest grasp needs an opening of {needed:.3g} m, but the gripper opens to {opening:.3g} m"
-        super().__init__(
-            f"{where}.reachable: {why}. Give the asset sites 'grasp_*' where it can be grasped (+z the approach axis, "
-            "+y the closing axis), or use a smaller object."
-        )
-
-
-_MOST_NAMED = 3  # objects of a message
-_CLOSER = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
-_ADVICE = {
-    "overhead": "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both.",
-    "unsound": "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model.",
-    "falls": "Draw its 'mass' or 'ipos' from less, give it a wider support or a region further from the edge, or write "
-    "'stands: false' if it is meant to fall.",
-    **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
-}
-"""The remedies for some causes."""
+    def __init__(self, text: str, needed: float | None, opening: float) -> None:
+        super().__init__(text)
+        self.text, self.needed, self.opening = text, needed, opening
 
 
 class InfeasibleSceneError(ScenirisError):
     """A scene for which no valid layout was found.
 
     Args:
+        text: The message.
         where: The scene.
-        name: The object that could not be placed; all objects before it could.
+        name: The object that could not be placed, after all objects before it were.
         cause: The most frequent cause of its rejections.
         counts: Rejections per object and cause.
-        leaning: Its support, if that leaned in most worlds.
-        orientation: The `orientation` of that support, if it does not keep the support upright.
-        obstruction: The pair of geoms that is most in its way, if it collides.
-        joined: The object that it is joined to at sites, if there is one.
-        room: A support that is too small for all its objects, and the area that would do, in words.
     """
 
-    def __init__(
-        self,
-        where: str,
-        name: str,
-        cause: str,
-        counts: Mapping[str, Mapping[str, int]],
-        leaning: str | None = None,
-        orientation: str | None = None,
-        obstruction: str | None = None,
-        joined: str | None = None,
-        room: str | None = None,
-    ) -> None:
-        self.where, self.name, self.cause, self.leaning, self.orientation = where, name, cause, leaning, orientation
-        self.obstruction, self.joined, self.room = obstruction, joined, room
-        self.counts = {k: dict(v) for k, v in counts.items()}
-        rejected = {obj: sum(by_cause.values()) for obj, by_cause in self.counts.items() if any(by_cause.values())}
-        worst = sorted(rejected, key=rejected.__getitem__)[-_MOST_NAMED:]
-        rows = "; ".join(
-            f"{obj}: " + ", ".join(f"{c} {n}" for c, n in self.counts[obj].items() if n)
-            for obj in rejected
-            if obj in worst
-        )
-        if len(rejected) > len(worst):
-            rows += f"; and {len(rejected) - len(worst)} other objects less often"
-        plain = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
-        advice = room or _ADVICE.get(cause, plain)
-        if leaning is not None:
-            better = "Restrict the joints that move it to states in which it is level."
-            if orientation is not None:
-                owner = leaning.split("/")[0]
-                better = f"Keep '{owner}' upright: give it a yaw or 'fixed' instead of 'orientation: {orientation}'."
-            advice = (
-                f"Its support '{leaning}' leans by more than 0.1 degree in most of the drawn states, but objects are "
-                f"placed on level surfaces only. {better}"
-            )
-        elif cause == "collision" and joined is not None:
-            advice = (
-                f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or put the sites that far "
-                "outside of both, so that they keep their 'clearance'."
-            )
-        way = "" if obstruction is None else f"Most in its way: {obstruction}. "
-        super().__init__(
-            f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
-            f"{way}Rejections: {rows}. {advice}"
+    def __init__(self, text: str, where: str, name: str, cause: str, counts: Mapping[str, Mapping[str, int]]) -> None:
+        super().__init__(text)
+        self.text, self.where, self.name, self.cause, self.counts = (
+            text,
+            where,
+            name,
+            cause,
+            {k: dict(v) for k, v in counts.items()},
         )
 
 
@@ -204,31 +136,12 @@ class ContactBudgetError(ScenirisError):
         )
 
 
-class MaskError(ScenirisError, ValueError):
-    """A mask of worlds with a wrong type, shape or device."""
-
-
-class MaskTypeError(MaskError, TypeError):
-    """A mask of worlds that is not an array of booleans."""
-
-
 class SceneMismatchError(ScenirisError, ValueError):
     """A model, data or layout source that does not belong to the CompiledScene it is used with."""
 
 
-class SeedError(ScenirisError, ValueError):
-    """A seed that is not a 64-bit integer, or a number of seeds that differs from the number of worlds."""
-
-
 class BusyError(ScenirisError, RuntimeError):
     """An object that another thread uses at this moment."""
-
-    def __init__(self, what: str) -> None:
-        self.what = what
-        super().__init__(
-            f"{what}: another thread is using it at this moment, and the order of their calls would be a matter of "
-            "chance. Call it from one thread at a time, or give each thread one of its own."
-        )
 
 
 class FixedError(ScenirisError, AttributeError):
@@ -244,23 +157,11 @@ class FixedError(ScenirisError, AttributeError):
 
 
 class TaskError(ScenirisError, TypeError):
-    """A method of a task returned `got`, which is of the wrong type or form."""
-
-    def __init__(self, task: str, method: str, got: str, form: str) -> None:
-        self.task, self.method, self.got, self.form = task, method, got, form
-        super().__init__(f"{task}.{method} returned {got}, but should return {form}.")
-
-
-class LayoutIdError(ScenirisError):
-    """A layout id that is not `scenehash:split:seed:episode`."""
-
-
-class CountError(ScenirisError, ValueError):
-    """A number of layouts, candidates or worlds that is too small, too large, or no whole number."""
+    """A method of a task returned something of the wrong type or form."""
 
 
 class ArgumentError(ScenirisError, ValueError):
-    """An argument that its function does not take."""
+    """An argument, such as a mask, a seed, a count or a layout id, that its function does not take."""
 
 
 class ArgumentTypeError(ArgumentError, TypeError):
@@ -268,7 +169,7 @@ class ArgumentTypeError(ArgumentError, TypeError):
 
 
 def check_type(value: object, kind: type, name: str) -> None:
-    """Refuse an argument that is not of a type; `name` names the function and the argument.
+    """Refuse an argument that is not of a type. `name` names the function and the argument.
 
     Raises:
         ArgumentTypeError: It is of another type.
@@ -278,7 +179,7 @@ def check_type(value: object, kind: type, name: str) -> None:
 
 
 def check_names(kind: str, names: Iterable[object], where: str, valid: Collection[str]) -> None:
-    """Refuse names that are not among the valid ones; `kind` and `where` are for the message.
+    """Refuse names that are not among the valid ones. `kind` and `where` are for the message.
 
     Raises:
         UnknownNameError: For the first of them.
@@ -289,7 +190,7 @@ def check_names(kind: str, names: Iterable[object], where: str, valid: Collectio
 
 
 def as_names(value: Any, name: str) -> tuple[str, ...]:
-    """Return names that are given as a single one or as several; `name` is that of the argument.
+    """Return names that are given as a single one or as several. `name` names the argument.
 
     Raises:
         ArgumentTypeError: Anything else.
@@ -303,47 +204,29 @@ def as_names(value: Any, name: str) -> tuple[str, ...]:
 
 
 class FallbackWarning(ScenirisWarning):
-    """A scene whose worlds run out of attempts or restarts more often than they should.
+    """A scene whose worlds run out of attempts or restarts more often than they should. The message names the remedies.
 
     Args:
-        where: The scene.
-        share: Share of the layouts made for the bank that ran out of restarts.
+        text: The message.
+        share: Share of the layouts made for the bank that ran out of restarts, or None if attempts ran out.
         name: The object with the most rejections.
         cause: Their most frequent cause.
-        cures: Words of the scene file that would help.
         held: Layouts in the smaller of the two banks, and the number wanted, if fewer were found.
     """
 
     def __init__(
-        self, where: str, share: float, name: str, cause: str, cures: Iterable[str], held: tuple[int, int] | None = None
+        self, text: str, share: float | None = None, name: str = "", cause: str = "", held: Sequence[int] | None = None
     ) -> None:
-        self.where, self.share, self.name, self.cause, self.cures = where, share, name, cause, tuple(cures)
-        self.held = held
-        few = "" if held is None else f" No more were found, so the bank holds {held[0]} of {held[1]}."
-        super().__init__(
-            f"{where}: {share:.0%} of the worlds run out of restarts and get a layout from the bank, mostly because of "
-            f"'{name}' ({cause}).{few} Write {', or '.join(self.cures)}."
-        )
-
-
-class AttemptsWarning(ScenirisWarning):
-    """`attempts: auto` reached the largest number of attempts, and worlds still run out of them."""
-
-    def __init__(self, where: str, attempts: int) -> None:
-        self.where, self.attempts = where, attempts
-        super().__init__(
-            f"{where}: attempts: auto stopped at {attempts}, with which more than 1% of the worlds still start again. "
-            "Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
-            "a number: where nothing is left for an object, attempts only take time."
-        )
+        super().__init__(text)
+        self.text, self.share, self.name, self.cause, self.held = text, share, name, cause, held
 
 
 class ReachWarning(ScenirisWarning):
-    """Reachability that is not decided as requested; the message says why."""
+    """Reachability that is not decided as requested. The message gives the reason."""
 
 
 class ModelWarning(ScenirisWarning):
-    """A detail of a model that is accepted but was probably not meant; the message names it and a remedy."""
+    """A detail of a model that is accepted but was probably not meant. The message names it and a remedy."""
 
 
 class OutputError(ScenirisError, OSError):
@@ -355,14 +238,7 @@ class OutputError(ScenirisError, OSError):
 
 
 class MemoryLimitError(ScenirisError, MemoryError):
-    """Something that takes at least `needed` bytes, more than are `free` on a device."""
-
-    def __init__(self, what: str, needed: int, free: int, device: str, cure: str) -> None:
-        self.what, self.needed, self.free, self.device, self.cure = what, needed, free, device, cure
-        super().__init__(
-            f"{what}: takes {needed / 2**30:.1f} GiB or more, and {max(free, 0) / 2**30:.1f} GiB are free on {device}. "
-            f"{cure}"
-        )
+    """Something that takes more bytes than are free on a device."""
 
 
 class DatasetError(ScenirisError):

@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import (
-    ArgumentError,
-    ArgumentTypeError,
-    SceneMismatchError,
-    SeedError,
-    check_type,
-    import_extra,
-)
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type, import_extra
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
@@ -79,9 +72,8 @@ class LayoutFunction:
             where: Layouts to make, booleans of shape (...); the others are the start pose and cost nothing.
 
         Raises:
-            SeedError: Seeds of another type or shape.
-            ArgumentError: Shapes that do not fit each other.
-            ArgumentTypeError: Episodes that are no integers, or a `where` that is not boolean.
+            ArgumentError: Seeds of another type or shape, or shapes that do not fit each other.
+            ArgumentTypeError: Seeds or episodes that are no integers, or a `where` that is not boolean.
             SceneMismatchError: The scene is on another device than JAX.
         """
         words, where = _words(seed), _array(where, "where should be booleans", jnp.bool_)
@@ -297,22 +289,22 @@ def _callable(requested: RequestedLayouts) -> Any:
     return wp.jax_callable(launch, num_outputs=4, graph_mode=wp.JaxCallableGraphMode.NONE)
 
 
-def _array(value: Any, wanted: str, kind: Any, error: type[Exception] = ArgumentTypeError) -> Any:
+def _array(value: Any, wanted: str, kind: Any) -> Any:
     """Return an argument as an array of JAX, whose type is of that kind."""
     with suppress(TypeError, ValueError, OverflowError):
         if jnp.issubdtype((array := jnp.asarray(value)).dtype, kind):
             return array
-    raise error(f"LayoutFunction: {wanted}, got {getattr(value, 'dtype', type(value))}.")
+    raise ArgumentTypeError(f"LayoutFunction: {wanted}, got {getattr(value, 'dtype', type(value))}.")
 
 
 def _words(seed: Any) -> Any:
     """Return seeds as two words of 32 bits each, shape (..., 2), uint32."""
-    words = _array(seed, _SEEDS, np.generic, SeedError)
+    words = _array(seed, _SEEDS, np.generic)
     if jnp.issubdtype(words.dtype, jax.dtypes.prng_key):
         seed = words = jax.random.key_data(words)
     if words.dtype == jnp.uint64:
         return jnp.stack([words >> 32, words], axis=-1).astype(jnp.uint32)
     dtype = getattr(seed, "dtype", words.dtype)  # jnp.asarray cuts 64 bits to 32 without x64
     if dtype != jnp.uint32 or words.shape[-1:] != (2,):
-        raise SeedError(f"LayoutFunction: {_SEEDS}, got {dtype} of shape {words.shape}.")
+        raise ArgumentError(f"LayoutFunction: {_SEEDS}, got {dtype} of shape {words.shape}.")
     return words

@@ -122,7 +122,7 @@ class PlaceLayouts(ManagerTermBase):
 
         Raises:
             ArgumentError: Another form or number of layouts.
-            LayoutIdError, SceneMismatchError: A malformed id, or one of another scene or split.
+            ArgumentError, SceneMismatchError: A malformed id, or one of another scene or split.
         """
         chosen, where = self.pipeline.chosen(layouts, env_ids), np.zeros(self._env.num_envs, bool)
         where[as_world_ids(env_ids, len(where))] = True

@@ -183,7 +183,7 @@ class NewtonRandomizer(StaysHere):
             layouts: See `ResetRandomizer.reset`.
 
         Raises:
-            MaskTypeError, MaskError, ArgumentError, SceneMismatchError: As `ResetRandomizer.reset`.
+            ArgumentTypeError, ArgumentError, SceneMismatchError: As `ResetRandomizer.reset`.
         """
         fill_mask(as_worlds(worlds, self.model.world_count, self.model.device, self._mask), self._mask)
         if seed is not None or layouts is not None:

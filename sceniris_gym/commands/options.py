@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from sceniris_gym.config.bounds import MOST_WORLDS
-from sceniris_gym.errors import CountError, SceneKeyError, SeedError
+from sceniris_gym.errors import ArgumentError, SceneKeyError
 
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
@@ -79,10 +79,10 @@ def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
     for name, count in counts.items():
         if not least <= count <= most:
             bound = f"at least {least}" if count < least else f"at most {most}"
-            raise CountError(f"--{name.replace('_', '-')} {count}: should be {bound}.")
+            raise ArgumentError(f"--{name.replace('_', '-')} {count}: should be {bound}.")
 
 
 def check_seed(seed: int) -> None:
     """Refuse a seed that is not an unsigned integer of 64 bits."""
     if not 0 <= seed < 1 << 64:
-        raise SeedError(f"--seed {seed}: should be an integer from 0 to 2^64 - 1.")
+        raise ArgumentError(f"--seed {seed}: should be an integer from 0 to 2^64 - 1.")

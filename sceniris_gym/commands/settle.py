@@ -25,7 +25,7 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
     Raises:
         UnknownNameError: There is no such heap.
         NotSupportedError: It is not clear which heap is meant, or where to write to.
-        HeapError: The container does not hold the things.
+        SceneKeyError: The container does not hold the things.
     """
     if heap is None and len(config.heaps) != 1:
         listed = ", ".join(config.heaps) or "none"

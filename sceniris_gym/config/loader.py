@@ -18,11 +18,11 @@ from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import (
     ArgumentTypeError,
-    CycleError,
     SceneFileError,
     SceneKeyError,
     ScenirisError,
     UnknownNameError,
+    in_a_cycle,
 )
 from sceniris_gym.files import no_file
 
@@ -174,7 +174,7 @@ def _read_file(path: Path, seen: list[Path]) -> RawScene:
     path = path.resolve()
     if path in seen:
         cycle = [str(p) for p in seen[seen.index(path) :]]
-        raise CycleError(str(seen[0]), cycle, "scenes are based on each other")
+        raise in_a_cycle(str(seen[0]), cycle, "scenes are based on each other")
     seen.append(path)
     return _with_base(_read_yaml(path), where=str(path), name=path.stem, folder=path.parent, seen=seen)
 

@@ -29,9 +29,8 @@ class SceneConfig(SceneWords):
     `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`; None for a scene of assets alone.
 
     Raises:
-        SceneKeyError: A key or a value is wrong.
+        SceneKeyError: A key or a value is wrong. Objects that are placed relative to each other.
         UnknownNameError: A support, or an object that another one refers to, is not in the scene.
-        CycleError: Objects that are placed relative to each other.
     """
 
     _where: str = PrivateAttr("SceneConfig")

@@ -12,7 +12,7 @@ from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.config.scene_words import SceneWords
 from sceniris_gym.config.variants import with_variants
-from sceniris_gym.errors import CycleError, NoSupportError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, UnknownNameError, in_a_cycle
 
 
 def check_names(scene: SceneWords, where: str) -> None:
@@ -20,10 +20,8 @@ def check_names(scene: SceneWords, where: str) -> None:
 
     Raises:
         SceneKeyError: An object has no asset, a reference does not hold in every world, or a start cannot do what it
-            says with an object.
+            says with an object. An object is placed on a marker. Objects are placed relative to each other in a cycle.
         UnknownNameError: A name is not in the scene.
-        NoSupportError: An object is placed on a marker.
-        CycleError: Objects are placed relative to each other in a cycle.
     """
     _check_members(scene, where)
     _check_bodies(scene, where)
@@ -122,7 +120,7 @@ def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None
         )
     floor = [] if scene.floor is None else [FLOOR]
     if owner in scene.objects and scene.objects[owner].kind == "marker":
-        raise NoSupportError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
+        raise SceneKeyError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
     # without an object of this name it is a geom or a body of the model, which is not loaded yet
     if owner not in scene.objects and parent not in floor and scene.model is None:
         if parent == FLOOR:
@@ -247,7 +245,7 @@ def _check_cycles(scene: SceneWords, where: str) -> None:
     except graphlib.CycleError as error:
         cycle = error.args[1][:0:-1]  # from each name to one that it needs, without the first name once more
         start = cycle.index(next(name for name in needs if name in cycle))
-        raise CycleError(where, cycle[start:] + cycle[:start], "objects are placed relative to each other") from None
+        raise in_a_cycle(where, cycle[start:] + cycle[:start], "objects are placed relative to each other") from None
 
 
 def _check_starts(scene: SceneWords, where: str) -> None:

@@ -51,7 +51,10 @@ class ObjectLock:
 
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
-            raise BusyError(self.what)
+            raise BusyError(
+                f"{self.what}: another thread is using it at this moment, and the order of their calls would be a "
+                "matter of chance. Call it from one thread at a time, or give each thread a separate one."
+            )
         _LAUNCH_LOCK.acquire()
 
     def __exit__(self, *_: object) -> None:

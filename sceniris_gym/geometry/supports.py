@@ -14,7 +14,7 @@ from shapely.geometry import MultiPoint, MultiPolygon, Point, Polygon, box
 from sceniris_gym.config.bounds import MOST_FAR
 from sceniris_gym.config.fields import Points
 from sceniris_gym.config.objects import RegionConfig
-from sceniris_gym.errors import NoSupportError
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.rotations import matrix
 
@@ -115,7 +115,7 @@ def crop(
         For each erosion, the surfaces whose regions are not empty; equal erosions share one list.
 
     Raises:
-        NoSupportError: Nothing is left of any surface, or a point is on none of them.
+        SceneKeyError: Nothing is left of any surface, or a point is on none of them.
     """
     rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ only by rounding count as one
     erosion, points = min(rounded), None if region is None else region.points
@@ -130,14 +130,14 @@ def crop(
             said = f"off its surface, by {beyond:.4g} m"
             if beyond <= _ON_EDGE:
                 said = f"nearer to an edge of its surface than the {erosion:.4g} m that 'ratio_on_support' asks for"
-            raise NoSupportError(
+            raise SceneKeyError(
                 f"{where}: the support does not carry point {i} of the region, [{at.x:.4g}, {at.y:.4g}]: it is {said}, "
                 f"which spans {spans} in the support's frame. Move the point, or take it out."
             )
     elif not any(kept.values()):
         cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to its region": region is not None}
         said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
-        raise NoSupportError(
+        raise SceneKeyError(
             f"{where}: nothing is left of the support after {said}; its surface spans {spans}. Use a smaller "
             "ratio_on_support, a region that overlaps it, or a larger support."
         )

@@ -123,9 +123,16 @@ class Graspable:
             groups = self._named(groups, pattern)
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):
-            every = [g.opening for group in groups for g in group]
+            needed = min((g.opening for group in groups for g in group), default=None)
+            why = "no grasp has anything between the fingers"
+            if needed is not None:
+                opens = f"but the gripper opens to {gripper.opening:.3g} m"
+                why = f"its narrowest grasp needs an opening of {needed:.3g} m, {opens}"
             raise GraspError(
-                f"{self.scene.config.where}: objects.{self.name}", min(every, default=None), gripper.opening
+                f"{self.scene.config.where}: objects.{self.name}.reachable: {why}. Give the asset sites 'grasp_*' "
+                "where it can be grasped (+z the approach axis, +y the closing axis), or use a smaller object.",
+                needed,
+                gripper.opening,
             )
         if own:
             return GraspSet(tuple(kept[0]), ((0, len(kept[0])),) * len(variants))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sceniris_gym.config.bounds import MOST_ATTEMPTS
-from sceniris_gym.errors import AttemptsWarning
+from sceniris_gym.errors import FallbackWarning
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.program.compiled import FEWEST_ATTEMPTS, CompiledScene
@@ -47,7 +47,12 @@ def find_attempts(compiled: CompiledScene) -> int:
             if len(failing) == _NWORLD and not enough:
                 return FEWEST_ATTEMPTS
         attempts = min(2 * attempts, MOST_ATTEMPTS)
-    warn(AttemptsWarning(compiled.config.where, attempts))
+    text = (
+        f"{compiled.config.where}: attempts: auto stopped at {attempts}, with which more than 1% of the worlds still "
+        "start again. Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
+        "a number: where an object has no room left, attempts only take time."
+    )
+    warn(FallbackWarning(text))
     return attempts
 
 

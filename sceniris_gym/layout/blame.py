@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -31,6 +31,16 @@ _UNDECIDED = 1.0e-6  # m; geoms that are apart by no more than this beyond the m
 _CROWD = 5
 # Causes that only come up once all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
+_PLAIN = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
+_MOST_NAMED = 3  # objects of a message
+_CLOSER = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
+_REMEDIES = {
+    "overhead": "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both.",
+    "unsound": "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model.",
+    "falls": "Draw its 'mass' or 'ipos' from less, give it a wider support or a region further from the edge, or write "
+    "'stands: false' if it is meant to fall.",
+    **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
+}
 
 
 @dataclass(frozen=True)
@@ -154,19 +164,54 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
     tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
     name, causes = tried[-1]
     cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
-    leaning = _leaning_support(compiled, probe, name) if cause == Cause.EMPTY.name.lower() else None
-    orientation = None if leaning is None else compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
-    obstruction = obstructions(probe, name).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
+    way = obstructions(probe, name).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
+    if cause == Cause.EMPTY.name.lower() and (leaning := _leaning_support(compiled, probe, name)) is not None:
+        orientation = compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
+        remedy = _of_leaning(leaning, orientation)
+    elif cause == Cause.COLLISION.name.lower():
+        remedy = _of_collision(_room(compiled, name), None if part is None else part.joined_to)
+    else:
+        remedy = _REMEDIES.get(cause, _PLAIN)
+    where = compiled.config.where + key
     return InfeasibleSceneError(
-        compiled.config.where + key,
+        f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
+        f"{'' if way is None else f'Most in its way: {way}. '}Rejections: {_rejections(counts)}. {remedy}",
+        where,
         name,
         cause,
         counts,
-        leaning,
-        orientation if orientation in ("any", "stable") else None,
-        obstruction,
-        None if part is None else part.joined_to,
-        _room(compiled, name) if cause == Cause.COLLISION.name.lower() else None,
+    )
+
+
+def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
+    """List the objects with the most rejections, by cause."""
+    rejected = {obj: sum(by_cause.values()) for obj, by_cause in counts.items() if any(by_cause.values())}
+    worst = sorted(rejected, key=rejected.__getitem__)[-_MOST_NAMED:]
+    rows = [f"{obj}: " + ", ".join(f"{c} {n}" for c, n in counts[obj].items() if n) for obj in rejected if obj in worst]
+    if len(rejected) > len(worst):
+        rows.append(f"and {len(rejected) - len(worst)} other objects less often")
+    return "; ".join(rows)
+
+
+def _of_leaning(support: str, orientation: str) -> str:
+    """Return the advice for a support that leans in most worlds, with the `orientation` of its object."""
+    better = "Restrict the joints that move it to states in which it is level."
+    if orientation in ("any", "stable"):
+        owner = support.split("/")[0]
+        better = f"Keep '{owner}' upright: give it a yaw or 'fixed' instead of 'orientation: {orientation}'."
+    return (
+        f"Its support '{support}' leans by more than 0.1 degree in most of the drawn states, but objects are "
+        f"placed on level surfaces only. {better}"
+    )
+
+
+def _of_collision(room: str | None, joined: str | None) -> str:
+    """Return the advice for an object that collides, with its support's lack of room and what it is joined to."""
+    if joined is None:
+        return room or _PLAIN
+    return (
+        f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or put the sites that far "
+        "outside of both, so that they keep their 'clearance'."
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import ArgumentError, SceneMismatchError, SeedError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_numbers, as_world_ids, is_mask
@@ -86,12 +86,12 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
         worlds: The chosen worlds; see `as_worlds`.
 
     Raises:
-        SeedError: Not seeds, see `as_seeds`; or a Warp array of another type, shape or device.
+        ArgumentError: Not seeds, see `as_seeds`; or a Warp array of another type, shape or device.
         ArgumentError: Another number of seeds.
     """
     if isinstance(seed, wp.array):
         if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
-            raise SeedError(
+            raise ArgumentError(
                 f"seed on the device should be a uint64 array of shape ({nworld},) on {device}, got "
                 f"{seed.dtype.__name__} of shape {tuple(seed.shape)} on {seed.device}."
             )
@@ -128,7 +128,7 @@ def _of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[
             form = "an integer, or one for each world" if number == 1 else f"an integer, or {number} of them"
             raise ArgumentError(f"{name}['{key}'] should be {form}, got {short(value[key])}.")
     if (given["episode"] < 0).any() or (given["episode"] >= MOST_EPISODES).any():
-        raise SeedError(f"{name}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
+        raise ArgumentError(f"{name}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
     seed, episode = (np.broadcast_to(found, (number,)) for found in given.values())
     # seeds in torch's tensors are in two's complement
     param = layouts.params.rows(value["params"], number) if "params" in value else None

@@ -266,4 +266,9 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     held = (found, config.bank) if found < config.bank else None
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
-    warn(FallbackWarning(config.where, share, name, cause, cures, held))
+    few = "" if held is None else f" No more were found, so the bank holds {held[0]} of {held[1]}."
+    text = (
+        f"{config.where}: {share:.0%} of the worlds run out of restarts and get a layout from the bank, mostly because "
+        f"of '{name}' ({cause}).{few} Write {', or '.join(cures)}."
+    )
+    warn(FallbackWarning(text, share, name, cause, held))

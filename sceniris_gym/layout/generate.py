@@ -66,9 +66,8 @@ class LayoutGenerator(Fixed, LayoutSource):
 
     Raises:
         UnknownNameError: An unknown param.
-        SeedError: Not 64-bit integers, or not one per world.
-        ArgumentError: An unknown split, or a part of the scene that cannot be a param.
-        CountError: A number of worlds that is no integer, or out of range.
+        ArgumentError: Seeds that are not 64-bit integers, or not one per world. An unknown split, or a part of the
+            scene that cannot be a param. A number of worlds that is no integer, or out of range.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
         MemoryLimitError: More worlds than there is memory for.
     """

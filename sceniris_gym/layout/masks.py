@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -21,7 +21,7 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
     """Return a copy of a mask of worlds on the host, shape (nworld,), bool. Wait for the device that it is on.
 
     Raises:
-        MaskTypeError, MaskError: As `check_mask`.
+        ArgumentTypeError, ArgumentError: As `check_mask`.
     """
     check_mask(mask, nworld, name)
     if _kind(mask) == "torch":
@@ -36,16 +36,16 @@ def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
     """Refuse what is no mask of worlds: an array of numpy, torch or Warp of booleans, shape (nworld,).
 
     Raises:
-        MaskTypeError: Not one of these arrays, or not an array of booleans.
-        MaskError: Wrong shape.
+        ArgumentTypeError: Not one of these arrays, or not an array of booleans.
+        ArgumentError: Wrong shape.
     """
     if _kind(mask) is None:
-        raise MaskTypeError(f"{name} should be a boolean numpy array, torch tensor or Warp array, got {type(mask)}.")
+        raise ArgumentTypeError(f"{name} should be a boolean array of numpy, torch or Warp, got {type(mask)}.")
     if not is_mask(mask):
-        raise MaskTypeError(f"{name} should hold booleans, got {mask.dtype}. A comparison such as `x > 0` gives them.")
+        raise ArgumentTypeError(f"{name} should hold booleans, got {mask.dtype}. A comparison, as `x > 0`, gives them.")
     _check_dense(mask, name)
     if tuple(mask.shape) != (nworld,):
-        raise MaskError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
+        raise ArgumentError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
 
 
 def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
@@ -58,13 +58,13 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
         device: The target device.
 
     Raises:
-        MaskTypeError: Not integers.
-        MaskError: Wrong shape, or a row that does not exist (checked in sequences and numpy arrays only).
+        ArgumentTypeError: Not integers.
+        ArgumentError: Wrong shape, or a row that does not exist (checked in sequences and numpy arrays only).
     """
     rows = _as_array(rows, "rows")
     _check_integers(rows, "rows")
     if tuple(rows.shape) != (nworld,):
-        raise MaskError(f"rows should have shape ({nworld},), one row (or -1) per world, got {tuple(rows.shape)}.")
+        raise ArgumentError(f"rows should have shape ({nworld},), one row (or -1) per world, got {tuple(rows.shape)}.")
     return _upload_numbers(rows, "rows", -1, nrow, ", or -1 for none", device)
 
 
@@ -79,9 +79,9 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
         mask_out: Memory for the mask of ids, which a captured graph needs. None allocates it.
 
     Raises:
-        MaskTypeError: Neither booleans nor integers.
-        MaskError: Wrong shape; a world that does not exist (checked in sequences and numpy arrays only); or `nworld`
-            integers with repetitions, which look like a mask.
+        ArgumentTypeError: Neither booleans nor integers.
+        ArgumentError: Wrong shape; a world that does not exist (checked in sequences and numpy arrays only); or
+            `nworld` integers with repetitions, which look like a mask.
     """
     if worlds is None:
         return None
@@ -99,7 +99,7 @@ def as_world_ids(worlds: Any, nworld: int) -> np.ndarray:
     """Return the ids of the worlds that a user chose, on the host, in the order given. Wait for their device.
 
     Raises:
-        MaskError, MaskTypeError: As `as_worlds`.
+        ArgumentError, ArgumentTypeError: As `as_worlds`.
     """
     if worlds is None:
         return np.arange(nworld)
@@ -177,7 +177,7 @@ def _booleans_or_ids(worlds: Any, nworld: int) -> Any:
     if not is_mask(worlds):
         _check_integers(worlds, "worlds", "booleans or ids")
         if len(worlds.shape) != 1:
-            raise MaskError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
+            raise ArgumentError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
     return worlds
 
 
@@ -186,9 +186,9 @@ def _refuse_integer_mask(ids: Any, nworld: int) -> None:
     if ids.shape[0] != nworld or nworld == 1:
         return
     if _kind(ids) != "numpy" and wp.get_device(str(ids.device)).is_capturing:
-        raise MaskError(f"worlds should be booleans inside of a capture, or fewer than {nworld} ids.")
+        raise ArgumentError(f"worlds should be booleans inside of a capture, or fewer than {nworld} ids.")
     if len(np.unique(as_numbers(ids))) < nworld:
-        raise MaskError(
+        raise ArgumentError(
             f"worlds should be booleans or ids: {nworld} integers with repetitions look like a mask. A comparison such "
             "as `x > 0` gives booleans."
         )
@@ -200,7 +200,7 @@ def _as_array(values: Any, name: str) -> Any:
         try:
             values = np.asarray(values)
         except ValueError:  # lists of different lengths
-            raise MaskTypeError(f"{name} should be integers, got {type(values)} of different lengths.") from None
+            raise ArgumentTypeError(f"{name} should be integers, got {type(values)} of different lengths.") from None
         values = values.astype(int) if values.size == 0 else values
     _check_dense(values, name)
     return values
@@ -208,7 +208,7 @@ def _as_array(values: Any, name: str) -> Any:
 
 def _check_integers(values: Any, name: str, wanted: str = "integers") -> None:
     if "int" not in getattr(values.dtype, "__name__", str(values.dtype)):
-        raise MaskTypeError(f"{name} should hold {wanted}, got {values.dtype}.")
+        raise ArgumentTypeError(f"{name} should hold {wanted}, got {values.dtype}.")
 
 
 def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, device: Any) -> wp.array:
@@ -217,7 +217,7 @@ def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, dev
         wrong = np.flatnonzero((values < least) | (values >= end))
         if len(wrong):
             found = values[wrong[0]]
-            raise MaskError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {found}.")
+            raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {found}.")
         values = values.astype(np.int32)
     elif _kind(values) == "torch":
         # a number out of range must not wrap around to one in range
@@ -229,9 +229,9 @@ def _check_dense(array: Any, name: str) -> None:
     """Refuse a torch tensor that has no values of its own in memory, and a NumPy array that hides some."""
     if _kind(array) == "torch" and (array.is_meta or str(array.layout) != "torch.strided" or array.is_nested):
         what = "a meta tensor, which has no values" if array.is_meta else f"a tensor of layout {array.layout}"
-        raise MaskError(f"{name} should be a dense array, got {what}. `to_dense()` makes one of a sparse one.")
+        raise ArgumentError(f"{name} should be a dense array, got {what}. `to_dense()` makes one of a sparse one.")
     if isinstance(array, np.ma.MaskedArray):
-        raise MaskError(f"{name} should be a dense array, got a masked one. `filled(False)` makes one of it.")
+        raise ArgumentError(f"{name} should be a dense array, got a masked one. `filled(False)` makes one of it.")
 
 
 def _kind(array: Any) -> str | None:
@@ -253,7 +253,7 @@ def as_shape(shape: SupportsIndex | Sequence[SupportsIndex], name: str) -> tuple
     """Return a shape, given as a sequence or as the length of its only axis.
 
     Raises:
-        CountError: A length that is no integer of at least 0, or too many numbers.
+        ArgumentError: A length that is no integer of at least 0, or too many numbers.
     """
     found = tuple(as_count(n, name, 0) for n in (shape if isinstance(shape, Sequence) else (shape,)))
     as_count(math.prod(found), name, 0)
@@ -264,16 +264,16 @@ def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> 
     """Return an integer of any library as an int.
 
     Raises:
-        CountError: Not an integer, or one outside of `least` to `most`.
+        ArgumentError: Not an integer, or one outside of `least` to `most`.
     """
     try:
         count = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         count = None
     if count is None:
-        raise CountError(f"{name} should be an integer of at least {least}, got {short(value)}.")
+        raise ArgumentError(f"{name} should be an integer of at least {least}, got {short(value)}.")
     if not least <= count <= most:
         bound = f"an integer of at least {least}" if count < least else f"at most {most}"
         got = str(count) if abs(count) < 1 << 128 else "a number of more than 38 digits"
-        raise CountError(f"{name} should be {bound}, got {got}.")
+        raise ArgumentError(f"{name} should be {bound}, got {got}.")
     return count

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import SeedError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -106,25 +106,25 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     """Return a seed for each world, shape (nworld,), uint64: seed + i (modulo 2^64) for an integer, else as given.
 
     Raises:
-        SeedError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of them.
+        ArgumentError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of them.
     """
     if isinstance(seed, int | np.integer | np.bool_):
         if not _is_seed(seed):
-            raise SeedError(f"seed={short(seed)} should be an integer from 0 to 2^64 - 1.")
+            raise ArgumentError(f"seed={short(seed)} should be an integer from 0 to 2^64 - 1.")
         with np.errstate(over="ignore"):
             return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
     many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
     many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1 and not isinstance(seed, np.ma.MaskedArray))
     if not many or len(seed) != nworld:
         given = f"{len(seed)} of them, " if many else ""
-        raise SeedError(
+        raise ArgumentError(
             f"seeds should be one integer, or a sequence of {nworld}, one per world; got {given}{type(seed).__name__}."
         )
     if isinstance(seed, np.ndarray) and (seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all())):
         return seed.astype(np.uint64)
     for i, value in enumerate(seed.tolist() if isinstance(seed, np.ndarray) else seed):
         if not _is_seed(value):
-            raise SeedError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
+            raise ArgumentError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
     return np.fromiter(seed, np.uint64, len(seed))
 
 

@@ -138,7 +138,7 @@ class LayoutSource(StaysHere):
             worlds: None for all worlds; booleans, shape (nworld,); ids of worlds; or a slice.
 
         Raises:
-            MaskError, MaskTypeError: Worlds that do not exist, or neither booleans nor integers.
+            ArgumentError, ArgumentTypeError: Worlds that do not exist, or neither booleans nor integers.
         """
         launches, own = self._captured
         fill_mask(self._mask_of(worlds, own), own)
@@ -162,7 +162,7 @@ class LayoutSource(StaysHere):
             ArgumentError: Neither `seed` nor `layouts`, or both; or values that no layout has.
             SceneMismatchError: An id of another scene or split.
             UnknownNameError: A param that the worlds do not have.
-            MaskError, MaskTypeError: As in `generate`.
+            ArgumentError, ArgumentTypeError: As in `generate`.
         """
         if (seed is None) == (layouts is None):
             raise ArgumentError("reseed should have seed or layouts, and not both.")
@@ -196,7 +196,7 @@ class LayoutSource(StaysHere):
         Raises:
             UnknownNameError: The worlds were not made with such a param.
             ArgumentError: A value that does not lie within that of the scene file, or stored layouts.
-            MaskError, MaskTypeError: As in `generate`.
+            ArgumentError, ArgumentTypeError: As in `generate`.
         """
         columns, rows = self.layouts.params.part(values, self.layouts.nworld)
         self._set_params(self._changeable(columns), rows, self._mask_of(worlds))

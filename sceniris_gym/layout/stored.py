@@ -82,8 +82,8 @@ class StoredLayouts(LayoutSource):
 
     Raises:
         ArgumentTypeError: `compiled` is no CompiledScene, or `table` no LayoutTable.
-        CountError: A number of worlds or a stride that is no integer, or out of range.
-        SeedError: Not 64-bit integers, or not one per world.
+        ArgumentError: A number of worlds or a stride that is no integer, or out of range. Seeds that are not 64-bit
+            integers, or not one per world.
         SceneMismatchError: A table without rows, of another scene, or with rows that no layout of the scene has.
     """
 

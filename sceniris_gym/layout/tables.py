@@ -28,7 +28,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
 
     Raises:
         ArgumentTypeError: No LayoutGenerator.
-        CountError: The number is no integer of at least 0.
+        ArgumentError: The number is no integer of at least 0.
     """
     check_type(generator, LayoutGenerator, "read_table: generator")
     nrow = nrow if nrow is None else as_count(nrow, "read_table: nrow", 0)
@@ -116,7 +116,7 @@ def make_table(compiled: CompiledScene, n: int, seed: int, *, split: str = "trai
         chunk: How many layouts are made at once.
 
     Raises:
-        SeedError: The seed is not a 64-bit integer.
+        ArgumentError: The seed is not a 64-bit integer.
     """
     generator = LayoutGenerator(compiled, min(chunk, n), split=split)
     return LayoutTable.concatenate(list(make_tables(generator, as_seeds(seed, n))))

@@ -32,8 +32,8 @@ class Ranges:
 
     Raises:
         ArgumentTypeError: The intervals are no mapping.
-        ArgumentError: No param, shares that are not from 0 to 1, or low above high.
-        CountError: A number of episodes that is no integer of at least 1.
+        ArgumentError: No param, shares that are not from 0 to 1, or low above high. A number of episodes that is no
+            integer of at least 1.
     """
 
     start: Mapping[str, Any]
@@ -73,9 +73,9 @@ class Levels:
 
     Raises:
         UnknownNameError: There is no such score or priority.
-        ArgumentError: A share that is not from 0 to 1, or a temperature that is not above 0.
+        ArgumentError: A share that is not from 0 to 1, or a temperature that is not above 0. A capacity or number of
+            resets that is no integer of at least 1.
         ArgumentTypeError: `ranges` are no Ranges.
-        CountError: A capacity or number of resets that is no integer of at least 1.
     """
 
     score: str = "learnability"

@@ -104,8 +104,7 @@ class LevelSampler(Chooser, StaysHere):
             `level`, `seed` and `episode`, each of shape (number,), and `params`, their values by name.
 
         Raises:
-            ArgumentError: The buffer is empty.
-            CountError: A number or a seed that is no integer of at least 0.
+            ArgumentError: The buffer is empty. A number or a seed that is no integer of at least 0.
         """
         as_count(number, "LevelSampler.sample: number", 0)
         as_count(seed, "LevelSampler.sample: seed", 0, (1 << 64) - 1)

@@ -15,7 +15,7 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SeedError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.checks import constraints, objects, oddities, places, simulation, standing
@@ -127,8 +127,8 @@ class CompiledScene:
 
         Raises:
             ArgumentTypeError: A seed or an episode that is no integer.
-            SeedError: A seed of more than 64 bits.
-            ArgumentError: Another split, or an episode out of range; -1 is that of a world without a layout.
+            ArgumentError: A seed of more than 64 bits. Another split, or an episode out of range; -1 is that of a world
+                without a layout.
         """
         try:
             number, count = operator.index(seed), operator.index(episode)
@@ -137,7 +137,7 @@ class CompiledScene:
                 f"layout_id: seed and episode should be integers, got {short(seed)} and {short(episode)}."
             ) from None
         if not -(2**63) <= number < 2**64:
-            raise SeedError(f"layout_id: seed={short(number)} should be an integer of 64 bits.")
+            raise ArgumentError(f"layout_id: seed={short(number)} should be an integer of 64 bits.")
         if not 0 <= count < MOST_EPISODES:
             raise ArgumentError(
                 f"layout_id: episode={short(count)} should be from 0 to 2^31 - 2. "

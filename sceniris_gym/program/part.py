@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.variants import with_variants
-from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names
+from sceniris_gym.errors import ArgumentError, as_names, check_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
 from sceniris_gym.program.placed_object import LEVEL
 from sceniris_gym.program.standing import carriers_of
@@ -45,9 +45,7 @@ def chosen_objects(
     names = with_variants(given, config.variants)
     valid = [name for name in compiled.placed if name in config.objects]
     named = list(dict.fromkeys(config.owners.get(name, name) for name in valid))
-    for name in given:
-        if name not in named:
-            raise UnknownNameError("placed object", str(name), where, named)
+    check_names("placed object", given, where, named)
     if not names:
         raise ArgumentError(f"{where}: objects should name one object at least. Valid: {', '.join(named)}.")
     for name in valid:

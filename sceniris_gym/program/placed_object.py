@@ -12,7 +12,7 @@ import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.errors import NoSupportError
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import Variant
@@ -155,7 +155,7 @@ def surfaces_of(
         edges: The least shorter edge of the bounds [m] for each variant, which `ratio_on_support` erodes by.
 
     Raises:
-        NoSupportError: A support without any level surface, or nothing is left of it after its erosion and region.
+        SceneKeyError: A support without any level surface, or nothing is left of it after its erosion and region.
     """
     config, support = o.config, o.support
     if config.support is None or support is None:
@@ -173,7 +173,7 @@ def surfaces_of(
     else:
         found = _level_surfaces(support, pieces, open_above=word == "on")
     if not found:
-        raise NoSupportError(
+        raise SceneKeyError(
             f"{where}: '{parent}' has no level surface of 2 cm or more in width"
             f"{' that is open above' if word == 'on' else ''}. Valid: {_others(scene, o.name, pieces, word)}."
         )

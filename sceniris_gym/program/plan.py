@@ -14,7 +14,7 @@ import numpy as np
 
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CycleError
+from sceniris_gym.errors import in_a_cycle
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
@@ -78,7 +78,7 @@ def placement_order(scene: SceneModel) -> list[str]:
     off it then, while it could not keep off them.
 
     Raises:
-        CycleError: Objects that refer to each other.
+        SceneKeyError: Objects that refer to each other.
     """
     config = scene.config
     names = (*config.all_robots, *config.objects)
@@ -91,7 +91,7 @@ def placement_order(scene: SceneModel) -> list[str]:
     try:
         sorter.prepare()
     except graphlib.CycleError as error:
-        raise CycleError(config.where, error.args[1][:0:-1], "objects refer to each other") from None
+        raise in_a_cycle(config.where, error.args[1][:0:-1], "objects refer to each other") from None
     ready: list[int] = []
     while sorter.is_active():
         for name in sorter.get_ready():
@@ -110,11 +110,9 @@ def build_plan(scene: SceneModel) -> Plan:
     """Work out the placement program of a scene, as far as there is one; `checks/` judges what it would do.
 
     Raises:
-        CycleError: Objects that refer to each other.
-        HeapError: A heap without settled rows.
+        SceneKeyError: Objects that refer to each other. A heap without settled rows. A support without any level
+            surface, or nothing is left of it after its erosion and region. An object without a stable pose.
         MeshError, NotSupportedError: A geom that cannot be an obstacle.
-        NoSupportError: A support without any level surface, or nothing is left of it after its erosion and region.
-        SceneKeyError: An object without a stable pose.
     """
     pieces, heaps = obstacles(scene), heap_poses(scene)
     objects = []

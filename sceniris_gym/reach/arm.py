@@ -12,7 +12,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import ArmError, UnknownNameError
+from sceniris_gym.errors import ArmError, check_names
 
 TCP = "tcp"
 """Name of the site that is an asset's tool centre point."""
@@ -77,10 +77,8 @@ class SerialArm:
         """
         bodies = [mjm.body(i).name for i in range(mjm.nbody)]
         sites = [mjm.site(i).name for i in range(mjm.nsite)]
-        if base not in bodies:
-            raise UnknownNameError("body", base, "arm", filter(None, bodies))
-        if tcp not in sites:
-            raise UnknownNameError("site", tcp, f"arm '{base}'", filter(None, sites))
+        check_names("body", [base], "arm", bodies)
+        check_names("site", [tcp], f"arm '{base}'", sites)
         base_body, tcp_site = bodies.index(base), sites.index(tcp)
         ids, pos, quat = _chain(mjm, base_body, tcp_site)
         _check_joints(mjm, base_body, tcp, ids)

@@ -50,8 +50,7 @@ def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> Sc
         UnknownNameError: An asset, body, joint or keyframe that does not exist.
         SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits; a joint that an
             equality ties to another one, and that is drawn itself or tied twice; anything that would have to be added
-            to a MjModel, or changed in a model in memory.
-        CycleError: Joints that equalities tie to each other in a cycle.
+            to a MjModel, or changed in a model in memory. Joints that equalities tie to each other in a cycle.
     """
     check_type(config, SceneConfig, "build_model: config")
     for name in config.owners if simulated is None else ():

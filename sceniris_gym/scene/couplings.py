@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import CycleError, SceneKeyError
+from sceniris_gym.errors import SceneKeyError, in_a_cycle
 
 # Positions that differ by less than this [m or rad] are equal but for rounding.
 _SAME = 1e-9
@@ -75,8 +75,7 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
         where: The beginning of errors.
 
     Raises:
-        SceneKeyError: A joint that two equalities determine.
-        CycleError: Joints that follow each other.
+        SceneKeyError: A joint that two equalities determine. Joints that follow each other.
     """
     found: dict[int, Coupling] = {}
     for eq in active_equalities(mjm):
@@ -241,7 +240,7 @@ def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> li
         return [found[joint] for joint in graphlib.TopologicalSorter(drivers).static_order()]
     except graphlib.CycleError as error:
         names = [mjm.joint(joint).name for joint in error.args[1][:0:-1]]
-        raise CycleError(where, names, "joints follow each other by equalities") from None
+        raise in_a_cycle(where, names, "joints follow each other by equalities") from None
 
 
 def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:

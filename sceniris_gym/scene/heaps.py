@@ -11,7 +11,7 @@ import numpy as np
 
 from sceniris_gym.config.groups import HeapConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
-from sceniris_gym.errors import HeapError, NotSupportedError
+from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.files import no_file
 from sceniris_gym.geometry.pieces import mesh_vertices
 from sceniris_gym.geometry.supports import SupportSurface, rectangle
@@ -60,11 +60,11 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
         where: The beginning of errors.
 
     Raises:
-        HeapError: The file is missing, is not one of `sceniris-gym settle`, or is of other things.
+        SceneKeyError: The file is missing, is not one of `sceniris-gym settle`, or is of other things.
     """
     mend = "Make it with `sceniris-gym settle SCENE`."
     if not path.is_file():
-        raise HeapError(f"{where}.rows: '{path}': {no_file(path)}. {mend}")
+        raise SceneKeyError(f"{where}.rows: '{path}': {no_file(path)}. {mend}")
     try:
         found = read_arrays(path)
         names = tuple(str(name) for name in found["names"])
@@ -74,10 +74,10 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
         if not sound or not np.abs(np.linalg.norm(rows.quat, axis=-1) - 1.0).max(initial=0.0) < 1e-3:
             raise ValueError(path)
     except UNREADABLE:
-        raise HeapError(f"{where}.rows: '{path}' holds no settled heaps. {mend}") from None
+        raise SceneKeyError(f"{where}.rows: '{path}' holds no settled heaps. {mend}") from None
     if rows.names != heap.of:
         listed = ", ".join(rows.names)
-        raise HeapError(
+        raise SceneKeyError(
             f"{where}.rows: '{path}' has heaps of {listed}, and the heap is of {', '.join(heap.of)}. {mend}"
         )
     return rows
@@ -165,14 +165,14 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
     """Read the settled poses of all things of heaps, by name.
 
     Raises:
-        HeapError: There are no rows, or they are of other things.
+        SceneKeyError: There are no rows, or they are of other things.
         NotSupportedError: A thing with joints of its own, or a heap that fills the world.
     """
     found: dict[str, HeapPoses] = {}
     for key, heap in scene.config.heaps.items():
         where = f"{scene.config.where}: heaps.{key}"
         if heap.rows is None:
-            raise HeapError(
+            raise SceneKeyError(
                 f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
             )
         rows = read_rows(Path(heap.rows), heap, where)

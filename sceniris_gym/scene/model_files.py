@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import mujoco
 
 from sceniris_gym.config.loader import user_path
-from sceniris_gym.errors import CycleError, SceneFileError, import_extra
+from sceniris_gym.errors import SceneFileError, import_extra, in_a_cycle
 from sceniris_gym.files import no_file, opened, read_bytes
 
 URDF = ".urdf"
@@ -159,12 +159,12 @@ def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple
 
     Raises:
         OSError: A file that one of them includes or refers to is no file.
-        CycleError: One contains itself.
+        SceneKeyError: One contains itself.
         SceneFileError: One is larger than its text by far, or no XML.
     """
     chain = (*above, path.resolve())
     if chain[-1] in above:
-        raise CycleError(str(path), map(str, above[above.index(chain[-1]) :]), "models contain each other")
+        raise in_a_cycle(str(path), map(str, above[above.index(chain[-1]) :]), "models contain each other")
     folders.append((prefix, path.parent))
     if len(folders) > _MOST_MODELS:
         raise SceneFileError(f"{path}: is one of over {_MOST_MODELS} models in one. Attach fewer.")

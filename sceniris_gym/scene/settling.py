@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.groups import HeapConfig
-from sceniris_gym.errors import HeapError
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.framing import upright_box
 from sceniris_gym.geometry.rotations import product
 from sceniris_gym.progress import tell
@@ -72,7 +72,7 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
         seed: Row i depends on the seed and on i alone.
 
     Raises:
-        HeapError: The container does not hold the things.
+        SceneKeyError: The container does not hold the things.
     """
     heap, where = scene.config.heaps[name], f"{scene.config.where}: heaps.{name}"
     drop = _prepare(scene, heap, where)
@@ -81,7 +81,7 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
         rng = np.random.default_rng([seed, i])
         data = next((found for _ in range(_TRIES) if (found := _dropped(drop, rng)) is not None), None)
         if data is None:
-            raise HeapError(
+            raise SceneKeyError(
                 f"{where}: '{heap.fill}' does not hold {len(heap.of)} things: in {_TRIES} tries they did not all come "
                 "to rest inside of it. Take things out of the heap, or use smaller ones or a larger container."
             )
@@ -111,7 +111,7 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     walls = [b for b in subtree(mjm, body) if b in container]
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
-        raise HeapError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
+        raise SceneKeyError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
     root = mjm.body_rootid[mjm.geom_bodyid]
     away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound
     sizes = np.array([away[root == thing].max(initial=0.01) for thing in things])

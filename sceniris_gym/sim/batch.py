@@ -187,7 +187,7 @@ class Batch(Fixed):
 
     Raises:
         UnknownNameError: MjOption has no such field.
-        CountError: A limit that is no integer of at least 1, or too large for so many worlds.
+        ArgumentError: A limit that is no integer of at least 1, or too large for so many worlds.
         NotSupportedError: MuJoCo-Warp cannot simulate the model with these options.
         MemoryLimitError: More worlds than there is memory for.
         FixedError: Raised on assignment to an attribute that captured graphs already use.

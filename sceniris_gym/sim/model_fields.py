@@ -243,9 +243,8 @@ def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
             variants of objects differ have rows as well.
 
     Raises:
-        CountError: The number of worlds is not a whole number, at least 1.
+        ArgumentError: The number of worlds is not a whole number, at least 1. Steps leave the field out.
         UnknownNameError: No such field, or layouts depend on it.
-        ArgumentError: Steps leave the field out.
         NotSupportedError: MuJoCo-Warp cannot simulate the model.
     """
     nworld = as_count(nworld, "put_model: nworld")

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import MaskError, MaskTypeError, ModelWarning
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.model import SceneModel
 
@@ -24,8 +24,8 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
         device: The target device.
 
     Raises:
-        MaskTypeError: Not an array of floats.
-        MaskError: Wrong shape.
+        ArgumentTypeError: Not an array of floats.
+        ArgumentError: Wrong shape.
     """
     if isinstance(origins, wp.array):
         found = origins
@@ -35,11 +35,11 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
         try:
             found = wp.array(np.asarray(origins, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
         except (TypeError, ValueError):
-            raise MaskTypeError(f"origins should be floats, shape ({nworld}, 3), got {short(origins)}.") from None
+            raise ArgumentTypeError(f"origins should be floats, shape ({nworld}, 3), got {short(origins)}.") from None
     if found.dtype is wp.float32 and found.ndim == 2 and found.shape[1] == 3:
         found = found.view(wp.vec3)
     if found.dtype is not wp.vec3 or found.shape != (nworld,):
-        raise MaskError(f"origins should be floats of shape ({nworld}, 3), one origin per world, got {origins.shape}.")
+        raise ArgumentError(f"origins should be floats of shape ({nworld}, 3), one per world, got {origins.shape}.")
     return found.to(device)
 
 

@@ -112,7 +112,7 @@ class ResetRandomizer(Fixed, StaysHere):
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
         ArgumentError: Both `layout_source` and `prefetch` or `params`, or a stream of another device.
-        MaskTypeError, MaskError: `origins` are no floats, or not one for each world.
+        ArgumentTypeError, ArgumentError: `origins` are no floats, or not one for each world.
         UnknownNameError: `write` is neither "all" nor "placed".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
@@ -188,8 +188,8 @@ class ResetRandomizer(Fixed, StaysHere):
                 `info["layout"]`. The worlds go on from there. See `LayoutSource.reseed`.
 
         Raises:
-            MaskTypeError: Neither booleans nor integers.
-            MaskError: Wrong shape, a world that does not exist, or integers that look like a mask.
+            ArgumentTypeError: Neither booleans nor integers.
+            ArgumentError: Wrong shape, a world that does not exist, or integers that look like a mask.
             ArgumentError, SceneMismatchError, UnknownNameError: See `LayoutSource.reseed`.
         """
         self.fields.check()
@@ -232,7 +232,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Raises:
             UnknownNameError: Not an object that the scene places.
             ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
-            MaskTypeError, MaskError: As in `reset`.
+            ArgumentTypeError, ArgumentError: As in `reset`.
         """
         self.replacer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.replacer.mask))
 
@@ -310,7 +310,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Raises:
             SceneMismatchError: The layouts are of another scene, or were drawn with other params.
             UnknownNameError, ArgumentError: The scene has no such params, or not such numbers of them.
-            MaskError, MaskTypeError: The rows are not integers, have the wrong shape or do not exist.
+            ArgumentError, ArgumentTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         stored, nrow = stored_rows(layouts, self.layouts, str(self.device)), layouts.qpos.shape[0]
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, check_names
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
 from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.masks import as_count, as_host_mask
@@ -117,8 +117,7 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     """Return width and height.
 
     Raises:
-        ArgumentError: Not two numbers.
-        CountError: One that is no integer, or out of range.
+        ArgumentError: Not two numbers. One that is no integer, or out of range.
     """
     try:
         width, height = value
@@ -141,7 +140,7 @@ def as_reset_seeds(
         mask: The worlds that are reset, shape (num_envs,), bool; None is all worlds.
 
     Raises:
-        SeedError: Any other seed.
+        ArgumentError: Any other seed.
     """
     if seed is None:
         return None
@@ -163,10 +162,9 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     """Return a copy of `options["reset_mask"]` on the host, shape (num_envs,), bool; None for all worlds.
 
     Raises:
-        ArgumentTypeError: The options are no mapping.
+        ArgumentTypeError: The options are no mapping. Not an array of booleans.
         UnknownNameError: An option that `reset` does not know.
-        MaskTypeError: Not an array of booleans.
-        MaskError: Wrong shape, or false everywhere.
+        ArgumentError: Wrong shape, or false everywhere.
     """
     if not isinstance(options, Mapping | None):
         raise ArgumentTypeError(f"reset: options should be {{'{RESET_MASK}': mask}} or None, got {short(options)}.")
@@ -177,7 +175,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     name = f"options['{RESET_MASK}']"
     mask = as_host_mask(options[RESET_MASK], num_envs, name)
     if not mask.any():
-        raise MaskError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
+        raise ArgumentError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
     return mask
 
 

@@ -31,9 +31,9 @@ def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
     """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
 
     Raises:
-        ArgumentError: Not of that form, or a camera without a size or a kind of picture.
+        ArgumentError: Not of that form, or a camera without a size or a kind of picture. A size that is no integer, or
+            out of range.
         ArgumentTypeError: `shadows` or `thin` is no boolean.
-        CountError: A size that is no integer, or out of range.
         UnknownNameError: A word or a kind that does not exist.
     """
     if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):

@@ -35,8 +35,7 @@ class Rendering:
         camera: Name of the camera.
 
     Raises:
-        ArgumentError: Another mode, or a size that is no pair of numbers.
-        CountError: A number that is no integer, or out of range.
+        ArgumentError: Another mode, or a size that is no pair of numbers. A number that is no integer, or out of range.
     """
 
     def __init__(self, mode: str | None, num_envs: int, worlds: Any, size: Any, camera: str) -> None:

@@ -11,6 +11,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.layouts import Layouts
@@ -105,13 +106,15 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
     wanted = {name: (tensor.dtype, (len(snapshot), *tensor.shape[1:])) for name, tensor in tensors.items()}
     has_rows = all(_is_plain(values) and values.shape[:1] == (len(snapshot),) for values in given.values())
     if snapshot.source != source or not (has_rows and wanted.items() <= found.items() and _WERE_FINITE in found):
+        got = "other rows" if snapshot.source == source else short(snapshot.source)
         raise SceneMismatchError(
-            "options['state'] should be a snapshot of this scene, split, task and params. Take one of this environment."
+            f"options['state'] should be a snapshot of this scene, split, task and params, got {got}. Take one "
+            "of this environment."
         )
     # a task may remember infinity, and NaN may stand for nothing, as where an arm has no grasp
     state = {name: rows for name, rows in snapshot.rows.items() if name.startswith(_FINITE)}
     if not (torch.equal(_are_finite(snapshot.rows), rows[_WERE_FINITE]) and _are_finite(state).all()):
-        raise SceneMismatchError("options['state'] should have finite numbers. Leave out the rows of broken worlds.")
+        raise SceneMismatchError("options['state'] should have finite numbers, got NaN or inf. Drop the broken worlds.")
     numbers = {name: snapshot.rows[key].cpu().numpy() for key, name in _INDICES.items() if key in snapshot.rows}
     check_numbers(layouts.compiled, numbers, "options['state']")
     for name in live.keys() & {"layout.param", "layout.next_param"}:
@@ -127,9 +130,11 @@ def put(snapshot: Snapshot, live: Mapping[str, Tensor], mask: Tensor | None) -> 
     num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
     worlds = snapshot.worlds.to(device) if mask is None else mask.nonzero().flatten()
     if len(worlds) != len(snapshot):
-        raise ArgumentError(f"options['state'] should have {len(worlds)} rows, one per masked world: {len(snapshot)}.")
+        raise ArgumentError(
+            f"options['state'] should have {len(worlds)} rows, one per masked world, got {len(snapshot)}."
+        )
     if len(worlds.unique()) != len(worlds) or ((worlds < 0) | (worlds >= num_envs)).any():
-        raise ArgumentError(f"options['state'] should be of different worlds below {num_envs}: {worlds.tolist()}.")
+        raise ArgumentError(f"options['state'] should be of different worlds below {num_envs}, got {worlds.tolist()}.")
     for name, tensor in live.items():
         tensor[worlds] = snapshot.rows[name].to(device)
     restored = torch.zeros(num_envs, dtype=torch.bool, device=device)

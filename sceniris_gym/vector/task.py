@@ -112,7 +112,7 @@ def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_en
     for name in TAKEN:
         if name in reward:
             form = f"terms with other names, such as '{name}_reward': {', '.join(TAKEN)} are names of statistics"
-            raise TaskError(type(task).__name__, "reward", f"a term named '{name}'", form)
+            raise TaskError(f"{type(task).__name__}.reward returned a term named '{name}', but should return {form}.")
     for method, flags in (("success", success), ("terminated", terminated)):
         form = f"a bool tensor of shape ({num_envs},)"
         _check(task, method, flags, form, depth=0, fits=lambda t: t.shape == (num_envs,) and t.dtype is torch.bool)
@@ -121,7 +121,7 @@ def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_en
 def _check(task: Task, method: str, value: Any, form: str, depth: int, fits: Callable[[Tensor], bool]) -> None:
     wrong = _first_wrong(value, depth, fits)
     if wrong is not None:
-        raise TaskError(type(task).__name__, method, wrong, form)
+        raise TaskError(f"{type(task).__name__}.{method} returned {wrong}, but should return {form}.")
 
 
 def _first_wrong(value: Any, depth: int, fits: Callable[[Tensor], bool]) -> str | None:

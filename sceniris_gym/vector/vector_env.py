@@ -256,15 +256,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 {"params": {name: value}} changes params of the masked worlds first, see `set_param`.
 
         Raises:
-            ArgumentTypeError: The options are no mapping.
+            ArgumentTypeError: The options are no mapping. The mask is not an array of booleans.
             ArgumentError: Two of seed, layouts and state, or layouts or rows of a state that are not one per world; or
-                a value that a param cannot have.
-            SeedError: Not integers from 0 to 2^64 - 1, or not one per world.
-            LayoutIdError, SceneMismatchError: A malformed layout id, or one of another scene or split; or a state of
+                a value that a param cannot have. Seeds that are not integers from 0 to 2^64 - 1, or not one per world.
+                A mask of the wrong shape, or false everywhere.
+            ArgumentError, SceneMismatchError: A malformed layout id, or one of another scene or split; or a state of
                 another scene or task.
             UnknownNameError: An option other than these, or a param that the worlds do not have.
-            MaskTypeError: The mask is not an array of booleans.
-            MaskError: The mask has the wrong shape, or is false everywhere.
             ResetNeeded: The first reset has a mask or a state.
         """
         launches = self._launching()
@@ -314,7 +312,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         Raises:
             ResetNeeded: There was no reset yet.
-            UnknownNameError, ArgumentError, MaskTypeError, MaskError: As ResetRandomizer.replace.
+            UnknownNameError, ArgumentError, ArgumentTypeError: As ResetRandomizer.replace.
         """
         with self._launching("replace"):
             if isinstance(worlds, Tensor) and worlds.dtype is torch.bool:  # a tenth of the time of a view for Warp
@@ -338,7 +336,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         Raises:
             ResetNeeded: There was no reset yet.
-            MaskError, MaskTypeError: As in `replace`.
+            ArgumentError, ArgumentTypeError: As in `replace`.
         """
         with self._launching("snapshot"):
             ids = as_world_ids(worlds, self.num_envs).astype(np.int64)
@@ -357,7 +355,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         Raises:
             UnknownNameError: The environment was not made with such a param.
             ArgumentError: A value that the param cannot have.
-            MaskError, MaskTypeError: As in `replace`.
+            ArgumentError, ArgumentTypeError: As in `replace`.
         """
         check_type(name, str, "set_param: name")
         with self._launching():

@@ -130,7 +130,7 @@ class LayoutDeck:
         """Return the choice that shows the layout with an id.
 
         Raises:
-            LayoutIdError: The text has not the form of an id.
+            ArgumentError: The text has not the form of an id.
             SceneMismatchError: The layout is of another scene.
             NotSupportedError: It has other params than the scene file.
         """

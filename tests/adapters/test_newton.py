@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, NotSupportedError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
@@ -305,7 +305,7 @@ def test_other_models_are_refused():
         NewtonRandomizer(compiled, model, solver, model.state(), other.state())
     with pytest.raises(SceneMismatchError, match=r"NewtonRandomizer: layout_source makes layouts for 2 worlds"):
         NewtonRandomizer(compiled, model, solver, model.state(), layout_source=LayoutGenerator(compiled, 2))
-    with pytest.raises(MaskError, match=r"shape \(5,\)"):
+    with pytest.raises(ArgumentError, match=r"shape \(5,\)"):
         NewtonRandomizer(compiled, model, solver, model.state()).reset(np.ones(3, bool))
 
 

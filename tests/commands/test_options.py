@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sceniris_gym.commands.options import check_counts, check_seed, read_changes, scene_config
-from sceniris_gym.errors import CountError, SceneKeyError, SeedError
+from sceniris_gym.errors import ArgumentError, SceneKeyError
 
 
 def test_changes_are_yaml():
@@ -25,9 +25,9 @@ def test_counts_and_seeds_have_bounds():
     """Named as the option is."""
     check_counts(1, num_envs=1)
     check_seed(2**64 - 1)
-    with pytest.raises(CountError, match=r"--num-envs 0: should be at least 1"):
+    with pytest.raises(ArgumentError, match=r"--num-envs 0: should be at least 1"):
         check_counts(1, num_envs=0)
-    with pytest.raises(CountError, match=r"--n 5: should be at most 4"):
+    with pytest.raises(ArgumentError, match=r"--n 5: should be at most 4"):
         check_counts(1, most=4, n=5)
-    with pytest.raises(SeedError, match=r"--seed -1"):
+    with pytest.raises(ArgumentError, match=r"--seed -1"):
         check_seed(-1)

@@ -9,7 +9,7 @@ import torch
 
 from sceniris_gym.commands.replay import LayoutId, default_picture, describe, drawn, find_scene, replay, report
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import LayoutIdError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table, read_table
@@ -54,7 +54,7 @@ def test_an_id_of_a_version_with_other_layouts_is_refused():
 )
 def test_other_texts_are_no_ids(text: str):
     """The error says what an id looks like, and names the splits that there are for users."""
-    with pytest.raises(LayoutIdError, match=r"scenehash:split:seed:episode.* Splits: train, eval\."):
+    with pytest.raises(ArgumentError, match=r"scenehash:split:seed:episode.* Splits: train, eval\."):
         LayoutId.parse(text)
 
 

@@ -15,14 +15,7 @@ from sceniris_gym.config.loader import MOST_VALUES, expanded_size, merge, overri
 from sceniris_gym.config.objects import JointConfig, SupportConfig
 from sceniris_gym.config.orientation import DrawnOrientation
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import (
-    ArgumentTypeError,
-    CycleError,
-    SceneFileError,
-    SceneKeyError,
-    ScenirisError,
-    UnknownNameError,
-)
+from sceniris_gym.errors import ArgumentTypeError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
 from tests.config.scenes import NEIGHBOURS, SMALL, refusal, refused, write
 
 
@@ -162,7 +155,7 @@ def test_bases_in_a_circle_are_an_error_that_names_it(tmp_path: Path):
     """Files that are the base of each other."""
     write(tmp_path, "a.yaml", "base: ./b.yaml")
     write(tmp_path, "b.yaml", "base: ./a.yaml")
-    with pytest.raises(CycleError, match=r"a\.yaml -> .*b\.yaml -> .*a\.yaml"):
+    with pytest.raises(SceneKeyError, match=r"a\.yaml -> .*b\.yaml -> .*a\.yaml"):
         SceneConfig.load(tmp_path / "a.yaml")
 
 

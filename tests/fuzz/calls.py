@@ -22,7 +22,7 @@ from sceniris_gym.dataset.manifest import MANIFEST, part_name, row_of
 from sceniris_gym.dataset.reader import LayoutDataset, verify
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.masks import as_mask, as_rows
+from sceniris_gym.layout.masks import as_rows, as_worlds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
@@ -86,7 +86,7 @@ def _calls(draws: np.random.Generator) -> list[Callable[[], object]]:
         lambda: generator().reseed(seed=array()),
         lambda: generator().reseed(array(), seed=0),
         lambda: generator().generate(array()),
-        lambda: as_mask(array(), 4, wp.get_device("cpu")),
+        lambda: as_worlds(array(), 4, wp.get_device("cpu")),
         lambda: as_rows(array(), 4, 4, wp.get_device("cpu")),
         lambda: as_reset_mask({"reset_mask": array()}, 4),
         lambda: as_reset_seeds(array(), 4, Rank(), first=True),

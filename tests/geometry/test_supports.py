@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.objects import RegionConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import NoSupportError
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.supports import (
     SupportSurface,
@@ -202,7 +202,7 @@ def test_surfaces_of_which_nothing_is_left_go_and_the_last_one_is_an_error():
     assert same == [wide]
     assert _same(wide.region, box(0.26, 0.06, 0.39, 0.94), 1e-6)
     with pytest.raises(
-        NoSupportError, match=r"here: nothing is left .* after erosion by 0.15 m; .* \[0, 0.45\] x \[0, 1\]"
+        SceneKeyError, match=r"here: nothing is left .* after erosion by 0.15 m; .* \[0, 0.45\] x \[0, 1\]"
     ):
         crop(steps, None, [0.16, 0.15], "here")
 
@@ -218,7 +218,7 @@ def test_points_are_on_the_surfaces_that_hold_them():
     ]
     assert [shapely.get_coordinates(s.region).tolist() for s in eroded] == [[[0.1, 0.1], [0.3, 0.1]], [[0.1, 0.1]]]
     says = r"here: .* point 2 of the region, \[0.02, 0.1\]: it is nearer to an edge of its surface than the 0.05 m that"
-    with pytest.raises(NoSupportError, match=says):
+    with pytest.raises(SceneKeyError, match=says):
         crop([low, high], points, [0.06, 0.05], "here")
 
 

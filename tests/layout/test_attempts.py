@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import AttemptsWarning, InfeasibleSceneError
+from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError
 from sceniris_gym.layout.attempts import _still_failing, find_attempts
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
@@ -107,7 +107,7 @@ def test_the_number_depends_on_the_scene_alone(box: str):
 def test_a_scene_in_which_some_worlds_always_restart_is_told(box: str, monkeypatch: pytest.MonkeyPatch):
     """Two of three boxes often leave nothing for the third; no number beyond the last one is tried."""
     monkeypatch.setattr("sceniris_gym.layout.attempts.MOST_ATTEMPTS", 50)
-    with pytest.warns(AttemptsWarning, match="stopped at 50"):
+    with pytest.warns(FallbackWarning, match="stopped at 50"):
         assert compile_on_cpu(_line(box, 3, attempts="auto", restarts=100)).attempts == 50
 
 
@@ -137,6 +137,6 @@ def test_a_scene_that_cannot_be_made_is_tried_with_the_fewest_and_the_most_attem
     assert tried == [10, 80]
     tried.clear()
     tight = upload_scene(build_model(SceneConfig.load(_line(box, 3, attempts="auto"))), "cpu")
-    with pytest.warns(AttemptsWarning, match="stopped at 80"):
+    with pytest.warns(FallbackWarning, match="stopped at 80"):
         assert find_attempts(tight) == 80
     assert tried == [10, 20, 40, 80]

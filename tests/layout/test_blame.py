@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sceniris_gym.layout.blame import Blame
+from sceniris_gym.layout.blame import _REMEDIES, Blame, _of_collision, _of_leaning, _rejections
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.scenes import full_tray, make, posed, valid
 
@@ -46,3 +46,33 @@ def test_nothing_is_to_blame_in_a_layout(tmp_path: Path):
     assert len(rows.qpos) > 10
     for data in posed(compiled, rows):
         assert not any(blame.hits(data, number) for number in range(3))
+
+
+def test_rejections_are_listed_by_object_and_cause():
+    """Those that rejected something; of many objects those with the most."""
+    counts = {
+        "can": {"collision": 0, "overhead": 0},
+        "apple": {"collision": 7, "overhead": 2},
+        "pear": {"collision": 41, "overhead": 0},
+    }
+    assert _rejections(counts) == "apple: collision 7, overhead 2; pear: collision 41"
+    many = counts | {name: {"empty": n} for n, name in enumerate(("fig", "lime", "plum"), 10)}
+    assert _rejections(many) == "pear: collision 41; lime: empty 11; plum: empty 12; and 2 other objects less often"
+
+
+def test_the_advice_for_a_scene_without_layouts_depends_on_the_cause():
+    """Each names the word of the scene that would help."""
+    assert "clearance" in _of_collision(None, None)
+    assert _of_collision("It is full.", None) == "It is full."
+    assert "'gap'" in _of_collision("It is full.", "shelf")
+    assert "'inside'" in _REMEDIES["overhead"]
+    for cause in ("unreachable", "no_ik", "blocked"):
+        assert "'reachable'" in _REMEDIES[cause]
+    for words in ("'mass' or 'ipos'", "wider support", "'stands: false'"):
+        assert words in _REMEDIES["falls"]
+    assert "neighbours" not in _REMEDIES["falls"]
+    assert "joints" in _of_leaning("cabinet/upper_drawer", "fixed")
+    turned = _of_leaning("cabinet/upper_drawer", "stable")
+    assert "'cabinet/upper_drawer'" in turned
+    assert "'cabinet'" in turned
+    assert "'orientation: stable'" in turned

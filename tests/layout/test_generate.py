@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CountError, MaskError, MaskTypeError, ScenirisError, SeedError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, ScenirisError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
@@ -186,7 +186,7 @@ def test_episodes_are_chosen_and_worlds_go_on_from_there(mid: CompiledScene, mak
 @pytest.mark.parametrize("episodes", [-1, 1 << 31, [0, 1], 0.5, "first"])
 def test_wrong_episodes_are_refused(mid: CompiledScene, episodes: Any):
     """Negative, too large, not one for each world, or no integers."""
-    with pytest.raises(SeedError, match=r"layouts\['episode'\] should"):
+    with pytest.raises(ArgumentError, match=r"layouts\['episode'\] should"):
         LayoutGenerator(mid, 4).reseed(layouts={"seed": 0, "episode": episodes})
 
 
@@ -300,7 +300,10 @@ def test_generation_runs_in_a_captured_graph(mid: CompiledScene):
 
 @pytest.mark.parametrize(
     ("mask", "error"),
-    [(wp.zeros(2, dtype=wp.bool, device="cpu"), MaskError), (wp.zeros(4, dtype=int, device="cpu"), MaskTypeError)],
+    [
+        (wp.zeros(2, dtype=wp.bool, device="cpu"), ArgumentError),
+        (wp.zeros(4, dtype=int, device="cpu"), ArgumentTypeError),
+    ],
     ids=["too short", "of integers"],
 )
 def test_a_wrong_mask_is_refused(mid: CompiledScene, mask: wp.array, error: type[Exception]):
@@ -344,5 +347,5 @@ def test_what_is_no_argument_is_refused_in_our_words(mid: CompiledScene, words: 
 
 def test_a_batch_has_a_world_at_least(mid: CompiledScene):
     """None makes no sense."""
-    with pytest.raises(CountError, match="nworld should be an integer of at least 1, got 0"):
+    with pytest.raises(ArgumentError, match="nworld should be an integer of at least 1, got 0"):
         LayoutGenerator(mid, 0)

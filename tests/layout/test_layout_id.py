@@ -3,7 +3,7 @@
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import LayoutIdError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.scene.build import build_model
 
@@ -29,7 +29,7 @@ def test_an_id_is_read_as_it_was_written(split: str, seed: int, episode: int):
 )
 def test_anything_else_is_refused(text: str):
     """With the form that it should have."""
-    with pytest.raises(LayoutIdError, match="should be scenehash:split:seed:episode"):
+    with pytest.raises(ArgumentError, match="should be scenehash:split:seed:episode"):
         LayoutId.parse(text)
 
 
@@ -38,7 +38,7 @@ def test_an_id_names_each_param_once(again: str):
     """Two numbers for one param are refused, however it is written."""
     bits = "3f80000040400000"
     assert LayoutId.parse(f"a:train:1:0:groups.some.count={bits},groups.any.count={bits}").params
-    with pytest.raises(LayoutIdError, match=r"each param once, and has: groups\.some\.count, groups\.some\.count"):
+    with pytest.raises(ArgumentError, match=r"each param once, and has: groups\.some\.count, groups\.some\.count"):
         LayoutId.parse(f"a:train:1:0:groups.some.count={bits},{again}={bits}")
 
 

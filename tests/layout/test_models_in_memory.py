@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.errors import NoSupportError, SceneKeyError
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table
 from tests.layout.scenes import compiled_from
@@ -102,7 +102,7 @@ def test_what_has_no_level_surface_is_told_what_has_one():
     spec = spec_of()
     spec.worldbody.add_geom(name="ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0], pos=[0, 0, 2])
     objects = {"cabinet": {"body": "cab/cabinet", "kind": "static"}, **cubes_on("ball", 1)}
-    with pytest.raises(NoSupportError) as caught:
+    with pytest.raises(SceneKeyError) as caught:
         compiled_from(spec, objects)
     assert "'ball' has no level surface of 2 cm or more" in str(caught.value)
     listed = str(caught.value).split("Valid: ")[1].removesuffix(".").split(", ")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sceniris_gym.errors import InfeasibleSceneError, NoSupportError
+from sceniris_gym.errors import InfeasibleSceneError, SceneKeyError
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
@@ -150,5 +150,5 @@ def test_a_point_off_its_support_is_refused():
     """By its number, with how far off it is and where the support ends."""
     goal = {"kind": "marker", "on": "floor", "region": {"points": [[0.5, 0.5], [0.1, 0.6]]}}
     says = r"objects\.goal\.on: .* point 1 of the region, \[0\.1, 0\.6\]: it is off its surface, by 0\.1 m, .* Move"
-    with pytest.raises(NoSupportError, match=says):
+    with pytest.raises(SceneKeyError, match=says):
         compile_on_cpu({"floor": FLOOR, "objects": {"goal": goal}})

@@ -13,7 +13,7 @@ from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.commands.audit import judge_reach, reach_claims
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CycleError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import pose_matrix
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -140,7 +140,7 @@ def test_bases_that_wait_for_each_other_are_refused():
     objects = {"can": {**CAN, "reachable": {"by": "b"}}, "mug": {**MUG, "reachable": {"by": "a"}}}
     near = [{"on": "floor", "relations": [{"near": name, "distance": {"max": 0.5}}]} for name in ("can", "mug")]
     robots = {"a": {"asset": "ur5e", **near[0]}, "b": {"asset": "ur5e", **near[1]}}
-    with pytest.raises(CycleError, match="refer to each other"):
+    with pytest.raises(SceneKeyError, match="refer to each other"):
         compiled(objects, robots=robots)
 
 

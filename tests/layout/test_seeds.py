@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import SeedError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.seeds import as_seeds
 from tests.layout.scenes import compile_on_cpu
@@ -30,10 +30,10 @@ def test_seeds_wrap_around():
 def test_a_wrong_seed_is_refused(seed):
     """Negative, too large, no integer, or not one for each world: in the constructor and in `reseed`."""
     compiled = compile_on_cpu({"objects": {}})
-    with pytest.raises(SeedError, match="seed"):
+    with pytest.raises(ArgumentError, match="seed"):
         LayoutGenerator(compiled, 3, seed=seed)
     generator = LayoutGenerator(compiled, 3, seed=8)
-    with pytest.raises(SeedError, match="seed"):
+    with pytest.raises(ArgumentError, match="seed"):
         generator.reseed(seed=seed)
     assert generator.layouts.seed.numpy().tolist() == [8, 9, 10]
 
@@ -47,7 +47,7 @@ def test_after_the_last_episode_comes_the_first():
         generator.generate()
         found += generator.layouts.ids("train")[:1]
     assert [name.split(":")[2:] for name in found] == [["5", str(2**31 - 2)], ["5", "0"]]
-    with pytest.raises(SeedError, match=r"from 0 to 2\^31 - 2, got 2147483647"):
+    with pytest.raises(ArgumentError, match=r"from 0 to 2\^31 - 2, got 2147483647"):
         generator.reseed(layouts={"seed": 5, "episode": 2**31 - 1})
 
 
@@ -94,7 +94,7 @@ def test_the_first_wrong_seed_of_many_is_named(wrong, place: int):
     objects = np.empty(4, object)
     objects[:] = seeds
     for given in (seeds, tuple(seeds), objects):
-        with pytest.raises(SeedError, match=rf"seeds\[{place}\]=.* should be an integer from 0 to 2\^64 - 1"):
+        with pytest.raises(ArgumentError, match=rf"seeds\[{place}\]=.* should be an integer from 0 to 2\^64 - 1"):
             as_seeds(given, 4)
 
 
@@ -114,7 +114,7 @@ def test_the_first_wrong_seed_of_many_is_named(wrong, place: int):
 )
 def test_arrays_of_other_numbers_are_refused(seeds: np.ndarray, place: int):
     """Negative ones, floating-point ones though they are whole, truth values, texts and times."""
-    with pytest.raises(SeedError, match=rf"seeds\[{place}\]="):
+    with pytest.raises(ArgumentError, match=rf"seeds\[{place}\]="):
         as_seeds(seeds, 3)
 
 
@@ -123,7 +123,7 @@ def test_arrays_of_other_numbers_are_refused(seeds: np.ndarray, place: int):
 )
 def test_a_wrong_number_of_seeds_is_told(seeds):
     """The right number is named."""
-    with pytest.raises(SeedError, match="one integer, or a sequence of 3"):
+    with pytest.raises(ArgumentError, match="one integer, or a sequence of 3"):
         as_seeds(seeds, 3)
 
 
@@ -131,7 +131,7 @@ def test_a_wrong_number_of_seeds_is_told(seeds):
 def test_device_seeds_of_a_wrong_kind_are_refused(dtype):
     """A Warp array of another type or length is no set of seeds."""
     generator = LayoutGenerator(compile_on_cpu({"objects": {}}), 3)
-    with pytest.raises(SeedError, match="uint64"):
+    with pytest.raises(ArgumentError, match="uint64"):
         generator.reseed(seed=wp.zeros(3, dtype=dtype, device="cpu"))
-    with pytest.raises(SeedError, match="3"):
+    with pytest.raises(ArgumentError, match="3"):
         generator.reseed(seed=wp.zeros(2, dtype=wp.uint64, device="cpu"))

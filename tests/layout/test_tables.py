@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.errors import SeedError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.seeds import as_seeds
@@ -62,7 +62,7 @@ def test_seeds_go_round_and_splits_differ(crane: CompiledScene):
     assert around.seed.tolist() == [2**64 - 1, 0, 1]
     np.testing.assert_array_equal(around.qpos[1:], make_table(crane, 2, 0).qpos)
     assert not np.array_equal(make_table(crane, 2, 0, split="eval").qpos, around.qpos[1:])
-    with pytest.raises(SeedError, match="seed=-1"):
+    with pytest.raises(ArgumentError, match="seed=-1"):
         make_table(crane, 2, -1)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, CountError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
 from sceniris_gym.levels import Levels, Ranges
 
 
@@ -19,8 +19,8 @@ from sceniris_gym.levels import Levels, Ranges
         ({"replay": "half"}, ArgumentError, "replay should be from 0 to 1, got 'half'"),
         ({"temperature": 0.0}, ArgumentError, "temperature should be above 0"),
         ({"temperature": "hot"}, ArgumentError, "temperature should be above 0, got 'hot'"),
-        ({"capacity": 0}, CountError, "at least 1"),
-        ({"every": 0.5}, CountError, "integer"),
+        ({"capacity": 0}, ArgumentError, "at least 1"),
+        ({"every": 0.5}, ArgumentError, "integer"),
         ({"ranges": {"groups.clutter.count": [1, 2]}}, ArgumentTypeError, "ranges should be a Ranges"),
     ],
 )

@@ -7,10 +7,10 @@ import warnings
 
 import pytest
 
-from sceniris_gym.errors import AttemptsWarning, FallbackWarning, ModelWarning
+from sceniris_gym.errors import FallbackWarning, ModelWarning
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 
-HELD = FallbackWarning("here", 0.25, "apple", "collision", ["'restarts' above 8"], (3, 64))
+HELD = FallbackWarning("here: it is full.", 0.25, "apple", "collision", (3, 64))
 
 
 def test_a_warning_is_issued_at_its_level_and_noted():
@@ -25,7 +25,7 @@ def test_a_warning_is_issued_at_its_level_and_noted():
     assert len(noted) == 1
 
 
-@pytest.mark.parametrize("warning", [ModelWarning("odd"), AttemptsWarning("here", 640), HELD])
+@pytest.mark.parametrize("warning", [ModelWarning("odd"), HELD])
 def test_a_warning_is_made_again_from_json(warning: UserWarning):
     """Its class, its words and what it says beside them."""
     again = from_words(json.loads(json.dumps(to_words(warning))))

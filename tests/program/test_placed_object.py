@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sceniris_gym.errors import NoSupportError, NotSupportedError
+from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.program.placed_object import JointRange, obstacles
@@ -95,7 +95,7 @@ def test_a_support_without_a_level_surface_is_told_with_those_that_have_one(fold
     }
     for word, floor in (("on", "floor, "), ("inside", "")):
         says = rf"objects\.apple\.{word}: 'pear' has no level surface.* Valid: {floor}cabinet, .*tray\."
-        with pytest.raises(NoSupportError, match=says):
+        with pytest.raises(SceneKeyError, match=says):
             build_plan(scene_of({**objects, "apple": {"asset": "apple", word: "pear"}}))
 
 
@@ -110,7 +110,7 @@ def test_each_support_is_told_once(tmp_path: Path):
     </worldbody></mujoco>"""
     (tmp_path / "room.xml").write_text(room)
     objects = {"workbench": {"body": "desk", "kind": "static"}, "apple": {"asset": "apple", "on": "ball"}}
-    with pytest.raises(NoSupportError, match=r"Valid: floor, board, rack, table, workbench\.$"):
+    with pytest.raises(SceneKeyError, match=r"Valid: floor, board, rack, table, workbench\.$"):
         build_plan(scene_of(objects, model=str(tmp_path / "room.xml")))
 
 

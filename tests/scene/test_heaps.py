@@ -9,7 +9,7 @@ import pytest
 
 from sceniris_gym.config.groups import HeapConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import HeapError, NotSupportedError
+from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.heaps import HeapRows, read_rows, rigid_part, settled_with
@@ -32,16 +32,16 @@ def test_what_is_written_is_read(tmp_path: Path):
 
 def test_files_that_do_not_fit_are_refused(tmp_path: Path):
     """Missing, of something else, of other things, of poses that are none."""
-    with pytest.raises(HeapError, match=r"here\.rows: '.*': there is no such file.*sceniris-gym settle"):
+    with pytest.raises(SceneKeyError, match=r"here\.rows: '.*': there is no such file.*sceniris-gym settle"):
         read_rows(tmp_path / "rows.npz", HEAP, "here")
     (tmp_path / "text.npz").write_text("no archive")
-    with pytest.raises(HeapError, match="holds no settled heaps"):
+    with pytest.raises(SceneKeyError, match="holds no settled heaps"):
         read_rows(tmp_path / "text.npz", HEAP, "here")
     HeapRows(("a", "b"), ROWS.pos, 0.0 * ROWS.quat, "").write(tmp_path / "none.npz")
-    with pytest.raises(HeapError, match="holds no settled heaps"):
+    with pytest.raises(SceneKeyError, match="holds no settled heaps"):
         read_rows(tmp_path / "none.npz", HEAP, "here")
     HeapRows(("b", "a"), ROWS.pos, ROWS.quat, "").write(tmp_path / "other.npz")
-    with pytest.raises(HeapError, match="has heaps of b, a, and the heap is of a, b"):
+    with pytest.raises(SceneKeyError, match="has heaps of b, a, and the heap is of a, b"):
         read_rows(tmp_path / "other.npz", HEAP, "here")
 
 
@@ -109,5 +109,5 @@ def test_things_of_a_heap_are_not_kept_apart_from_each_other_or_from_the_bin():
 
 def test_a_heap_without_rows_is_told_how_to_make_them():
     """By the key that is missing."""
-    with pytest.raises(HeapError, match=r"heaps\.pile\.rows: is missing. Make them with `sceniris-gym settle"):
+    with pytest.raises(SceneKeyError, match=r"heaps\.pile\.rows: is missing. Make them with `sceniris-gym settle"):
         build_plan(build_model(SceneConfig.load(words(folder(), rows=None))))

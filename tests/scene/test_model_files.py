@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CycleError, MissingExtraError, SceneFileError
+from sceniris_gym.errors import MissingExtraError, SceneFileError, SceneKeyError
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model_files import file_of, load_model, write_zip
 from tests.scene.assets import TETRAHEDRON
@@ -159,7 +159,7 @@ def test_a_model_that_contains_itself_is_refused(tmp_path: Path):
     for file, other in (("a.xml", attach), ("sub/../a.xml", attach), ("a.xml", ""), ("b.xml", attach)):
         write(tmp_path / "a.xml", part.format(file, other))
         write(tmp_path / "b.xml", part.format("a.xml", attach))
-        with pytest.raises(CycleError, match=r"models contain each other: .*a\.xml -> "):
+        with pytest.raises(SceneKeyError, match=r"models contain each other: .*a\.xml -> "):
             load_model(tmp_path / "a.xml", "scene: model")
 
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 import warp as wp
 
-from sceniris_gym.errors import MaskError, MaskTypeError, ModelWarning, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, ModelWarning, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
@@ -130,9 +130,9 @@ def test_what_is_fixed_to_the_world_is_warned_of_where_origins_differ(
 
 def test_wrong_words_and_origins_are_refused(compiled: CompiledScene):
     """Of another shape, of another kind, and a way to write that there is not."""
-    with pytest.raises(MaskError, match=r"origins should be floats of shape \(3, 3\), one origin per world"):
+    with pytest.raises(ArgumentError, match=r"origins should be floats of shape \(3, 3\), one per world"):
         make(compiled, origins=np.zeros((2, 3)))
-    with pytest.raises(MaskTypeError, match="origins should be floats"):
+    with pytest.raises(ArgumentTypeError, match="origins should be floats"):
         make(compiled, origins="here")
     with pytest.raises(UnknownNameError, match=r"write: unknown way to write 'place'\. Did you mean 'placed'"):
         make(compiled, write="place")

@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, MaskError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.layout.tables import make_table
@@ -187,7 +187,7 @@ def test_wrong_arguments_are_refused(mid: CompiledScene):
     randomizer = randomizer_of(mid)
     with pytest.raises(UnknownNameError, match="Did you mean 'apple'"):
         randomizer.replace("apples")
-    with pytest.raises(MaskError):
+    with pytest.raises(ArgumentError, match="mask should have shape"):
         randomizer.replace("apple", np.zeros(2, bool))
 
 

@@ -9,7 +9,7 @@ import torch
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskError, MaskTypeError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
@@ -103,10 +103,10 @@ def test_stored_layouts_are_put_back(make_randomizer, rows):
 @pytest.mark.parametrize(
     ("which", "error", "match"),
     [
-        ([0, 7], MaskError, r"rows\[1\] should be from 0 to 6.* got 7"),
-        ([0, -2], MaskError, r"rows\[1\] should be .* got -2"),
-        ([0], MaskError, r"shape \(2,\)"),
-        ([0.5, 1.0], MaskTypeError, "float64"),
+        ([0, 7], ArgumentError, r"rows\[1\] should be from 0 to 6.* got 7"),
+        ([0, -2], ArgumentError, r"rows\[1\] should be .* got -2"),
+        ([0], ArgumentError, r"shape \(2,\)"),
+        ([0.5, 1.0], ArgumentTypeError, "float64"),
     ],
 )
 def test_wrong_rows_say_what_is_wrong(make_randomizer, rows, which, error, match):

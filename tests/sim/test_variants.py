@@ -15,7 +15,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CountError, NotSupportedError, SceneKeyError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.pictures.camera import Cameras
@@ -210,7 +210,7 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
         with pytest.raises(SceneMismatchError, match=r"model\.nq"):
             ResetRandomizer(compiled, mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=2))
     for nworld in (-1, 2.0):
-        with pytest.raises(CountError, match=r"put_model: nworld should be an integer of at least 1, got"):
+        with pytest.raises(ArgumentError, match=r"put_model: nworld should be an integer of at least 1, got"):
             put_model(compiled, nworld)  # type: ignore[arg-type]
     variant = ResetRandomizer(compiled, put_model(compiled, 2), data).variant
     assert variant.shape == (2, len(compiled.config.variants))

@@ -11,7 +11,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, CountError, LayoutIdError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.evaluation import evaluate
 from sceniris_gym.vector.state import State
@@ -94,7 +94,7 @@ def test_an_end_with_success_counts_as_such(make: Callable[..., SceneVectorEnv])
 def test_what_is_not_of_the_environment_is_refused(make: Callable[..., SceneVectorEnv], reach_scene: CompiledScene):
     """Ids of another scene or split, no ids, and episodes without end."""
     envs = make(2)
-    with pytest.raises(LayoutIdError, match="should be scenehash"):
+    with pytest.raises(ArgumentError, match="should be scenehash"):
         evaluate(turning, envs, ["seven"])
     with pytest.raises(SceneMismatchError, match="is of scene"):
         evaluate(turning, envs, [f"{'0' * 16}:train:0:0"])
@@ -110,7 +110,7 @@ def test_one_id_and_numbers_of_any_library_are_taken(make: Callable[..., SceneVe
     expected = evaluate(turning, envs, 3)
     assert evaluate(turning, envs, np.int64(3)) == expected  # pyright: ignore[reportArgumentType]
     assert evaluate(turning, envs, expected[1].id) == expected[1:2]
-    with pytest.raises(CountError, match="evaluate: ids should be an integer of at least 0, got -1"):
+    with pytest.raises(ArgumentError, match="evaluate: ids should be an integer of at least 0, got -1"):
         evaluate(turning, envs, -1)
 
 

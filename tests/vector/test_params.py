@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MaskTypeError, SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.layouts import Status
 from sceniris_gym.levels import Levels
 from sceniris_gym.vector.single_env import SceneEnv
@@ -51,7 +51,7 @@ def test_a_param_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
         envs.set_param(SLIDE, [0.0, 0.1])
     with pytest.raises(ArgumentTypeError, match="params should be a Mapping"):
         envs.reset(options={"params": [SLIDE]})
-    with pytest.raises(MaskTypeError, match="mask should be a boolean"):
+    with pytest.raises(ArgumentTypeError, match="mask should be a boolean"):
         envs.set_param(SLIDE, [0.05, 0.06], [True] * 4)
 
 

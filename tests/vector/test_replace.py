@@ -6,7 +6,7 @@ import gymnasium
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentTypeError, MaskError, MaskTypeError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError
 from tests.vector.stepping import actions, assert_equal, state
 
 SOME = torch.tensor([False, True, False, True])
@@ -21,7 +21,7 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
         with pytest.raises(ArgumentTypeError, match="replace: objects should be a name or several"):
             envs.randomizer.replace(wrong)
     _, info = envs.reset(seed=2)
-    for mask, error in ((torch.ones(4), MaskTypeError), (torch.ones(3, dtype=torch.bool), MaskError)):
+    for mask, error in ((torch.ones(4), ArgumentTypeError), (torch.ones(3, dtype=torch.bool), ArgumentError)):
         with pytest.raises(error, match="mask should"):
             envs.replace("block", mask)
     assert "layout_redraw" not in info

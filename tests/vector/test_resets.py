@@ -7,15 +7,7 @@ import pytest
 import torch
 from gymnasium.vector import AutoresetMode
 
-from sceniris_gym.errors import (
-    ArgumentError,
-    LayoutIdError,
-    MaskError,
-    MaskTypeError,
-    SceneMismatchError,
-    SeedError,
-    UnknownNameError,
-)
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.levels import Levels
@@ -113,12 +105,12 @@ def test_the_evaluation_split_has_layouts_of_its_own(make_env):
 @pytest.mark.parametrize(
     ("mask", "error", "kind"),
     [
-        ([True, False], MaskTypeError, TypeError),
-        (np.array([1, 0]), MaskTypeError, TypeError),
-        (torch.tensor([1, 0]), MaskTypeError, TypeError),
-        (np.array([True]), MaskError, ValueError),
-        (np.array([[True, False]]), MaskError, ValueError),
-        (np.array([False, False]), MaskError, ValueError),
+        ([True, False], ArgumentTypeError, TypeError),
+        (np.array([1, 0]), ArgumentTypeError, TypeError),
+        (torch.tensor([1, 0]), ArgumentTypeError, TypeError),
+        (np.array([True]), ArgumentError, ValueError),
+        (np.array([[True, False]]), ArgumentError, ValueError),
+        (np.array([False, False]), ArgumentError, ValueError),
     ],
 )
 def test_wrong_reset_masks_raise_what_gymnasium_raises(make_env, mask, error, kind):
@@ -146,7 +138,7 @@ def test_other_reset_options_are_refused(make_env):
 @pytest.mark.parametrize("seed", [-1, 1 << 64, 1.5, True, [1], [1, 2, 3], [1, -2], "1", [1, "2"], {1, 2}])
 def test_wrong_seeds_are_refused(make_env, seed):
     """A seed is an integer of 64 bits, or one for each world."""
-    with pytest.raises(SeedError):
+    with pytest.raises(ArgumentError, match=r"^seeds?(=| should|\[)"):
         make_env(2).reset(seed=seed)
 
 
@@ -206,13 +198,13 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
     [
         (["a:train:0:0"] * 2, SceneMismatchError, "is of scene"),
         (LayoutId("a", "train", 0, 0), SceneMismatchError, "is of scene"),
-        (["nonsense"] * 2, LayoutIdError, "should be scenehash"),
-        ([7, 8], LayoutIdError, "should be scenehash"),
+        (["nonsense"] * 2, ArgumentError, "should be scenehash"),
+        ([7, 8], ArgumentError, "should be scenehash"),
         ([None], ArgumentError, "a sequence of 2"),
         (3, ArgumentError, "a sequence of 2"),
         ({"seed": 0}, ArgumentError, "keys 'seed' and 'episode'"),
         ({"seed": [0, 1, 2], "episode": 0}, ArgumentError, "one for each of 2"),
-        ({"seed": 0, "episode": -1}, SeedError, r"2\^31"),
+        ({"seed": 0, "episode": -1}, ArgumentError, r"2\^31"),
     ],
 )
 def test_wrong_layouts_are_refused(make_env, layouts, error, match):

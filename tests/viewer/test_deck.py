@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import LayoutIdError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from tests.viewer.worlds_on_show import compiled_scene
@@ -31,7 +31,7 @@ def test_an_id_leads_to_its_layout_and_others_are_refused():
     assert deck.find(f" {deck.compiled.layout_id(2**63, 5, 'eval')} ") == Where("eval", 2**63, 5)
     with pytest.raises(SceneMismatchError, match="this one is"):
         deck.find("0123456789abcdef:train:1:0")
-    with pytest.raises(LayoutIdError, match="should be scenehash"):
+    with pytest.raises(ArgumentError, match="should be scenehash"):
         deck.find("apple")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import CycleError, SceneKeyError, ScenirisError, ScenirisWarning, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, ScenirisError, ScenirisWarning, UnknownNameError
 
 CONFIGURATION = "original configuration"
 """The name of the configuration as a whole in errors."""
@@ -193,8 +193,6 @@ def in_its_keys(error: ScenirisError, origins: Mapping[str, str]) -> ScenirisErr
         error: The error raised while reading the scene.
         origins: Dotted path of a part of the scene -> that of its key in the configuration.
     """
-    if isinstance(error, CycleError):
-        return CycleError(CONFIGURATION, error.names, error.what)
     if isinstance(error, UnknownNameError):
         return UnknownNameError(error.kind, error.name, _with_keys(error.where, origins), error.valid)
     return type(error)(_with_keys(str(error), origins))

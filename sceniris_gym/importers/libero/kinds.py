@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import check_names
 from sceniris_gym.importers.libero.problem import Predicate, Problem
 
 Vec3 = tuple[float, float, float]
@@ -187,6 +187,5 @@ def moving(problem: Problem, predicate: Predicate) -> tuple[str, tuple[float, fl
     name = predicate.names[0] if region is None else region.target
     kinds = {thing: FIXTURES[kind] for thing, kind in problem.fixtures.items() if kind in FIXTURES}
     states = {thing: kind.states[word] for thing, kind in kinds.items() if word in kind.states}
-    if name not in states:
-        raise UnknownNameError(f"thing for {word}", name, predicate.where, states)
+    check_names(f"thing for {word}", [name], predicate.where, states)
     return name, states[name]

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from shapely import Point
 
-from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, UnknownNameError, check_names
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
@@ -168,8 +168,7 @@ class Places:
     def _place(self, predicate: Predicate) -> dict[str, Any]:
         """Return the words of the thing that an `On` or `In` of the start places."""
         (name, target), where = predicate.names, predicate.where
-        if name not in self._yaw:
-            raise UnknownNameError("thing", name, where, self._yaw)
+        check_names("thing", [name], where, self._yaw)
         region = self._problem.regions.get(target)
         if region is not None and region.target == self._surface:
             if len(region.boxes) != 1:

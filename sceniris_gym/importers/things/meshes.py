@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import FilePathResolver
 
-from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, UnknownNameError, import_extra
+from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, check_names, import_extra
 from sceniris_gym.files import opened
 from sceniris_gym.geometry.rotations import matrix, of_angles
 from sceniris_gym.importers.things.thing import GREY, LEAST_MOMENT, Inertia, Joint, Link, Surface, Thing
@@ -156,9 +156,7 @@ def _in_order(path: Path, links: dict[str, Link], joints: list[ElementTree.Eleme
     children: dict[str, list[tuple[str, ElementTree.Element]]] = {}
     for joint in joints:
         ends = [end.get("link", "") if (end := joint.find(kind)) is not None else "" for kind in ("parent", "child")]
-        unknown = [name for name in ends if name not in links]
-        if unknown:
-            raise UnknownNameError("link", unknown[0], f"{path}: joint '{joint.get('name')}'", links)
+        check_names("link", ends, f"{path}: joint '{joint.get('name')}'", links)
         children.setdefault(ends[0], []).append((ends[1], joint))
     hanging = {child for below in children.values() for child, _ in below}
     roots = [name for name in links if name not in hanging]

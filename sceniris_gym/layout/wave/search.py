@@ -15,7 +15,7 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.device.random import STREAM_BITS
-from sceniris_gym.errors import CountError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.placement.measure import DrawnVariant
 from sceniris_gym.program.compiled import CompiledScene
@@ -200,7 +200,7 @@ class SearchSize:
         block_dim: Lanes of a block, in launches of both kinds.
 
     Raises:
-        CountError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
+        ArgumentError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
     """
 
     rows: int
@@ -217,7 +217,7 @@ class SearchSize:
         for name, value in vars(self).items():
             least = 0 if name in ("rows", "narrow_pairs") else 1
             if value < least:
-                raise CountError(f"SearchSize: {name} should be at least {least}, got {value}.")
+                raise ArgumentError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
 
 GPU_SIZE = SearchSize(

@@ -7,7 +7,7 @@ import numpy as np
 from sceniris_gym.config.bounds import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.config.relations import Beside
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import HeapError, MapError, NotSupportedError, ReachWarning, SceneKeyError
+from sceniris_gym.errors import MapError, NotSupportedError, ReachWarning, SceneKeyError
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.pack.relations import MOST_SLICES, cut_pieces
 from sceniris_gym.program.placed_object import UPRIGHT
@@ -120,14 +120,14 @@ def check_heaps(plan: Plan) -> None:
     """Check that the rows of each heap were settled with its things and its container as they are.
 
     Raises:
-        HeapError: They were settled with other shapes or masses.
+        SceneKeyError: They were settled with other shapes or masses.
     """
     config = plan.scene.config
     made_with = {o.name: o.heap.settled_with for o in plan.objects if o.heap is not None}
     for key, heap in config.heaps.items():
         where = f"{config.where}: heaps.{key}"
         if made_with[heap.of[0]] != settled_with(plan.scene, heap, where):
-            raise HeapError(
+            raise SceneKeyError(
                 f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Make it anew with "
                 "`sceniris-gym settle SCENE`."
             )

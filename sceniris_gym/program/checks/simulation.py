@@ -73,7 +73,10 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
         return
     free = free_memory(device)
     if free is not None and needed > free:
-        raise MemoryLimitError(what, needed, free, device, cure)
+        free_gib = max(free, 0) / 2**30
+        raise MemoryLimitError(
+            f"{what}: takes {needed / 2**30:.1f} GiB or more, and {free_gib:.1f} GiB are free on {device}. {cure}"
+        )
 
 
 def free_memory(device: str) -> int | None:

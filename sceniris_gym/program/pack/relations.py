@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
-from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, check_names
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
 from sceniris_gym.geometry.rotations import matrix
@@ -139,8 +139,7 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
 def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
     """Return a site's position from the pivot [m] and the heading of its x axis [rad], for the object at heading 0."""
     scene, sites = plan.scene, plan.scene.sites(name)
-    if word not in sites:
-        raise UnknownNameError(f"site of '{name}'", word, where, sites)
+    check_names(f"site of '{name}'", [word], where, sites)
     root, body = scene.bodies[name], int(scene.mjm.site_bodyid[sites[word]])
     while body != root:
         if scene.mjm.body_jntnum[body]:

@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.collide.boxes import collides_without_stack
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import CountError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutsView, Status
@@ -301,7 +301,7 @@ def test_a_size_that_would_never_end_is_refused(name: str):
     """By its name; the least one is accepted: 0 for what is only room for more at once."""
     least = 0 if name in ("rows", "narrow_pairs") else 1
     replace(default_size("cpu"), **{name: least})
-    with pytest.raises(CountError, match=f"{name} should be at least {least}, got {least - 1}"):
+    with pytest.raises(ArgumentError, match=f"{name} should be at least {least}, got {least - 1}"):
         replace(default_size("cpu"), **{name: least - 1})
 
 

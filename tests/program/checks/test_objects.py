@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.config.bounds import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import HeapError, MapError, NotSupportedError, ReachWarning, SceneKeyError, ScenirisError
+from sceniris_gym.errors import MapError, NotSupportedError, ReachWarning, SceneKeyError, ScenirisError
 from sceniris_gym.program.checks.objects import check_reach
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
@@ -114,7 +114,7 @@ def test_rows_of_other_shapes_are_refused(tmp_path: Path):
         '<mujoco><worldbody><body><geom type="box" size=".03 .02 .016"/></body></worldbody></mujoco>'
     )
     changed = {"objects.b.asset": str(tmp_path / "block.xml")}
-    with pytest.raises(HeapError, match="was settled with other shapes or masses"):
+    with pytest.raises(SceneKeyError, match="was settled with other shapes or masses"):
         checked(build_model(SceneConfig.load(words(folder()), changed)))
 
 
