@@ -13,10 +13,11 @@ from unittest.mock import MagicMock
 import pytest
 
 from sceniris_gym.cli import main
+from sceniris_gym.commands.options import read_ids
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer import env_view
-from sceniris_gym.viewer.command import read_ids, view_env
+from sceniris_gym.viewer.command import view_env
 from tests.training.scenes import write_task
 from tests.viewer.pages import free_port
 
@@ -63,7 +64,7 @@ def test_a_port_in_use_is_said():
         ([], "either a SCENE or --env"),
         (["mid", "--env", "sceniris_gym/TabletopLift-v0"], "either a SCENE or --env"),
         (["mid", "--policy", "a.pt"], "belong to --env"),
-        (["mid", "--worlds", "65"], "--worlds 65"),
+        (["mid", "--num-envs", "65"], "--num-envs 65"),
         (["mid", "--port", "0"], "--port 0"),
         (["mid", "--seed", "-1"], "--seed -1"),
         (["--env", "sceniris_gym/TabletopLift-v0", "--seed", "5"], "belong to a SCENE"),
@@ -81,7 +82,7 @@ def test_wrong_options_are_refused(options: list[str], words: str, capsys: pytes
 def test_ids_come_from_options_and_files(tmp_path: Path):
     """A file has one a line."""
     (tmp_path / "failed.txt").write_text("a:train:1:0\nb:train:2:0\n")
-    with pytest.raises(ArgumentError, match="neither an id"):
+    with pytest.raises(ArgumentError, match="should be a layout id"):
         read_ids(["nofile.txt"])
     assert read_ids(["c:eval:3:1", str(tmp_path / "failed.txt")]) == ["c:eval:3:1", "a:train:1:0", "b:train:2:0"]
 
