@@ -105,6 +105,25 @@ def test_a_task_of_ones_own_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert (type(envs.task).__name__, envs.num_envs) == ("Lower", 2)
 
 
+@pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
+@pytest.mark.parametrize(("split", "shown"), [(None, "eval"), ("train", "train")])
+def test_chosen_layouts_decide_the_split(split: str | None, shown: str, monkeypatch: pytest.MonkeyPatch):
+    """Unless it is given: the failures that `evaluate` lists are of the split "eval"."""
+    found: list[str] = []
+
+    def show(_server: object, envs: SceneVectorEnv, *_: object) -> None:
+        found.append(envs.split)
+        raise InterruptedError
+
+    monkeypatch.setattr(env_view, "EnvView", show)
+    with pytest.raises(InterruptedError):
+        view_env(
+            *(MagicMock(), "sceniris_gym/TabletopReach-v0", None, ["0123456789abcdef:eval:1:0"]),
+            **{"num": 1, "split": split, "device": "cpu", "changes": {}},
+        )
+    assert found == [shown]
+
+
 @pytest.mark.parametrize(
     ("env", "words"),
     [
