@@ -86,8 +86,8 @@ def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int) -> dict[str, A
     Returns:
         `layouts`, their number; `success`, the share that ended in one, with `interval`; `return`, the mean sum of
         rewards; `unfinished`, the number of episodes that did not end; `by_choice`, the success for each object of a
-        task of this package that chooses one; and `each`, for every layout: `id`, `success`, `things`, the number of
-        other objects, and `nearest`, the distance of the nearest one [mm].
+        task of this package that chooses one; and `each`, for every layout: `id`, which makes it again only if it is
+        valid, `success`, `things`, the number of other objects, and `nearest`, the distance of the nearest one [mm].
     """
     obs, info = env.reset(seed=EVAL_SEED)
     ids = env.unwrapped.layout_ids(info)
