@@ -48,7 +48,7 @@ def rejected_candidates(
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
-        The layouts with the rejected objects at their candidate poses, and the names of these objects; fewer than n if
+        The layouts with the rejected objects at their candidate poses, and the names of these objects. Fewer than n if
         the scene rejects hardly anything.
     """
     generator = LayoutGenerator(compiled, _WORLDS, seed=seed, split=split, rejected=n)
@@ -154,7 +154,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
     """Read the rows of a file that `save_rows` wrote.
 
     Raises:
-        SceneFileError: The file is missing, or is something else.
+        SceneFileError: The file is missing, or was not saved by `save_rows`.
         SceneMismatchError: Its rows are of another scene.
         UnknownNameError: The scene does not place a rejected object.
     """
@@ -175,7 +175,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
 
 
 def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
-    """Return a part of a stored file as a table; older files know no starts and no keys of draws."""
+    """Return a part of a stored file as a table, with blanks for columns that older files lack."""
     nrow = len(arrays[f"{part}_status"])
     later = {f"{part}_{name}": COLUMNS[name].blanks(nrow) for name in ("start", "param", *columns("draw"))}
     rows: dict[str, Any] = {name: (later | arrays)[f"{part}_{name}"] for name in COLUMNS}
@@ -185,7 +185,7 @@ def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTab
 def _check_columns(
     compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
 ) -> None:
-    """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
+    """Refuse columns that do not fit the scene: shapes, types, and names of rejected objects."""
 
     def check(name: str, found: np.ndarray, shape: tuple[int, ...], dtype: Any) -> None:
         if found.shape != shape:
@@ -220,7 +220,7 @@ def _runs(numbers: np.ndarray) -> str:
 
 
 def save(compiled: CompiledScene, layouts: int, rejected: int, seed: int, path: Path, split: str) -> dict:
-    """Make layouts and rejected candidates, write them to a file, and say what it holds."""
+    """Make layouts and rejected candidates, write them to a file, and count them."""
     made = make_rows(compiled, layouts, rejected, seed, split)
     save_rows(compiled, made, path)
     found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": seed, "file": str(path)}
@@ -242,7 +242,7 @@ def judge(
         compiled: The compiled scene.
         layouts: Number of layouts.
         rejected: Number of rejected candidates.
-        settled: Number of layouts that are stepped for half a second; None for all of them.
+        settled: Number of layouts that are stepped for half a second, or None for all of them.
         seed: Seed of the first layout.
         split: "train" or "eval".
     """
@@ -253,7 +253,7 @@ def judge(
 def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
     """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them.
 
-    Rows with a number that is not finite are invalid; only the others are judged.
+    Rows with a number that is not finite are invalid. The audit judges the others.
     """
     finite, finite_candidates, invalid_by = _finite(rows)
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]

@@ -36,7 +36,7 @@ def judge(
         picture: PNG to write, or None.
         split: "train" or "eval".
         strict: A FallbackWarning is a bad verdict.
-        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
     """
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")

@@ -28,20 +28,20 @@ def evaluate(
     task: str = "",
     trust: bool = False,
 ) -> dict[str, Any]:
-    """Judge the policy in the folder of a run, and return what was found by the kind of layouts; see `judge`.
+    """Judge the policy in the folder of a run, and return the findings of `judge` by the kind of layouts.
 
     Args:
         run: The folder, as `train` made it.
         layouts: Number of layouts of each kind.
-        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         out: JSON file to write, with the result on each layout.
         failed: File to write, with the ids of valid layouts without success.
         min_success: Least fraction of successes on valid layouts for a good verdict.
         task: The task, as `spec_of` takes it; "" takes the one that the folder names, if no import is needed for it.
-        trust: Read a checkpoint that holds more than weights, which executes what is in it.
+        trust: Read a checkpoint with more than weights, which executes code in it.
 
     Raises:
-        ArgumentError: The folder is not that of a run, or names a task of another package, or its checkpoint holds more
+        ArgumentError: The folder holds no run, or names a task of another package, or its checkpoint holds more
             than weights.
         SceneMismatchError: It is of a version with other layouts of the scene.
         ScenirisError: There is no such task, or its scene cannot be compiled.

@@ -35,13 +35,13 @@ def generate(
     Args:
         compiled: The compiled scene.
         n: Number of layouts: row i is episode 0 of seed + i.
-        folder: The folder to write to; created if it does not exist.
+        folder: The folder to write to, created if missing.
         seed: Seed of the first row.
         split: "train" or "eval".
-        chunk: Layouts made at once, which changes nothing else; None for a number that suits the device.
-        shard: The parts that this process writes; None for all of them.
+        chunk: Number of layouts made at once, without effect on them, or None for a number that suits the device.
+        shard: The parts that this process writes, or None for all of them.
         resume: Go on with a data set that was begun.
-        formats: Formats of parts beside `.npy`: some of `dataset.formats.FORMATS`, in alphabetical order.
+        formats: Formats of parts in addition to `.npy`, out of `dataset.formats.FORMATS`, in alphabetical order.
 
     Raises:
         DatasetError, MissingExtraError: See `DatasetWriter`.
