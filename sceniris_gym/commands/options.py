@@ -26,7 +26,7 @@ NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds")]
 OUT = tyro.conf.arg(aliases=["-o"])
 Out = Annotated[Path | None, OUT]
 Seed = Annotated[
-    int, tyro.conf.arg(aliases=["-s"], help="seed of the first layout, map or row; later ones add their index")
+    int, tyro.conf.arg(aliases=["-s"], help="seed of the map, the rows, or the first layout (layout i has SEED + i)")
 ]
 Split = Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
