@@ -112,8 +112,8 @@ def generate(
 
     Args:
         out: folder for dataset.json, scene.zip and layouts-*.npy
-        chunk: layouts made at once, which does not change them (default: suits DEVICE)
-        shard: write every K-th part, from part R on (default: as torchrun or a Slurm array sets it)
+        chunk: layouts made at once, which does not change them, by default suits DEVICE
+        shard: write every K-th part, from part R on, by default as torchrun or a Slurm array sets it
         format_: further formats of the parts, one or several
         resume: continue the data set in the folder, if there is one
         verify: compare the data set in the folder with its checksums, and exit with status 1 if a file is damaged
@@ -167,7 +167,7 @@ def audit(
 
     Args:
         rejected: rejected candidates to judge
-        settled: layouts to step for 0.5 s (default: all)
+        settled: layouts to step for 0.5 s, by default all
         save: write layouts and candidates to this .npz instead of judging them
         load: judge the layouts and candidates of such a file on a CPU
     """
@@ -203,7 +203,7 @@ def bench(
     """Measure how fast layouts of a scene are made and its worlds are reset.
 
     Args:
-        geometry: kind of geometry (default: as the scene says)
+        geometry: kind of geometry, by default as the scene says
     """
     check_counts(1, num_envs=num_envs)
     check_seed(seed)
@@ -229,7 +229,7 @@ def replay(
     Args:
         layouts: scenehash:split:seed:episode, or a file with one id a line
         scene: scene of the layouts, if it is not a shipped one
-        out: picture to write (default: in demo/)
+        out: picture to write, by default in demo/
     """
     from sceniris_gym.commands import replay as tool
 
@@ -293,11 +293,11 @@ def reach(
         build: build the map, or resume a stopped build
         poses: .npy of TCP poses to judge, (N, 4, 4), base frame
         out: file to write: the map, the verdicts or the picture
-        tier: tier to judge by (default: the arm's)
-        map_: map file (default: the arm's)
+        tier: tier to judge by, by default the arm's
+        map_: map file, by default the arm's
         scene: draw the places that 'reachable' leaves to its objects
         height: height of the picture's top view, base frame [m]
-        step: step of the map's grid [m] (default: 0.025, more for long arms)
+        step: step of the map's grid [m], by default 0.025, more for long arms
         tilt_step: tilt step of the map's grid [degrees]
         seed: seed of the map, or of the first layout
     """
@@ -345,9 +345,9 @@ def view(
 
     Args:
         episode: number of resets of the worlds since they got the seed
-        split: training or evaluation layouts (default: the split of --layout, else train)
+        split: training or evaluation layouts, by default the split of --layout, else train
         env: environment instead of a scene, e.g. sceniris_gym/TabletopLift-v0, or your own as MODULE:ID
-        policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function (default: random actions)
+        policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function, by default random actions
         layout: layout to play, by id, or a file with one id a line (repeatable)
         host: address to listen on, 0.0.0.0 for all
         port: port to listen on, or the next free one
@@ -405,9 +405,9 @@ def import_(
         scale: metres for each unit, or m, cm, mm, in, ft
         up: the axis of the file that points up
         density: density where the file has no masses [kg/m^3]
-        tolerance: largest distance of convex parts from the surface [m] (default: 2 mm or 2%)
+        tolerance: largest distance of convex parts from the surface [m], by default 2 mm or 2%
         shell: take open surfaces for sheets without an inside
-        jobs: files of a folder to import at once (default: one for each core)
+        jobs: files of a folder to import at once, by default one for each core
     """
     from sceniris_gym.commands import import_things as tool
     from sceniris_gym.importers.things.importer import Options
@@ -440,7 +440,7 @@ def init(
 
     Args:
         model: an MJCF or URDF file, or a problem file
-        out: scene file to write (default: stdout)
+        out: scene file to write, by default stdout
         assets: with a problem file: the folder of LIBERO's models
         widen: with a problem file: factor for the size of its regions
         clutter: with a problem file: the number of further objects in each layout
@@ -480,9 +480,9 @@ def settle(
     """Settle the objects of a heap in their container by MuJoCo C, and write rows that layouts use.
 
     Args:
-        heap: heap of the scene (default: the only one)
+        heap: heap of the scene, by default the only one
         rows: number of rows
-        out: .npz to write (default: as the heap says)
+        out: .npz to write, by default as the heap says
     """
     check_counts(1, rows=rows, most=1_000_000)
     check_seed(seed)
@@ -523,7 +523,7 @@ def evaluate(
         out: JSON file to write, with the result on every layout
         failed: file to write, with the ids of the valid layouts without success, one a line
         min_success: exit with status 1 if a smaller fraction of the valid layouts ends in success
-        task: the task (default: as RUN says); a task of your own as MODULE:ID
+        task: the task, by default as RUN says; a task of your own as MODULE:ID
         trust: read a checkpoint with more than weights, which executes code in it
     """
     check_counts(1, layouts=layouts)

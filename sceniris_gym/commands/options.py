@@ -30,7 +30,7 @@ Seed = Annotated[
 ]
 Split = Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
-Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ... (default: cuda:0 if there is one, else cpu)")]
+Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ..., by default cuda:0 if there is one, else cpu")]
 Json = Annotated[Flag, tyro.conf.arg(help="print only one line of JSON")]
 Picture = Annotated[
     Path | None, tyro.conf.arg(help="PNG to write: the places of objects from above, also without 'reachable'")
