@@ -203,13 +203,13 @@ def _audits() -> Iterator[Figure]:
     for scene in SCENES:
         yield Figure(
             f"`{scene}`: collisions missed; false alarms; objects out of place; deepest penetration in MuJoCo C",
-            f"sceniris-gym audit {scene} --layouts 20000 --rejected 20000",
+            f"sceniris-gym audit {scene} -n 20000 --rejected 20000",
             lambda run, scene=scene: _audit(run.line(f"audit_{scene}")),
             "0; 0; 0; 0.1 mm",
         )
     yield Figure(
         "`mid`, `ratio_on_support: 1`: free objects that move more than 1 cm in 0.5 s; fastest",
-        "sceniris-gym audit mid --layouts 20000 --rejected 0 --set objects.apple.ratio_on_support=1 "
+        "sceniris-gym audit mid -n 20000 --rejected 0 --set objects.apple.ratio_on_support=1 "
         "--set objects.banana.ratio_on_support=1",
         lambda run: "{moved_share:.2%}; {top_speed_m_s:.3f} m/s".format(**run.line("audit_mid_on_support")),
         "0.5%; 1 m/s",

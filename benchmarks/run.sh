@@ -18,6 +18,7 @@ measure() { # NAME COMMAND...
   if "$@" 2>>"$folder/errors.log" >"$out.tmp"; then mv "$out.tmp" "$out"; else echo "failed: $*" >&2; fi
 }
 cli() { python3 -m sceniris_gym "$@" --device "$device" --json; }
+audit() { cli audit "$@" || [ $? -eq 1 ]; }  # a bad verdict is a figure, too
 list() { python3 -c "from benchmarks import figures; print(*figures.$1)"; }
 
 worlds=$(list GPU_RATES) tasks=$(list TASKS) paper="--peer uniform --peer scene_synthesizer"
@@ -36,9 +37,9 @@ done
 [ "$device" = cpu ] || measure reset python3 -m benchmarks.reset_step mid --arm --device "$device"
 measure paper python3 -m benchmarks.paper $paper --device "$device" --json
 for scene in $(list SCENES); do
-  measure "audit_$scene" cli audit "$scene" --layouts "$layouts" --rejected "$layouts" &
+  measure "audit_$scene" audit "$scene" -n "$layouts" --rejected "$layouts" &
 done
-measure audit_mid_on_support cli audit mid --layouts "$layouts" --rejected 0 --set objects.apple.ratio_on_support=1 \
+measure audit_mid_on_support audit mid -n "$layouts" --rejected 0 --set objects.apple.ratio_on_support=1 \
   --set objects.banana.ratio_on_support=1 &
 wait
 measure relations python3 -m tests.stress.relations --layouts "$((5 * layouts))" --device "$device"

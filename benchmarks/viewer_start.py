@@ -40,7 +40,7 @@ _PATIENCE = 120.0  # s
 @contextmanager
 def served(scene: str, worlds: int) -> Iterator[tuple[subprocess.Popen[str], str, float]]:
     """Start the page; gives its process, its address, and when it was started."""
-    command = [sys.executable, "-m", "sceniris_gym", "view", scene, "--worlds", str(worlds)]
+    command = [sys.executable, "-m", "sceniris_gym", "view", scene, "--num-envs", str(worlds)]
     begun = time.perf_counter()
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -16,7 +17,7 @@ from PIL import Image
 
 import sceniris_gym
 from sceniris_gym import cli
-from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.errors import SceneKeyError, ScenirisWarning
 
 
 def answer(capfd: pytest.CaptureFixture, *arguments: str, device: str = "cpu") -> dict:
@@ -64,12 +65,12 @@ def test_audit_of_the_mid_scene_finds_nothing(capfd: pytest.CaptureFixture):
 
 
 def test_an_audit_can_be_made_here_and_judged_elsewhere(capfd: pytest.CaptureFixture, tmp_path: Path):
-    """`--save` writes rows, `--rows` judges them as if they were fresh."""
+    """`--save` writes rows, `--load` judges them as if they were fresh."""
     words = ("audit", "mid", "--layouts", "20", "--rejected", "20")
     fresh = answer(capfd, *words)
     saved = answer(capfd, *words, "--save", str(tmp_path / "rows.npz"))
     assert (saved["layouts"], saved["rejected"], saved["hash"]) == (20, 20, fresh["hash"])
-    assert answer(capfd, "audit", "mid", "--rows", str(tmp_path / "rows.npz")) == fresh
+    assert answer(capfd, "audit", "mid", "--load", str(tmp_path / "rows.npz")) == fresh
 
 
 def test_audit_of_fine_meshes_finds_nothing(capfd: pytest.CaptureFixture):
@@ -123,17 +124,17 @@ def test_generated_rows_depend_on_their_seed_alone(capfd: pytest.CaptureFixture,
 def test_a_data_set_is_written_in_shares_resumed_and_verified(
     capfd: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """The environment names the share, or --share does; what is wrong with the words is said."""
+    """The environment names the share, or --shard does; what is wrong with the words is said."""
     command = ["generate", "mid", "-n", "5", "-o", str(tmp_path)]
     monkeypatch.setenv("RANK", "1")
     monkeypatch.setenv("WORLD_SIZE", "2")
     cli.main([*command, "--device", "cpu"])
     assert "1 of 1 parts are left for the other processes" in capfd.readouterr().out
     assert not answer(capfd, *command)["complete"]
-    assert answer(capfd, *command, "--share", "0/2")["complete"]
+    assert answer(capfd, *command, "--shard", "0/2")["complete"]
     monkeypatch.delenv("RANK")
     assert answer(capfd, *command, "--resume")["valid"] == 1.0
-    assert answer(capfd, "generate", "-o", str(tmp_path), "--verify")["verified"]
+    assert answer(capfd, "generate", "-o", str(tmp_path), "--verify")["ok"]
     cli.main(["generate", "-o", str(tmp_path), "--verify"])
     assert "5 layouts of 'mid', all files are whole" in capfd.readouterr().out
     for words, message in (
@@ -143,7 +144,7 @@ def test_a_data_set_is_written_in_shares_resumed_and_verified(
         (["generate", "-o", str(tmp_path / "nowhere"), "--verify"], "no whole data set"),
         (["generate", "mid", "-n", "5"], "-o FOLDER"),
         (["generate", "mid", "-o", "x"], "-n N"),
-        ([*command, "--share", "2/2"], "R/K"),
+        ([*command, "--shard", "2/2"], "R/K"),
     ):
         with pytest.raises(SystemExit) as stop:
             cli.main(words)
@@ -181,7 +182,7 @@ def test_a_stopped_run_leaves_no_half_written_file(tmp_path: Path, monkeypatch: 
     kept = os.fsync
     monkeypatch.setattr(os, "fsync", lambda file: (monkeypatch.setattr(os, "fsync", interrupted), kept(file)))
     with pytest.raises(KeyboardInterrupt):
-        cli.generate("mid", n=4, out=tmp_path, device="cpu")
+        cli.generate("mid", layouts=4, out=tmp_path, device="cpu")
     assert sorted(path.name for path in tmp_path.iterdir()) == [".progress", "scene.zip"]
 
 
@@ -278,7 +279,8 @@ def test_the_version_is_told(capfd: pytest.CaptureFixture):
 def test_replay_makes_a_layout_again_from_its_id(capfd: pytest.CaptureFixture, tmp_path: Path):
     """The poses are those of the data set's row, and a picture is written."""
     made = answer(capfd, "generate", "mid", "-n", "4", "--seed", "40", "-o", str(tmp_path))
-    found = answer(capfd, "replay", f"{made['hash']}:train:42:0", "--out", str(tmp_path / "one.png"))
+    said = answer(capfd, "replay", f"{made['hash']}:train:42:0", "--out", str(tmp_path / "one.png"))
+    (found,) = said["layouts"]
     qpos = np.load(tmp_path / "layouts-00000.npy")["qpos"][2]
     with (tmp_path / "scene.zip").open("rb") as file:
         model = mujoco.MjSpec.from_zip(file).compile()
@@ -296,7 +298,7 @@ def test_check_and_generate_tell_an_id_to_replay(capfd: pytest.CaptureFixture, t
     for command in (["check", "mid", "--layouts", "4"], ["generate", "mid", "-n", "4", "-o", str(tmp_path / "set")]):
         cli.main([*command, "--seed", "40", "--device", "cpu"])
         (named,) = re.findall(r"[0-9a-f]{16}:train:40:0", capfd.readouterr().out)
-        assert answer(capfd, "replay", named, "--out", str(tmp_path / "one.png"))["scene"] == "mid"
+        assert answer(capfd, "replay", named, "--out", str(tmp_path / "one.png"))["layouts"][0]["scene"] == "mid"
 
 
 @pytest.mark.parametrize(
@@ -305,6 +307,7 @@ def test_check_and_generate_tell_an_id_to_replay(capfd: pytest.CaptureFixture, t
         (["check", "nowhere"], "nowhere"),
         (["check", "mid", "--set", "objects.apple.clearence=0.1"], "clearance"),
         (["check", "mid", "--set", "objects.aple.clearance=0.1"], "Did you mean 'apple'?"),
+        (["replay"], "should have a layout id"),
         (["replay", "not-an-id"], "scenehash:split:seed:episode"),
         (["replay", "0123456789abcdef:train:0:0"], "(mid)"),
         (["generate", "mid", "-n", "0", "-o", "x"], "at least 1"),
@@ -327,3 +330,58 @@ def test_libraries_cannot_print_into_the_answer():
     command = [sys.executable, "-m", "sceniris_gym", "check", "mid", "--layouts", "4", "--json", "--device", "cpu"]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert json.loads(done.stdout)["layouts"] == 4
+
+
+IMPOSSIBLE = {"floor": {"size": [0.1, 0.1]}, "bank": 8, "objects": {}}
+
+
+def test_a_bad_verdict_ends_with_status_1(capfd: pytest.CaptureFixture, tmp_path: Path):
+    """A scene without room: the verdict and the table of rejections on stdout, also as JSON, no message on stderr."""
+    cans = {name: {"asset": "can", "on": "floor"} for name in ("a", "b", "c", "d", "e", "f")}
+    (tmp_path / "full.yaml").write_text(json.dumps(IMPOSSIBLE | {"objects": cans}))
+    for more in ([], ["--json"]):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["check", str(tmp_path / "full.yaml"), "--device", "cpu", *more])
+        said = capfd.readouterr()
+        assert (stop.value.code, "error:" in said.err) == (1, False)
+        if more:
+            assert json.loads(said.out)["ok"] is False
+        else:
+            assert said.out.startswith("FAIL: ")
+            assert "rejected " in said.out
+
+
+def test_a_damaged_data_set_ends_with_status_1(capfd: pytest.CaptureFixture, tmp_path: Path):
+    """With the name of the file, in a verdict."""
+    answer(capfd, "generate", "mid", "-n", "2", "-o", str(tmp_path))
+    with (tmp_path / "layouts-00000.npy").open("r+b") as file:
+        file.seek(-1, os.SEEK_END)
+        file.write(b"\xff")
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["generate", "-o", str(tmp_path), "--verify"])
+    assert stop.value.code == 1
+    assert re.match("FAIL: .*layouts-00000.npy", capfd.readouterr().out)
+
+
+@pytest.mark.parametrize("command", [["audit", "mid", "--worlds", "8"], ["check", "mid", "-n", "few"]])
+def test_a_usage_error_names_the_help_of_its_command(capfd: pytest.CaptureFixture, command: list[str]):
+    """And has status 2."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main(command)
+    assert stop.value.code == 2
+    assert f"sceniris-gym {command[0]} --help" in capfd.readouterr().err
+
+
+def test_a_warning_is_one_line(capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch):
+    """Without the place in the code, and once for each text."""
+
+    def warned() -> cli.Answer:
+        for text in ("half.yaml: few", "half.yaml: few", "other.yaml: few"):
+            warnings.warn(text, ScenirisWarning, stacklevel=1)
+        return cli.Answer("done")
+
+    monkeypatch.setitem(cli.COMMANDS, "demo", warned)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        cli.main(["demo"])
+    assert capfd.readouterr().err == "warning: half.yaml: few\nwarning: other.yaml: few\n"

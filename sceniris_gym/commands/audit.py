@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.chain import Chain
 from sceniris_gym.audit.physics import equalities, without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.commands.answer import OK, listing, verdict
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, check_names
@@ -25,18 +27,31 @@ from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
+PROMISES = {
+    "missed_collisions": ("layouts collide", "missed_pairs"),
+    "false_alarms": ("candidates rejected without a collision", "false_alarm_pairs"),
+    "invalid": ("rows not finite", "invalid_by"),
+    "misplaced": ("layouts with an object out of place", "misplaced_by"),
+    "relation_violations": ("relations, orientations or groups broken", "relations_by"),
+    "broken_equalities": ("equalities broken", "worst_equality"),
+    "unreached": ("grasps out of reach", "unreached_by"),
+}
+"""Finding that breaks a promise -> its text, and the finding with details."""
+
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
 _EPISODES = 1000  # resets after which a scene is taken to reject hardly anything
 
 
-def rejected_candidates(compiled: CompiledScene, n: int, seed: int) -> tuple[LayoutTable, list[str]]:
+def rejected_candidates(
+    compiled: CompiledScene, n: int, seed: int, split: str = "train"
+) -> tuple[LayoutTable, list[str]]:
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
-        The layouts with the rejected objects at their candidate poses, and the names of these objects; fewer than n if
+        The layouts with the rejected objects at their candidate poses, and the names of these objects. Fewer than n if
         the scene rejects hardly anything.
     """
-    generator = LayoutGenerator(compiled, _WORLDS, seed=seed, rejected=n)
+    generator = LayoutGenerator(compiled, _WORLDS, seed=seed, split=split, rejected=n)
     for _ in range(_EPISODES):
         generator.generate()
         if generator.layouts.view.rejected_count.numpy()[0] >= n:
@@ -100,19 +115,23 @@ class Rows:
         rejected: Layouts with the rejected objects at their candidate poses.
         names: Names of these objects.
         seed: Seed of the first layout.
+        split: "train" or "eval".
     """
 
     table: LayoutTable
     rejected: LayoutTable
     names: list[str]
     seed: int
+    split: str = "train"
 
 
-def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int) -> Rows:
+def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int, split: str = "train") -> Rows:
     """Make layouts and rejected candidates of a scene, on its device."""
-    table = make_table(compiled, layouts, seed)
-    candidates, names = rejected_candidates(compiled, rejected, seed) if rejected else (table[slice(0, 0)], [])
-    return Rows(table, candidates, names, seed)
+    table = make_table(compiled, layouts, seed, split=split)
+    candidates, names = table[slice(0, 0)], []
+    if rejected:
+        candidates, names = rejected_candidates(compiled, rejected, seed, split)
+    return Rows(table, candidates, names, seed, split)
 
 
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
@@ -124,7 +143,7 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
         "rejected_cause": np.array(["collision"] * len(rows.names), str),
         "hash": np.array(compiled.hash),
         "config": np.array(compiled.config.canonical()),
-        "split": np.array("train"),
+        "split": np.array(rows.split),
         "seed": np.array(rows.seed % 2**64, np.uint64),
     }
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -135,7 +154,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
     """Read the rows of a file that `save_rows` wrote.
 
     Raises:
-        SceneFileError: The file is missing, or is something else.
+        SceneFileError: The file is missing, or was not saved by `save_rows`.
         SceneMismatchError: Its rows are of another scene.
         UnknownNameError: The scene does not place a rejected object.
     """
@@ -143,20 +162,20 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         arrays = read_arrays(path)
         found = str(arrays["hash"])
         table, rejected = (_table_of(arrays, part, found) for part in ("layouts", "rejected"))
-        names, seed = arrays["rejected_object"], int(arrays["seed"])
+        names, seed, split = arrays["rejected_object"], int(arrays["seed"]), str(arrays["split"])
     except UNREADABLE as error:
         raise SceneFileError(
-            f"--rows {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
+            f"--load {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
         ) from error
     if found != compiled.hash:
         cure = "Give the scene, and the changes by --set, that the rows were made with."
-        raise SceneMismatchError(f"--rows {path}: {compiled.scene.mismatch(found, cure)}")
+        raise SceneMismatchError(f"--load {path}: {compiled.scene.mismatch(found, cure)}")
     _check_columns(compiled, path, table, rejected, names)
-    return Rows(table, rejected, names.tolist(), seed)
+    return Rows(table, rejected, names.tolist(), seed, split)
 
 
 def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
-    """Return a part of a stored file as a table; older files know no starts and no keys of draws."""
+    """Return a part of a stored file as a table, with blanks for columns that older files lack."""
     nrow = len(arrays[f"{part}_status"])
     later = {f"{part}_{name}": COLUMNS[name].blanks(nrow) for name in ("start", "param", *columns("draw"))}
     rows: dict[str, Any] = {name: (later | arrays)[f"{part}_{name}"] for name in COLUMNS}
@@ -166,13 +185,13 @@ def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTab
 def _check_columns(
     compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
 ) -> None:
-    """Refuse columns that are not those of the scene: shapes, types, and names of rejected objects."""
+    """Refuse columns that do not fit the scene: shapes, types, and names of rejected objects."""
 
     def check(name: str, found: np.ndarray, shape: tuple[int, ...], dtype: Any) -> None:
         if found.shape != shape:
-            raise SceneFileError(f"--rows {path}: {name} has shape {found.shape}, but should have {shape}.")
+            raise SceneFileError(f"--load {path}: {name} has shape {found.shape}, but should have {shape}.")
         if not np.can_cast(found.dtype, dtype, "same_kind"):
-            raise SceneFileError(f"--rows {path}: {name} has type {found.dtype}, but should have {dtype}.")
+            raise SceneFileError(f"--load {path}: {name} has type {found.dtype}, but should have {dtype}.")
 
     check("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
     for part, rows in (("layouts", table), ("rejected", rejected)):
@@ -180,7 +199,7 @@ def _check_columns(
         for name, (dtype, shape) in row_types(compiled).items():
             if rows is table or "grasp" not in name:  # nothing reads the grasps of candidates
                 check(f"{part}_{name}", getattr(rows, name), (n, *shape), dtype)
-    check_names("object", names.tolist(), f"--rows {path}: rejected_object", compiled.placed)
+    check_names("object", names.tolist(), f"--load {path}: rejected_object", compiled.placed)
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
@@ -200,9 +219,9 @@ def _runs(numbers: np.ndarray) -> str:
     return " ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
 
-def save(compiled: CompiledScene, layouts: int, rejected: int, seed: int, path: Path) -> dict:
-    """Make layouts and rejected candidates, write them to a file, and say what it holds."""
-    made = make_rows(compiled, layouts, rejected, seed)
+def save(compiled: CompiledScene, layouts: int, rejected: int, seed: int, path: Path, split: str) -> dict:
+    """Make layouts and rejected candidates, write them to a file, and count them."""
+    made = make_rows(compiled, layouts, rejected, seed, split)
     save_rows(compiled, made, path)
     found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": seed, "file": str(path)}
     return found | {"layouts": len(made.table), "rejected": len(made.rejected)}
@@ -214,24 +233,27 @@ def judge_file(config: SceneConfig, path: Path, settled: int | None) -> dict:
     return judge_rows(compiled, load_rows(compiled, path), settled)
 
 
-def judge(compiled: CompiledScene, layouts: int, rejected: int, settled: int | None, seed: int) -> dict:
+def judge(
+    compiled: CompiledScene, layouts: int, rejected: int, settled: int | None, seed: int, split: str = "train"
+) -> dict:
     """Make layouts and rejected candidates, and return the findings of the audit as plain numbers and names.
 
     Args:
         compiled: The compiled scene.
         layouts: Number of layouts.
         rejected: Number of rejected candidates.
-        settled: Number of layouts that are stepped for half a second; None for all of them.
+        settled: Number of layouts that are stepped for half a second, or None for all of them.
         seed: Seed of the first layout.
+        split: "train" or "eval".
     """
-    return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed), settled)
+    return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed, split), settled)
 
 
 @without_log()
 def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
     """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them.
 
-    Rows with a number that is not finite are invalid; only the others are judged.
+    Rows with a number that is not finite are invalid. The audit judges the others.
     """
     finite, finite_candidates, invalid_by = _finite(rows)
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]
@@ -244,12 +266,13 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
     unreached = judge_reach(compiled, table, claims)
     unstable = sum(count for count, _ in report.unstable.values())
     alarms = auditor.judge_rejected(candidates, names, compiled.placed)
-    return {
+    found = {
         "scene": compiled.config.name,
         "hash": compiled.hash,
         "geometry": compiled.config.geometry,
         "device": compiled.device,
         "seed": rows.seed,
+        "split": rows.split,
         "layouts": len(rows.table),
         "valid": int(table.valid.sum()),
         "invalid": int((~finite).sum() + (~finite_candidates).sum()),
@@ -285,3 +308,29 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
         "fast": report.fast,
         "top_speed_m_s": report.top_speed,
     }
+    return {OK: not any(found[promise] for promise in PROMISES), **found}
+
+
+def report(found: Mapping[str, Any]) -> str:
+    """Return the findings as text: the verdict, then all findings that are not empty or zero."""
+    broken = []
+    for name, (text, detail) in PROMISES.items():
+        if found[name]:
+            by = found.get(detail, {})
+            by = by.items() if isinstance(by, Mapping) else [(by, found["equality_worst"])]
+            broken.append(f"{found[name]} {text}" + f" ({', '.join(f'{key} {value}' for key, value in by)})")
+    made = f"{found['layouts']:,} layouts of '{found['scene']}', {found['rejected']:,} rejected candidates"
+    return "\n".join([verdict(found, f"{made}: {'; '.join(broken) or 'all promises hold'}"), listing(_filled(found))])
+
+
+def _filled(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the findings that are not empty or zero, other than the verdict."""
+    filled = {}
+    for name, value in found.items():
+        if isinstance(value, Mapping):
+            value = ", ".join(f"{key} {number}" for key, number in value.items() if number)
+        elif isinstance(value, list):
+            value = ", ".join(value)
+        if value and name != OK:
+            filled[name] = value
+    return filled

@@ -48,10 +48,10 @@ def bench(
     Args:
         scene: Name of a shipped scene, or a path.
         num_envs: Number of worlds.
-        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         seed: Seed of the first world.
         overrides: Parts of the scene to change.
-        picture: PNG to write, of the places that `reachable` leaves to objects; None for no picture.
+        picture: PNG to write, of the places that `reachable` leaves to objects, or None for no picture.
     """
     start = time.perf_counter()
     compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)

@@ -1,29 +1,67 @@
-"""The `check` command: tells why a scene is hard, by its rejections per object and cause."""
+"""The `check` command: whether a scene has room, and its rejected candidates by object and cause."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
+from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.commands.narrowing import narrow
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError
 from sceniris_gym.layout.blame import obstructions, recording
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 
 
-def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None) -> dict:
-    """Make layouts, and return the share of valid ones and the rejections per object and cause.
+def judge(
+    config: SceneConfig,
+    layouts: int,
+    seed: int,
+    picture: Path | None = None,
+    *,
+    split: str = "train",
+    strict: bool = False,
+    device: str | None = None,
+) -> dict:
+    """Compile a scene and return the findings of `check`, with the verdict.
+
+    Args:
+        config: The scene.
+        layouts: Number of layouts.
+        seed: Seed of the first layout.
+        picture: PNG to write, or None.
+        split: "train" or "eval".
+        strict: A FallbackWarning is a bad verdict.
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
+    """
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        try:
+            found = check(compile_scene(config, device), layouts, seed, picture, split)
+        except InfeasibleSceneError as error:
+            found = {"scene": config.name, "valid": 0.0, "error": str(error), "rejections": error.counts}
+    for warning in warned:
+        warnings.warn(warning.message, stacklevel=2)
+    often = strict and any(isinstance(warning.message, FallbackWarning) for warning in warned)
+    return {OK: found["valid"] > 0.0 and not often, **found}
+
+
+def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None, split: str = "train") -> dict:
+    """Make layouts, and return the fraction of valid ones and the rejections per object and cause.
 
     Draw where objects lie into `picture`. For a scene with `reachable`, also measure how much that narrows it.
     """
-    generator = recording(LayoutGenerator(compiled, layouts, seed=seed))
+    generator = recording(LayoutGenerator(compiled, layouts, seed=seed, split=split))
     generator.generate()
     table = read_table(generator)
     return {
         "scene": compiled.config.name,
         "hash": compiled.hash,
-        "first_id": compiled.layout_id(seed, 0),
+        "first_id": compiled.layout_id(seed, 0, split),
         "layouts": layouts,
         "attempts": compiled.attempts,
         "valid": float(table.valid.mean()),
@@ -37,12 +75,14 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
 
 def report(found: Mapping) -> str:
     """Return the findings of `check` as text."""
-    shares = (
+    if "error" in found:
+        return "\n".join([verdict(found, found["error"]), table_of_rejections(found["rejections"])])
+    valid = (
         f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
         f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates per layout"
     )
     lines = [
-        shares,
+        verdict(found, valid),
         f"each object gets {found['attempts']} attempts before a layout starts again",
         f"the first one is {found['first_id']}",
         table_of_rejections(found["rejections"]),

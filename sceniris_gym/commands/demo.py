@@ -26,7 +26,7 @@ def demo(out: Path, device: str | None) -> dict:
 
     Args:
         out: PNG to write.
-        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
     """
     start = time.perf_counter()
     compiled = compile_scene(SCENE, device)

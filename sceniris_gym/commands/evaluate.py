@@ -4,32 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
+from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.files import as_json, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.records import CONFIG, MODEL, read_config, scene_of_run, share, without_layouts
 from sceniris_gym.training.runner import load_checkpoint, runner_of
-from sceniris_gym.training.task_scenes import scene_of
+from sceniris_gym.training.task_scenes import scene_of, spec_of
 
 
 def evaluate(
-    run: Path, layouts: int, device: str | None, out: Path | None = None, *, task: str = "", trust: bool = False
+    run: Path,
+    layouts: int,
+    device: str | None,
+    out: Path | None = None,
+    *,
+    failed: Path | None = None,
+    min_success: float | None = None,
+    task: str = "",
+    trust: bool = False,
 ) -> dict[str, Any]:
-    """Judge the policy in the folder of a run, and return what was found by the kind of layouts; see `judge`.
+    """Judge the policy in the folder of a run, and return the findings of `judge` by the kind of layouts.
 
     Args:
         run: The folder, as `train` made it.
         layouts: Number of layouts of each kind.
-        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
-        out: JSON file to write, with the verdict on each layout.
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
+        out: JSON file to write, with the result on each layout.
+        failed: File to write, with the ids of valid layouts without success.
+        min_success: Least fraction of successes on valid layouts for a good verdict.
         task: The task, as `spec_of` takes it; "" takes the one that the folder names, if no import is needed for it.
-        trust: Read a checkpoint that holds more than weights, which executes what is in it.
+        trust: Read a checkpoint with more than weights, which executes code in it.
 
     Raises:
-        ArgumentError: The folder is not that of a run, or names a task of another package, or its checkpoint holds more
+        ArgumentError: The folder holds no run, or names a task of another package, or its checkpoint holds more
             than weights.
         SceneMismatchError: It is of a version with other layouts of the scene.
         ScenirisError: There is no such task, or its scene cannot be compiled.
@@ -48,9 +60,22 @@ def evaluate(
         found[name] = judge(runner.get_inference_policy(str(env.device)), env, task, layouts)
     if out is not None:
         write_text(out, as_json(found))
-    return without_layouts(found)
+    more: dict[str, Any] = {} if min_success is None else {OK: found["valid"]["success"] >= min_success}
+    if failed is not None:
+        each = found["valid"]["each"]
+        ids = [name for name, success in zip(each["id"], each["success"], strict=True) if not success]
+        write_text(failed, "".join(f"{name}\n" for name in ids))
+        words = f"--policy {quote(str(run / MODEL))} --layout {quote(str(failed))}"
+        env = task if ":" in task else spec_of(task).id
+        more["view"] = f"sceniris-gym view --env {env} {words}" if ids else None
+    return more | without_layouts(found)
 
 
 def report(found: Mapping[str, Any]) -> str:
-    """Return the shares of successes as text, a line for each kind of layouts."""
-    return "\n".join(f"{name}: {share(one)} of {one['layouts']:,} layouts" for name, one in found.items())
+    """Return the fractions of successes as text, one line for each kind of layouts, and how to view the failures."""
+    lines = [f"{n}: {share(found[n])} of {found[n]['layouts']:,} layouts" for n in ("valid", "unfiltered")]
+    if OK in found:
+        lines[0] = verdict(found, lines[0])
+    if "view" in found:
+        lines.append(found["view"] or "All valid layouts ended in success.")
+    return "\n".join(lines)

@@ -6,9 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sceniris_gym.commands.answer import OK, verdict
+from sceniris_gym.dataset import reader
 from sceniris_gym.dataset.manifest import DatasetPlan
-from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.dataset.writer import DatasetWriter
+from sceniris_gym.errors import DatasetError
 from sceniris_gym.program.compiled import CompiledScene
 
 # Layouts made at once: as many as keep a GPU busy, and on a CPU no more than its caches hold.
@@ -23,32 +26,32 @@ def generate(
     seed: int = 0,
     split: str = "train",
     chunk: int | None = None,
-    share: Share | None = None,
+    shard: Shard | None = None,
     resume: bool = False,
     formats: tuple[str, ...] = (),
 ) -> dict[str, Any]:
-    """Write a data set, or a process's share of it, and return its figures.
+    """Write a data set, or a process's shard of it, and return its figures.
 
     Args:
         compiled: The compiled scene.
         n: Number of layouts: row i is episode 0 of seed + i.
-        folder: The folder to write to; created if it does not exist.
+        folder: The folder to write to, created if missing.
         seed: Seed of the first row.
         split: "train" or "eval".
-        chunk: Layouts made at once, which changes nothing else; None for a number that suits the device.
-        share: The parts that this process writes; None for all of them.
+        chunk: Number of layouts made at once, without effect on them, or None for a number that suits the device.
+        shard: The parts that this process writes, or None for all of them.
         resume: Go on with a data set that was begun.
-        formats: Formats of parts beside `.npy`: some of `dataset.formats.FORMATS`, in alphabetical order.
+        formats: Formats of parts in addition to `.npy`, out of `dataset.formats.FORMATS`, in alphabetical order.
 
     Raises:
         DatasetError, MissingExtraError: See `DatasetWriter`.
         OutputError: A file cannot be written.
         SceneKeyError: The scene's model is an MjModel, of which no `scene.zip` can be written.
     """
-    plan, share = DatasetPlan.of(compiled, n, seed, split, formats), share or Share()
+    plan, shard = DatasetPlan.of(compiled, n, seed, split, formats), shard or Shard()
     if chunk is None:
         chunk = _CHUNK if compiled.device == "cpu" else _CHUNK_CUDA
-    writer = DatasetWriter(compiled, plan, folder, share, resume=resume)
+    writer = DatasetWriter(compiled, plan, folder, shard, resume=resume)
     writer.write(chunk=chunk)
     records = writer.records()
     rows, valid, first = (sum(record[name] for record in records) for name in ("rows", "valid", "first_pass_valid"))
@@ -74,3 +77,24 @@ def report(figures: Mapping[str, Any]) -> str:
         return f"{folder}: {figures['missing_parts']} of {figures['parts']} parts are left for the other processes"
     made = f"{figures['layouts']} layouts of '{figures['scene']}' written to {folder}, {figures['valid']:.2%} valid"
     return f"{made}; the first one is {figures['first_id']}"
+
+
+def verify(folder: Path) -> dict[str, Any]:
+    """Compare the files of a data set with its checksums, and return the verdict.
+
+    Raises:
+        DatasetError: The folder holds no whole data set.
+    """
+    held = reader.LayoutDataset(folder).manifest
+    found = {name: held[name] for name in ("scene", "hash", "split", "seed", "layouts")} | {"folder": str(folder)}
+    try:
+        reader.verify(folder)
+    except DatasetError as error:
+        return {OK: False, **found, "error": str(error)}
+    return {OK: True, **found}
+
+
+def report_of_files(found: Mapping[str, Any]) -> str:
+    """Return the verdict on the files of a data set as text."""
+    whole = f"{found['folder']}: {found['layouts']} layouts of '{found['scene']}', all files are whole"
+    return verdict(found, found.get("error", whole))

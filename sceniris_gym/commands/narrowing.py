@@ -79,7 +79,7 @@ def narrow(
         compiled: The compiled scene.
         layouts: Number of layouts to make with `reachable`, and as many without.
         seed: Seed of the first layout.
-        path: The file of the picture; None for no picture.
+        path: The file of the picture, or None for no picture.
         made: A generator of the compiled scene that has made these layouts already.
     """
     if path is None and compiled.reaching is None:

@@ -18,12 +18,20 @@ if TYPE_CHECKING:
 _scene = tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
 Scene = Annotated[str, tyro.conf.Positional, _scene]
 OptionalScene = Annotated[str | None, tyro.conf.Positional, _scene]
-Out = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]
-Seed = Annotated[int, tyro.conf.arg(aliases=["-s"])]
-Split = Literal["train", "eval"]
+_layouts = tyro.conf.arg(aliases=["-n"], help="number of layouts")
+Layouts = Annotated[int, _layouts]
+OptionalLayouts = Annotated[int | None, _layouts]
+LayoutIds = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ID|FILE")]
+NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds")]
+OUT = tyro.conf.arg(aliases=["-o"])
+Out = Annotated[Path | None, OUT]
+Seed = Annotated[
+    int, tyro.conf.arg(aliases=["-s"], help="seed of the map, the rows, or the first layout (layout i has SEED + i)")
+]
+Split = Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
-Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu")]
-Json = Annotated[Flag, tyro.conf.arg(help="print one line of JSON and nothing else")]
+Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ..., by default cuda:0 if there is one, else cpu")]
+Json = Annotated[Flag, tyro.conf.arg(help="print only one line of JSON")]
 Picture = Annotated[
     Path | None, tyro.conf.arg(help="PNG to write: the places of objects from above, also without 'reachable'")
 ]
@@ -57,7 +65,7 @@ def scene_config(scene: str, changes: Sequence[str]) -> SceneConfig:
 
 
 def read_changes(changes: Sequence[str]) -> dict[str, Any]:
-    """Read `key=value` pairs; values are YAML, as in a scene file."""
+    """Read `key=value` pairs, with values in YAML as in a scene file."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -72,6 +80,20 @@ def read_changes(changes: Sequence[str]) -> dict[str, Any]:
             why = "too deeply nested" if isinstance(error, RecursionError) else error
             raise SceneKeyError(f"--set {change:.80}: the value should be YAML: {why}") from None
     return overrides
+
+
+def read_ids(given: Sequence[str]) -> list[str]:
+    """Return the given layout ids, and the ids in the given files, one a line."""
+    ids: list[str] = []
+    for text in given:
+        path = Path(text)
+        if ":" not in text and not path.is_file():
+            raise ArgumentError(f"{text}: should be a layout id, scenehash:split:seed:episode, or a file of them.")
+        found = [text] if ":" in text else path.read_text().split()
+        if not found:
+            raise ArgumentError(f"{text}: should have a layout id on each line, but is empty.")
+        ids += found
+    return ids
 
 
 def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:

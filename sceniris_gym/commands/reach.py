@@ -99,11 +99,11 @@ def judge(
 
     Args:
         name: The arm, as in `read_arm`.
-        path: Its map; None for the arm's own.
+        path: Its map, or None for the arm's own.
         poses: The .npy file of poses.
         out: The .npy file of verdicts.
-        tier: The tier that decides; None for the arm's default.
-        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
+        tier: The tier that decides, or None for the arm's default.
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         changes: As in `read_arm`.
     """
     mjm, arm = read_arm(name, changes)

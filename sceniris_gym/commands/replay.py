@@ -1,9 +1,9 @@
-"""The `replay` command: one layout, made again from its id `scenehash:split:seed:episode`."""
+"""The `replay` command: layouts made again from their ids `scenehash:split:seed:episode`."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -22,7 +22,7 @@ from sceniris_gym.layout.layouts import LayoutsView, Status
 from sceniris_gym.layout.params import ParamTable, params_in
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.layout.world_columns import WorldColumns
-from sceniris_gym.pictures.render import captioned, save
+from sceniris_gym.pictures.render import SIZE, contact_sheet, render, save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.scene.build import build_model
@@ -33,7 +33,7 @@ from sceniris_gym.scene.model import SceneModel
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
-    """Return the scene with a hash: `config` if that is given, else one of the shipped scenes.
+    """Return the scene with a hash: `config` if given, else a shipped scene.
 
     Raises:
         UnknownNameError: No scene has this hash.
@@ -82,21 +82,31 @@ def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, 
     return mjm, {name: numbers.numpy()[0].tolist() for name, numbers in world.numbers.items()}
 
 
-def shown(layout: str, config: SceneConfig | None, picture: Path, device: str | None) -> dict:
-    """Make the layout with an id again, draw it, and describe it; `config` as in `find_scene`."""
-    name = LayoutId.parse(layout)
-    compiled = compile_scene(find_scene(name.scene, config), device)
-    table = replay(compiled, name)
-    mjm, numbers = drawn(compiled, table)
-    save(captioned(mjm, table, [layout], device=compiled.device), picture)
-    more = {"drawn": numbers} if numbers else {}
-    return {"id": layout, **describe(compiled, table), **more, "picture": str(picture)}
+def shown(ids: Sequence[str], config: SceneConfig | None, picture: Path, device: str | None) -> dict:
+    """Make layouts again from their ids, describe each, and draw them as tiles of one picture.
+
+    `config` is as in `find_scene`.
+    """
+    compiled: dict[str, CompiledScene] = {}
+    found, tiles = [], []
+    size = SIZE if len(ids) > 1 else (2 * SIZE[0], 2 * SIZE[1])
+    for text in ids:
+        name = LayoutId.parse(text)
+        if name.scene not in compiled:
+            compiled[name.scene] = compile_scene(find_scene(name.scene, config), device)
+        scene = compiled[name.scene]
+        table = replay(scene, name)
+        mjm, numbers = drawn(scene, table)
+        tiles.append(render(mjm, table, size=size, device=scene.device))
+        found.append({"id": text, **describe(scene, table), **({"drawn": numbers} if numbers else {})})
+    save(contact_sheet(np.concatenate(tiles), ids), picture)
+    return {"layouts": found, "picture": str(picture)}
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
     """Return the first layout of a table, bit for bit, by names: poses in the world frame, joints in m and rad.
 
-    Of an object with variants only the one that is present is there.
+    `absent` lists the objects of the scene file that are not present.
     """
     mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
     table.put(data, 0)
@@ -105,10 +115,10 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
     free, mocap = np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE), mjm.body_mocapid >= 0
     data.xquat[mjm.jnt_bodyid[free]] = data.qpos[mjm.jnt_qposadr[free][:, None] + np.arange(3, 7)]
     data.xquat[mocap] = data.mocap_quat[mjm.body_mocapid[mocap]]
-    objects = {}
+    owners, objects = compiled.config.owners, {}
     present = dict(zip(compiled.slots, table.present[0], strict=True))
     for name, body in compiled.scene.bodies.items():
-        if name in compiled.config.owners and not present[name]:
+        if not present.get(name, True):
             continue
         joints = {joint: float(data.qpos[mjm.jnt_qposadr[i]]) for joint, i in compiled.scene.joints(name).items()}
         objects[name] = {"pos": data.xpos[body].tolist(), "quat": data.xquat[body].tolist(), "joints": joints}
@@ -128,6 +138,7 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
         "attempts": int(table.attempts[0]),
         **({"start": int(table.start[0])} if compiled.config.start else {}),
         "objects": objects,
+        "absent": sorted({owners.get(name, name) for name in present} - {owners.get(name, name) for name in objects}),
     }
 
 
@@ -136,7 +147,12 @@ def _known(qpos: np.ndarray) -> list[float] | None:
 
 
 def report(found: Mapping) -> str:
-    """Return a layout as text, angles in degrees."""
+    """Return layouts as text, angles in degrees."""
+    return "\n".join([*map(_text, found["layouts"]), f"picture: {found['picture']}"])
+
+
+def _text(found: Mapping) -> str:
+    """Return one layout as text."""
     lines = [f"{found['id']} of scene '{found['scene']}': {found['status']}, {found['attempts']} candidates"]
     lines += [f"  {'start':<12} {found['start']}"] if "start" in found else []
     for name, part in found["objects"].items():
@@ -145,11 +161,12 @@ def report(found: Mapping) -> str:
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
         grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
         lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{joints}{grasp}")
+    lines += [f"  {name:<12} absent" for name in found["absent"]]
     for name, numbers in found.get("drawn", {}).items():
         lines.append(f"  {name:<12} {' '.join(f'{number:.4g}' for number in numbers)}")
-    return "\n".join([*lines, f"picture: {found['picture']}"])
+    return "\n".join(lines)
 
 
-def default_picture(layout: str) -> Path:
-    """Return the default path of a layout's picture."""
-    return Path("demo") / f"{layout[:200]}.png".replace(":", "-")
+def default_picture(ids: Sequence[str]) -> Path:
+    """Return the default path of a picture of layouts."""
+    return Path("demo") / (f"{ids[0][:200]}.png".replace(":", "-") if len(ids) == 1 else "replay.png")

@@ -17,10 +17,10 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 
     Args:
         config: The scene.
-        heap: The name of the heap; None for the only one.
+        heap: The name of the heap, or None for the only one.
         num: Number of rows.
-        out: File to write; None for the one that the heap names.
-        seed: Row i depends on the seed and on i alone.
+        out: File to write, or None for the path in the scene.
+        seed: Row i depends only on the seed and on i.
 
     Raises:
         UnknownNameError: There is no such heap.
@@ -44,6 +44,6 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 
 
 def report(found: dict[str, Any]) -> str:
-    """Return what was settled as text."""
+    """Return the settled heap as text."""
     things = f"{len(found['things'])} things"
     return f"{found['file']}: {found['rows']} heaps of {things}; name it in the scene: heaps.{found['heap']}.rows"

@@ -30,7 +30,7 @@ from sceniris_gym.dataset.manifest import (
     read_manifest,
     read_record,
 )
-from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.errors import DatasetError, SceneKeyError
 from sceniris_gym.files import read_bytes, replacing, write_text
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -44,13 +44,13 @@ PROGRESS = ".progress"
 
 
 class DatasetWriter:
-    """Writes the missing parts of a process's share of a data set.
+    """Writes the missing parts of a process's shard of a data set.
 
     Args:
         compiled: The compiled scene.
         plan: The plan of the data set.
         folder: The folder; created if it does not exist.
-        share: The parts that this process writes.
+        shard: The parts that this process writes.
         resume: Go on with a data set that was begun. Processes that share one always do.
 
     Raises:
@@ -59,16 +59,16 @@ class DatasetWriter:
     """
 
     def __init__(
-        self, compiled: CompiledScene, plan: DatasetPlan, folder: Path, share: Share, *, resume: bool = False
+        self, compiled: CompiledScene, plan: DatasetPlan, folder: Path, shard: Shard, *, resume: bool = False
     ) -> None:
-        self.compiled, self.plan, self.folder, self.share = compiled, plan, folder, share
+        self.compiled, self.plan, self.folder, self.shard = compiled, plan, folder, shard
         self._progress = folder / PROGRESS
         self._manifest: dict[str, Any] | None = None
         check_formats(plan.words["formats"])
         begun = self._progress / MANIFEST
         for path in (folder / MANIFEST, begun):
             if path.exists():
-                self._compare(path, resume or share.size > 1)
+                self._compare(path, resume or shard.size > 1)
         if (folder / MANIFEST).exists():
             self._manifest = read_manifest(folder)
         else:  # for processes that come later
@@ -98,7 +98,7 @@ class DatasetWriter:
                 )
 
     def write(self, *, chunk: int) -> None:
-        """Make and write the missing parts of this share, `chunk` layouts at once, and tell the progress.
+        """Make and write the missing parts of this shard, `chunk` layouts at once, and tell the progress.
 
         Raises:
             OutputError: A file cannot be written.
@@ -107,7 +107,7 @@ class DatasetWriter:
         plan, generator = self.plan, None
         if self._manifest is None or not all((self.folder / name).is_file() for name in plan.files):
             self._write_scene()
-        parts = range(self.share.number, plan.parts, self.share.size)
+        parts = range(self.shard.number, plan.parts, self.shard.size)
         done, total = 0, sum(len(plan.rows(part)) for part in parts)
         for part in parts:
             rows = plan.rows(part)

@@ -86,10 +86,11 @@ def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int) -> dict[str, A
     Returns:
         `layouts`, their number; `success`, the share that ended in one, with `interval`; `return`, the mean sum of
         rewards; `unfinished`, the number of episodes that did not end; `by_choice`, the success for each object of a
-        task of this package that chooses one; and `each`, for every layout: `success`, `things`, the number of other
-        objects, and `nearest`, the distance of the nearest one [mm].
+        task of this package that chooses one; and `each`, for every layout: `id`, which makes it again only if it is
+        valid, `success`, `things`, the number of other objects, and `nearest`, the distance of the nearest one [mm].
     """
-    obs, _ = env.reset(seed=EVAL_SEED)
+    obs, info = env.reset(seed=EVAL_SEED)
+    ids = env.unwrapped.layout_ids(info)
     s = env.unwrapped.state
     fresh = s.layout_status == Status.VALID
     counted = fresh & (fresh.cumsum(dim=0) <= layouts)
@@ -116,6 +117,7 @@ def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int) -> dict[str, A
         "unfinished": int(running.sum()),
         "by_choice": [round(share, 4) for share in by_choice.tolist()],
         "each": {
+            "id": [ids[world] for world in counted.nonzero()[:, 0].tolist()],
             "success": success[counted].int().tolist(),
             "things": things[counted].tolist(),
             "nearest": [None if math.isinf(d) else round(1000 * d) for d in nearest[counted].tolist()],

@@ -142,7 +142,7 @@ class Options:
     reachable: bool = True
     judged: str | None = None
     changes: tuple[str, ...] = ()
-    layouts: int = 4096
+    layouts: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 4096
     every: int = 10
     evaluate_every: float = 60.0
     save_every: float = 20.0

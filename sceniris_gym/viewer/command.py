@@ -47,7 +47,7 @@ def view_env(
     ids: Sequence[str],
     *,
     num: int,
-    split: str,
+    split: str | None,
     device: str | None,
     changes: Mapping[str, Any],
     trust: bool = False,
@@ -58,6 +58,7 @@ def view_env(
 
     import sceniris_gym  # noqa: F401, registers the environments
     from sceniris_gym.device.kernel_log import start_warp
+    from sceniris_gym.layout.layout_id import LayoutId
     from sceniris_gym.progress import listening
     from sceniris_gym.training.task_scenes import registered_id
     from sceniris_gym.viewer.env_view import EnvView
@@ -73,7 +74,8 @@ def view_env(
     def tell(what: str, done: int, total: int) -> None:
         said.content = f"**{env}** is being made ({what}: {done} of {total}). {_KERNELS}"
 
-    words = {"split": split, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
+    shown = LayoutId.parse(ids[0]).split if ids and split is None else split or "train"
+    words = {"split": shown, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
     with listening(tell):
         envs: Any = gymnasium.make_vec(spec, num_envs=num, **words).unwrapped
     plays = None if policy is None else load_policy(policy, envs.device, trust=trust)
@@ -81,14 +83,3 @@ def view_env(
     view = EnvView(server, envs, plays, ids)
     while True:
         view.turn()
-
-
-def read_ids(given: Sequence[str]) -> list[str]:
-    """Return the given layout ids, and those in the given files, one a line."""
-    found: list[str] = []
-    for text in given:
-        path = Path(text)
-        if ":" not in text and not path.is_file():
-            raise ArgumentError(f"--layouts {text}: neither an id, as in HASH:train:42:0, nor a file that is there.")
-        found += [text] if ":" in text else path.read_text().split()
-    return found

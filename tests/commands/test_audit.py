@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.commands.audit import judge, judge_rows, load_rows, make_rows, rejected_candidates, save_rows
+from sceniris_gym.commands.audit import judge, judge_rows, load_rows, make_rows, rejected_candidates, report, save_rows
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, ScenirisError
 from sceniris_gym.layout.compile import compile_scene
@@ -229,6 +229,11 @@ def test_rows_with_nan_are_invalid_and_named(tmp_path: Path, monkeypatch: pytest
     rows.table.qpos[9, 2] = np.inf
     rows.rejected.qpos[11, 1] = np.nan
     found = judge_rows(compiled, rows, settled=6)
+    first = report(found).splitlines()[0]
+    assert found["ok"] is False
+    assert first.endswith("6 rows not finite (layouts qpos rows 0 3-5 9, rejected qpos rows 11)")
+    assert first.startswith("FAIL: 12 layouts of ")
+    assert report(sound).startswith("ok: 12 layouts of ")
     assert (found["layouts"], found["rejected"], found["valid"], found["settled"]) == (12, 12, 7, 2)
     assert found["invalid"] == 6
     assert found["invalid_by"] == {"layouts qpos": "rows 0 3-5 9", "rejected qpos": "rows 11"}

@@ -84,6 +84,7 @@ def test_the_report_has_shares_causes_and_the_picture():
     counts = {"mug": {"collision": 7, "roof": 0}, "long_named_pan": {"collision": 12345, "roof": 3}}
     found = {
         **{
+            "ok": True,
             "scene": "desk",
             "hash": "0123",
             "first_id": "0123:train:4:0",
@@ -95,7 +96,7 @@ def test_the_report_has_shares_causes_and_the_picture():
         "narrowing": {"mug": {"kept": 0.25, "candidates": 40}},
     }
     lines = report(found).split("\n")
-    assert lines[0].startswith("8 layouts of 'desk': 87.50% valid, 50.00% on the first pass, 2.25 candidates")
+    assert lines[0].startswith("ok: 8 layouts of 'desk': 87.50% valid, 50.00% on the first pass, 2.25 candidates")
     assert "40 attempts" in lines[1]
     assert lines[2].endswith("0123:train:4:0")
     assert [line.split() for line in lines[3:6]] == [

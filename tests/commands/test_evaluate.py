@@ -54,6 +54,23 @@ def test_an_evaluation_is_that_of_the_training(run: Path, capfd: pytest.CaptureF
     assert [len(one["each"]["success"]) for one in verdicts.values()] == [3, 3]
 
 
+def test_failed_layouts_are_listed_and_shown(run: Path, capfd: pytest.CaptureFixture, tmp_path: Path):
+    """One id a line, with the command that plays them; a fraction below --min-success ends with status 1."""
+    task = json.loads((run / "config.json").read_text())["options"]["task"]
+    out, failed = tmp_path / "each.json", tmp_path / "failed.txt"
+    words = ["evaluate", str(run), "-n", "3", "--device", "cpu", "--task", task, "-o", str(out)]
+    with pytest.raises(SystemExit) as stop:
+        cli.main([*words, "--failed", str(failed), "--min-success", "1.1"])
+    assert stop.value.code == 1
+    said = capfd.readouterr().out.splitlines()
+    each = json.loads(out.read_text())["valid"]["each"]
+    ids = [name for name, success in zip(each["id"], each["success"], strict=True) if not success]
+    assert failed.read_text().split() == ids
+    assert said[0].startswith("FAIL: valid: ")
+    view = f"sceniris-gym view --env {task} --policy {run / 'model.pt'} --layout {failed}"
+    assert said[-1] == (view if ids else "All valid layouts ended in success.")
+
+
 def test_an_evaluation_is_told_in_words():
     """A line for each kind of layouts."""
     found = {
@@ -73,7 +90,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path, capfd: pytest.Capture
     said = capfd.readouterr()
     assert (stop.value.code, said.out) == (2, "")
     wanted = f"should be the folder of a run that 'sceniris-gym train TASK --out {tmp_path}' made"
-    assert said.err == f"sceniris-gym: {tmp_path}: {wanted}, but has no model.pt.\n"
+    assert said.err == f"error: {tmp_path}: {wanted}, but has no model.pt.\n"
 
 
 def test_a_task_that_only_the_folder_names_is_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -8,7 +8,7 @@ import pytest
 
 from sceniris_gym.commands.generate import generate
 from sceniris_gym.dataset import manifest
-from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.layout.tables import make_table
 from tests.layout.scenes import compile_on_cpu
 
@@ -18,11 +18,11 @@ def test_figures_are_those_of_all_rows(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(manifest, "PART_ROWS", 8)
     monkeypatch.setattr("sceniris_gym.dataset.writer.PART_ROWS", 8)
     compiled = compile_on_cpu("clutter")
-    found = generate(compiled, 20, tmp_path, seed=5, share=Share(3, 4))
+    found = generate(compiled, 20, tmp_path, seed=5, shard=Shard(3, 4))
     assert (found["missing_parts"], found["valid"], found["first_pass_valid"]) == (3, None, None)
-    found = generate(compiled, 20, tmp_path, seed=5, share=Share(1, 2))
+    found = generate(compiled, 20, tmp_path, seed=5, shard=Shard(1, 2))
     assert (found["complete"], found["missing_parts"]) == (False, 2)
-    found = generate(compiled, 20, tmp_path, seed=5, share=Share(0, 2))
+    found = generate(compiled, 20, tmp_path, seed=5, shard=Shard(0, 2))
     table = make_table(compiled, 20, 5)
     assert found["complete"]
     assert "missing_parts" not in found

@@ -1,5 +1,6 @@
 """Layout ids: what they say, and that they make the same layout again."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -77,7 +78,7 @@ def test_a_replay_names_the_grasp(crane: CompiledScene):
     assert grasp["pos"] == pytest.approx(table.grasp_pose[0, 0, :3].tolist())
     assert grasp["qpos"] is grasp["pregrasp_qpos"] is None
     assert "grasp" not in found["objects"]["other"]
-    assert "grasp 'top 0'" in report({"id": "x", "picture": "y", **found})
+    assert "grasp 'top 0'" in report({"layouts": [{"id": "x", **found}], "picture": "y"})
 
 
 def test_a_scene_of_ones_own_is_found_by_its_hash(tmp_path: Path):
@@ -105,17 +106,28 @@ def test_poses_are_told_in_words_and_numbers():
         assert found["objects"][name]["pos"] == data.body(name).xpos.tolist()
         assert found["objects"][name]["quat"] == pytest.approx(data.body(name).xquat.tolist(), abs=1e-7)
     assert found["objects"]["cabinet"]["joints"]["upper"] == data.joint("cabinet/upper").qpos[0]
-    lines = report({"id": "x", "picture": "y", **found}).split("\n")
+    lines = report({"layouts": [{"id": "x", **found}], "picture": "y"}).split("\n")
     (apple,) = [line for line in lines if line.split()[0] == "apple"]
     x = data.body("apple").xmat.reshape(3, 3)[:, 0]
     assert f"yaw {np.degrees(np.arctan2(x[1], x[0])):+7.1f} deg" in apple
+
+
+def test_absent_objects_are_named():
+    """An object of an optional group, and an object with variants of which none is present."""
+    scene = {"floor": {"size": [1.0, 1.0]}, "objects": {n: {"asset": "can", "on": "floor"} for n in ("a", "b")}}
+    compiled = compile_scene({**scene, "groups": {"one": {"of": ["a", "b"], "count": 1}}}, "cpu")
+    table = make_table(compiled, 1, 0)
+    found = describe(compiled, table)
+    assert sorted([*found["objects"], *found["absent"]]) == ["a", "b"]
+    (absent,) = found["absent"]
+    assert re.search(rf"^  {absent} +absent$", report({"layouts": [{"id": "x", **found}], "picture": "y"}), re.M)
 
 
 def test_the_kind_of_start_is_told():
     """By its number in the scene, from 0."""
     compiled = starting()
     table = replay(compiled, LayoutId.parse(compiled.layout_id(3, 0)))
-    text = report({"id": "an id", **describe(compiled, table), "picture": "a.png"})
+    text = report({"layouts": [{"id": "an id", **describe(compiled, table)}], "picture": "a.png"})
     assert f"\n  start        {table.start[0]}\n" in text
 
 
@@ -136,7 +148,8 @@ def test_numbers_are_those_of_the_layout_bit_for_bit():
 
 def test_the_picture_of_a_layout_is_named_after_its_id():
     """Without the colons, which not every file system takes."""
-    assert default_picture("0123:eval:4:5").name == "0123-eval-4-5.png"
+    assert default_picture(["0123:eval:4:5"]).name == "0123-eval-4-5.png"
+    assert default_picture(["0123:eval:4:5", "0123:eval:4:6"]).name == "replay.png"
 
 
 def test_a_replay_has_the_physics_and_looks_of_its_episode():
@@ -165,5 +178,5 @@ def test_a_replay_has_the_physics_and_looks_of_its_episode():
     material = mjm.material("table/wood").id
     assert (mjm.mat_rgba[material] == batch.model.mat_rgba.numpy()[2, material]).all()
     assert (compiled.mjm.mat_rgba[material] != mjm.mat_rgba[material]).any()
-    told = describe(compiled, replay(compiled, name)) | {"id": "x", "picture": "y", "drawn": numbers}
+    told = {"layouts": [describe(compiled, replay(compiled, name)) | {"id": "x", "drawn": numbers}], "picture": "y"}
     assert f"  can.mass     {numbers['can.mass'][0]:.4g}" in report(told)

@@ -86,7 +86,7 @@ def test_a_missing_library_is_said_with_its_extra(tmp_path: Path):
     words = [sys.executable, "-c", program, "train", "DrawerPick-v0", "--out", str(tmp_path), "--device", "cpu"]
     ended = subprocess.run(words, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout) == (2, "")
-    expected = "sceniris-gym: rsl_rl is not installed. Install the extra: pip install 'sceniris-gym[rsl-rl]'.\n"
+    expected = "error: rsl_rl is not installed. Install the extra: pip install 'sceniris-gym[rsl-rl]'.\n"
     assert without_warp(ended.stderr) == expected
 
 

@@ -14,7 +14,7 @@ from sceniris_gym.dataset import manifest, writer
 from sceniris_gym.dataset.formats import check_formats, parse_formats
 from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.reader import LayoutDataset, verify
-from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.errors import DatasetError, MissingExtraError, UnknownNameError
 from sceniris_gym.program.compiled import CompiledScene
@@ -34,12 +34,12 @@ def write(
     compiled: CompiledScene,
     folder: Path,
     formats: tuple[str, ...] = ("json", "npz"),
-    share: Share | None = None,
+    shard: Shard | None = None,
     resume: bool = False,
 ) -> DatasetWriter:
     """Write forty layouts."""
     plan = DatasetPlan.of(compiled, 40, 3, "train", formats)
-    made = DatasetWriter(compiled, plan, folder, share or Share(), resume=resume)
+    made = DatasetWriter(compiled, plan, folder, shard or Shard(), resume=resume)
     made.write(chunk=64)
     return made
 
@@ -95,7 +95,7 @@ def test_all_formats_are_resumed_shared_and_verified(tmp_path: Path):
     names = [f"layouts-{i:05}{end}" for i in range(3) for end in (".json", ".npy", ".npz", ".usdc")]
     assert sorted(path.name for path in alone.iterdir()) == ["dataset.json", *names, "scene.usdc", "scene.zip"]
     for number in (1, 0):
-        write(compiled, shared, ALL, Share(number, 2))
+        write(compiled, shared, ALL, Shard(number, 2))
     before = contents(alone)
     assert contents(shared) == before
     assert verify(shared)["formats"] == list(ALL)
@@ -126,5 +126,5 @@ def test_formats_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
         check_formats(["usd"])
     compiled = compile_on_cpu("mid")
     with pytest.raises(MissingExtraError):
-        DatasetWriter(compiled, DatasetPlan.of(compiled, 4, 0, "train", ("usd",)), tmp_path / "none", Share())
+        DatasetWriter(compiled, DatasetPlan.of(compiled, 4, 0, "train", ("usd",)), tmp_path / "none", Shard())
     assert not (tmp_path / "none").exists()

@@ -18,7 +18,7 @@ import torch
 from sceniris_gym.dataset import manifest, reader, writer
 from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.reader import LayoutDataset, verify
-from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, UnknownNameError
 from sceniris_gym.layout.columns import columns
@@ -39,7 +39,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manifest, "PART_ROWS", 16)
         patch.setattr(writer, "PART_ROWS", 16)
-        DatasetWriter(compiled, DatasetPlan.of(compiled, N, SEED, "train"), folder, Share()).write(chunk=64)
+        DatasetWriter(compiled, DatasetPlan.of(compiled, N, SEED, "train"), folder, Shard()).write(chunk=64)
     return folder
 
 
@@ -263,7 +263,7 @@ def test_the_record_of_a_part_that_cannot_be_right_is_refused(copied: Path, name
 def test_a_data_set_keeps_the_keys_that_physics_is_drawn_by(tmp_path: Path):
     """Of fallbacks as well; in older ones, which lack them, a fallback's is unknown."""
     compiled, folder = full_tray(tmp_path, randomize={"gravity": {"scale": [0.5, 1.0]}}), tmp_path / "data"
-    DatasetWriter(compiled, DatasetPlan.of(compiled, 16, SEED, "eval"), folder, Share()).write(chunk=64)
+    DatasetWriter(compiled, DatasetPlan.of(compiled, 16, SEED, "eval"), folder, Shard()).write(chunk=64)
     dataset, made = LayoutDataset(folder), make_table(compiled, 16, SEED, split="eval")
     read = dataset.table()
     assert 0 < read.valid.sum() < 16

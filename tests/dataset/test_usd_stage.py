@@ -10,7 +10,7 @@ import pytest
 
 from sceniris_gym import compile_scene
 from sceniris_gym.dataset.manifest import DatasetPlan
-from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
@@ -44,7 +44,7 @@ SHAPES = """
 
 def opened(compiled: CompiledScene, folder: Path, n: int = 6) -> tuple[Usd.Stage, np.ndarray]:
     """Write layouts, and open their stage."""
-    DatasetWriter(compiled, DatasetPlan.of(compiled, n, 3, "train", ("usd",)), folder, Share()).write(chunk=64)
+    DatasetWriter(compiled, DatasetPlan.of(compiled, n, 3, "train", ("usd",)), folder, Shard()).write(chunk=64)
     return Usd.Stage.Open(str(folder / "layouts-00000.usdc")), np.load(folder / "layouts-00000.npy")
 
 

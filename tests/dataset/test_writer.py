@@ -16,7 +16,7 @@ import pytest
 
 from sceniris_gym.dataset import manifest, writer
 from sceniris_gym.dataset.manifest import DatasetPlan
-from sceniris_gym.dataset.share import Share
+from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.errors import DatasetError, OutputError
 from sceniris_gym.layout.tables import make_table
@@ -34,10 +34,10 @@ def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(writer, "PART_ROWS", ROWS)
 
 
-def write(folder: Path, n: int = 40, share: Share | None = None, **options) -> DatasetWriter:
+def write(folder: Path, n: int = 40, shard: Shard | None = None, **options) -> DatasetWriter:
     """Write a share of n layouts of `mid` from seed 3."""
     compiled = compile_on_cpu("mid")
-    made = DatasetWriter(compiled, DatasetPlan.of(compiled, n, 3, "train"), folder, share or Share(), **options)
+    made = DatasetWriter(compiled, DatasetPlan.of(compiled, n, 3, "train"), folder, shard or Shard(), **options)
     made.write(chunk=7)
     return made
 
@@ -77,7 +77,7 @@ def test_a_data_set_is_a_table_in_parts_and_a_model_that_fit(tmp_path: Path):
 
 def test_what_is_reached_is_written(crane: CompiledScene, tmp_path: Path):
     """Index, pose in the world and joints by object; the cube is taken at its middle, straight from above."""
-    DatasetWriter(crane, DatasetPlan.of(crane, 12, 3, "eval"), tmp_path, Share()).write(chunk=64)
+    DatasetWriter(crane, DatasetPlan.of(crane, 12, 3, "eval"), tmp_path, Shard()).write(chunk=64)
     rows, table = np.load(tmp_path / "layouts-00000.npy"), make_table(crane, 12, 3, split="eval")
     assert rows["grasp"].shape == (12, 1)
     assert rows["grasp_qpos"].shape == rows["pregrasp_qpos"].shape == (12, 1, 4)
@@ -96,16 +96,16 @@ def test_shares_of_any_order_are_the_bytes_of_one_process(tmp_path: Path, order:
     write(tmp_path / "alone")
     for number in order:
         assert not (tmp_path / "shared" / "dataset.json").exists()
-        made = write(tmp_path / "shared", share=Share(number, 3))
+        made = write(tmp_path / "shared", shard=Shard(number, 3))
     assert made.complete
     assert contents(tmp_path / "shared") == contents(tmp_path / "alone")
-    assert write(tmp_path / "shared", share=Share(1, 3)).complete  # a rank that is started again
+    assert write(tmp_path / "shared", shard=Shard(1, 3)).complete  # a rank that is started again
 
 
 def test_a_share_without_parts_does_nothing_wrong(tmp_path: Path):
     """More processes than parts."""
-    assert not write(tmp_path, 10, share=Share(5, 8)).complete
-    assert write(tmp_path, 10, share=Share(0, 8)).complete
+    assert not write(tmp_path, 10, shard=Shard(5, 8)).complete
+    assert write(tmp_path, 10, shard=Shard(0, 8)).complete
 
 
 def test_a_data_set_is_never_written_over(tmp_path: Path):

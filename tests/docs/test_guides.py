@@ -119,7 +119,7 @@ def test_every_command_has_a_section():
 
 def test_every_scene_is_named():
     """On the page of the commands, those of the tasks too."""
-    named = re.findall(r"`(\w+)`", read("commands").partition("`SCENE`")[2].partition("All commands")[0])
+    named = re.findall(r"`(\w+)`", read("commands").partition("`SCENE`")[2].partition("An option")[0])
     assert sorted(named) == sorted(path.stem for path in ROOT.glob("envs/*.yaml"))
 
 

@@ -16,7 +16,7 @@ BLOCK = re.compile(r'^```(?P<kind>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<text>.
 SMALLER = {
     "--minutes 2": "--million-steps 0.0005 --device cpu",
     "--num-envs 64": "--num-envs 8",
-    "--layouts 64": "--layouts 8",
+    "-n 64": "-n 8",
     "num_envs=64": "num_envs=8",
     "envs, 64)": "envs, 8)",
     "num_envs=4)": "num_envs=4, device='cpu')",

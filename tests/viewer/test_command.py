@@ -13,10 +13,11 @@ from unittest.mock import MagicMock
 import pytest
 
 from sceniris_gym.cli import main
+from sceniris_gym.commands.options import read_ids
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer import env_view
-from sceniris_gym.viewer.command import read_ids, view_env
+from sceniris_gym.viewer.command import view_env
 from tests.training.scenes import write_task
 from tests.viewer.pages import free_port
 
@@ -63,7 +64,7 @@ def test_a_port_in_use_is_said():
         ([], "either a SCENE or --env"),
         (["mid", "--env", "sceniris_gym/TabletopLift-v0"], "either a SCENE or --env"),
         (["mid", "--policy", "a.pt"], "belong to --env"),
-        (["mid", "--worlds", "65"], "--worlds 65"),
+        (["mid", "--num-envs", "65"], "--num-envs 65"),
         (["mid", "--port", "0"], "--port 0"),
         (["mid", "--seed", "-1"], "--seed -1"),
         (["--env", "sceniris_gym/TabletopLift-v0", "--seed", "5"], "belong to a SCENE"),
@@ -81,7 +82,7 @@ def test_wrong_options_are_refused(options: list[str], words: str, capsys: pytes
 def test_ids_come_from_options_and_files(tmp_path: Path):
     """A file has one a line."""
     (tmp_path / "failed.txt").write_text("a:train:1:0\nb:train:2:0\n")
-    with pytest.raises(ArgumentError, match="neither an id"):
+    with pytest.raises(ArgumentError, match="should be a layout id"):
         read_ids(["nofile.txt"])
     assert read_ids(["c:eval:3:1", str(tmp_path / "failed.txt")]) == ["c:eval:3:1", "a:train:1:0", "b:train:2:0"]
 
@@ -102,6 +103,25 @@ def test_a_task_of_ones_own_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyP
         view_env(MagicMock(), task, None, [], num=2, split="train", device="cpu", changes={})
     (envs,) = shown
     assert (type(envs.task).__name__, envs.num_envs) == ("Lower", 2)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
+@pytest.mark.parametrize(("split", "shown"), [(None, "eval"), ("train", "train")])
+def test_chosen_layouts_decide_the_split(split: str | None, shown: str, monkeypatch: pytest.MonkeyPatch):
+    """Unless it is given: the failures that `evaluate` lists are of the split "eval"."""
+    found: list[str] = []
+
+    def show(_server: object, envs: SceneVectorEnv, *_: object) -> None:
+        found.append(envs.split)
+        raise InterruptedError
+
+    monkeypatch.setattr(env_view, "EnvView", show)
+    with pytest.raises(InterruptedError):
+        view_env(
+            *(MagicMock(), "sceniris_gym/TabletopReach-v0", None, ["0123456789abcdef:eval:1:0"]),
+            **{"num": 1, "split": split, "device": "cpu", "changes": {}},
+        )
+    assert found == [shown]
 
 
 @pytest.mark.parametrize(

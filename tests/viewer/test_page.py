@@ -210,7 +210,7 @@ def test_a_file_that_is_being_written(serve: Callable[..., Served], folder: Path
 
 def test_many_worlds(serve: Callable[..., Served]):
     """64 of them, each in a place of its own."""
-    page = serve("mid", "--worlds", "64").pages[0]
+    page = serve("mid", "--num-envs", "64").pages[0]
     picture = settled(page)
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
     keep(page, "worlds")

@@ -1,4 +1,4 @@
-"""The share of a data set that a process writes, where several processes write it together."""
+"""The shard of a data set that a process writes, where several processes write it together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STEP = "SLURM_ARRAY_TASK_STEP"
 
 
 @dataclass(frozen=True)
-class Share:
+class Shard:
     """One of `size` processes. It writes every `size`-th part, from part `number` on."""
 
     number: int = 0
@@ -28,21 +28,21 @@ class Share:
         return Rank.current().device if self.size > 1 else None
 
     @classmethod
-    def parse(cls, words: str) -> Share:
+    def parse(cls, words: str) -> Shard:
         """Read `R/K`, process R of K.
 
         Raises:
             ArgumentError: The words have another form.
         """
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
-        share = None if found is None else cls(int(found[1]), int(found[2]))
-        if share is None or share.number >= share.size:
-            raise ArgumentError(f"--share {words:.40}: should be R/K with R below K, such as 0/8 for the first of 8.")
-        return share
+        shard = None if found is None else cls(int(found[1]), int(found[2]))
+        if shard is None or shard.number >= shard.size:
+            raise ArgumentError(f"--shard {words:.40}: should be R/K with R below K, such as 0/8 for the first of 8.")
+        return shard
 
     @classmethod
-    def current(cls, environment: Mapping[str, str] = os.environ) -> Share:
-        """Return the share that torchrun (RANK, WORLD_SIZE) or a Slurm array gives this process; else all parts.
+    def current(cls, environment: Mapping[str, str] = os.environ) -> Shard:
+        """Return the shard that torchrun (RANK, WORLD_SIZE) or a Slurm array gives this process; else all parts.
 
         Raises:
             ArgumentError: A rank that is not below the size, or numbers of the array's tasks that have gaps.
@@ -65,6 +65,6 @@ class Share:
         if (last - first) // step + 1 != count or (task - first) % step:
             raise ArgumentError(
                 f"generate: this is task {task} of a Slurm array of {count} tasks from {first} to {last}, with gaps. "
-                "Say which share of the parts it writes: --share R/K."
+                "Say which shard it writes: --shard R/K."
             )
         return cls((task - first) // step, count)

@@ -1,0 +1,35 @@
+"""Results of commands: the text that a command prints, and its verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sceniris_gym.files import as_json
+
+OK = "ok"
+"""Key of the verdict, in the findings of commands that judge."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Text for stdout, and the verdict that decides the exit status."""
+
+    text: str
+    ok: bool = True
+
+
+def listing(found: Mapping[str, Any]) -> str:
+    """Return findings as text, one a line."""
+    return "\n".join(f"{name:<24}{value}" for name, value in found.items())
+
+
+def answer(found: Mapping[str, Any], json: bool, report: Callable[[Any], str] = listing) -> Answer:
+    """Return findings as one line of JSON, or as text by `report`."""
+    return Answer(as_json(found) if json else report(found), found.get(OK, True))
+
+
+def verdict(found: Mapping[str, Any], text: str) -> str:
+    """Return the first line of a report that judges."""
+    return f"{'ok' if found[OK] else 'FAIL'}: {text}"
