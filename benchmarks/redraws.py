@@ -67,16 +67,16 @@ def main(options: Options) -> None:
         mask = np.zeros(options.num_envs, bool)
         mask[random.choice(options.num_envs, count, replace=False)] = True
         masks.append(torch.from_numpy(mask).to(envs.device))
-    redraws = milliseconds(envs, lambda mask: envs.replace(options.objects, mask), masks)[3:]
-    replacer = envs.randomizer.replacer
-    kept = int(replacer.kept.numpy()[0])
+    redraws = milliseconds(envs, lambda mask: envs.redraw(options.objects, mask), masks)[3:]
+    redrawer = envs.randomizer.redrawer
+    kept = int(redrawer.kept.numpy()[0])
     resets = milliseconds(envs, lambda mask: envs.randomizer.launch_reset(wp.from_torch(mask)), masks)[3:]
     answer = {
         "worlds": options.num_envs,
         "redrawn": count,
         "objects": options.objects,
         "kept": kept / (count * len(masks)),
-        "valid": int((replacer.status.numpy() == Status.VALID).sum()),
+        "valid": int((envs.randomizer.redraw_status.numpy() == Status.VALID).sum()),
         "redraw_ms": [round(float(np.percentile(redraws, q)), 3) for q in (0, 50, 95)],
         "reset_ms": [round(float(np.percentile(resets, q)), 3) for q in (0, 50, 95)],
     }

@@ -1,4 +1,4 @@
-"""`ReplaceObjects`: a command term of mjlab that gives entities new places in the middle of episodes, on a timer."""
+"""`RedrawObjects`: a command term of mjlab that gives entities new places in the middle of episodes, on a timer."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from torch import Tensor
 from sceniris_gym.adapters.mjlab import layouts_term
 from sceniris_gym.errors import ArgumentError, import_extra
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.sim.replacing import Replacer
+from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import Simulation
 from sceniris_gym.sim.rest import scene_rest
 
 _COMMANDS: Any = import_extra("mjlab.managers.command_manager", "mjlab", "mjlab")
 
 
-class ReplaceObjects(_COMMANDS.CommandTerm):
+class RedrawObjects(_COMMANDS.CommandTerm):
     """Gives entities new places among everything else as it is, whenever its timer runs out.
 
     The entities are objects of the scene of `PlaceLayouts`, which places them in resets; this command leaves resets
@@ -35,19 +35,17 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
             runs out.
     """
 
-    def __init__(self, cfg: ReplaceObjectsCfg, env: Any) -> None:
+    def __init__(self, cfg: RedrawObjectsCfg, env: Any) -> None:
         super().__init__(cfg, env)
         term = layouts_term(env)
         if term is None or term.compiled.config.variants:
-            raise ArgumentError(
-                "ReplaceObjects: cfg.events should have a PlaceLayoutsCfg, whose scene has no variants."
-            )
+            raise ArgumentError("RedrawObjects: cfg.events should have a PlaceLayoutsCfg, whose scene has no variants.")
         rest = scene_rest(term.compiled.scene, term.layouts.qpos.device)
         origins = wp.from_torch(env.scene.env_origins.contiguous(), dtype=wp.vec3)
         worlds = term.compiled, env.sim.wp_model, env.sim.wp_data, term.split
         simulation = Simulation(*worlds, rest, refresh=lambda: None, origins=origins)
-        self._replacer = Replacer(simulation, term.layouts, graph=True)
-        self._number = wp.to_torch(self._replacer.number)
+        self._redrawer = Redrawer(simulation, term.layouts, graph=True)
+        self._number = wp.to_torch(self._redrawer.number)
 
     @property
     def command(self) -> Tensor:
@@ -60,10 +58,10 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
             return
         due = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
         due[env_ids] = True
-        self._replacer.launch(self.cfg.objects, wp.from_torch(due, dtype=wp.bool))
+        self._redrawer.launch(self.cfg.objects, wp.from_torch(due, dtype=wp.bool))
         self._env.sim.forward()
         self._env.extras["layout_redraw"] = self._number.long()
-        self._env.extras["layout_kept"] = wp.to_torch(self._replacer.status) == Status.KEPT
+        self._env.extras["layout_kept"] = wp.to_torch(self._redrawer.status) == Status.KEPT
 
     def _update_metrics(self) -> None:
         pass
@@ -73,7 +71,7 @@ class ReplaceObjects(_COMMANDS.CommandTerm):
 
 
 @dataclass(kw_only=True)
-class ReplaceObjectsCfg(_COMMANDS.CommandTermCfg):
+class RedrawObjectsCfg(_COMMANDS.CommandTermCfg):
     """A command that gives entities new places on a timer, for `cfg.commands`.
 
     Attributes:
@@ -84,6 +82,6 @@ class ReplaceObjectsCfg(_COMMANDS.CommandTermCfg):
 
     objects: tuple[str, ...]
 
-    def build(self, env: Any) -> ReplaceObjects:
+    def build(self, env: Any) -> RedrawObjects:
         """Return the command of an environment."""
-        return ReplaceObjects(self, env)
+        return RedrawObjects(self, env)

@@ -237,7 +237,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         cls.twin = cls.__dict__.get("twin", LayoutSource.twin)
 
     @launching
-    def extend(self, layouts: Layouts, objects: str | Sequence[str]) -> Layouts:
+    def redraw(self, layouts: Layouts, objects: str | Sequence[str]) -> Layouts:
         """Add objects of the scene to finished layouts, or give them new places there; all else stays where it is.
 
         So a batch grows step by step: groups leave objects out, and each call adds some. A row is a pure function of
@@ -257,20 +257,20 @@ class LayoutGenerator(Fixed, LayoutSource):
             UnknownNameError: Not an object that the scene places.
             ArgumentError: No objects, or one that carries another in these layouts.
         """
-        check_type(layouts, Layouts, "extend: layouts")
+        check_type(layouts, Layouts, "redraw: layouts")
         if (layouts.compiled.hash, layouts.nworld) != (self.compiled.hash, self.nworld):
             raise SceneMismatchError(
-                f"extend: layouts should be {self.nworld} of the scene '{self.compiled.config.name}', got "
+                f"redraw: layouts should be {self.nworld} of the scene '{self.compiled.config.name}', got "
                 f"{layouts.nworld} of '{layouts.compiled.config.name}'."
             )
         if {*layouts.params.names} & {*layouts.params.of_draws.values()}:
             raise ArgumentError(
-                "extend: the layouts have params of drawn physics, which it would draw from the scene file. Make them "
+                "redraw: the layouts have params of drawn physics, which it would draw from the scene file. Make them "
                 "without these params."
             )
         there = layouts.present.numpy().any(axis=0)
         present = [self.compiled.slots[i] for i in np.flatnonzero(there)]
-        names = chosen_objects(self.compiled, objects, "extend", present)
+        names = chosen_objects(self.compiled, objects, "redraw", present)
         if names not in self._redraws:
             self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split, adds=True)
         fill_mask(None, self._mask)

@@ -26,7 +26,7 @@ from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
-from sceniris_gym.sim.replacing import Replacer
+from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
 from sceniris_gym.sim.sources import make_pipeline, stored_rows
 from sceniris_gym.sim.variants import VariantWriter
@@ -104,7 +104,9 @@ class ResetRandomizer(Fixed, StaysHere):
         levels: The sampler of levels if the worlds play levels, else None.
         split: The split of the layouts: that of the layout_source if it has one.
         fields: Model fields that have a row for each world.
-        replacer: The counts of `replace`: `number` and `status` of each world, and `kept`.
+        redraw_count: Redraws of each world since its reset, shape (nworld,), int32.
+        redraw_status: `Status` of each world's latest redraw, VALID or KEPT; NONE before the first; (nworld,), int32.
+        redrawer: The launches of `redraw`; see `Redrawer`.
         variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
             the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
 
@@ -117,7 +119,20 @@ class ResetRandomizer(Fixed, StaysHere):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("compiled", "model", "data", "device", "pipeline", "layouts", "levels", "split", "fields", "replacer")
+    FIXED = (
+        "compiled",
+        "model",
+        "data",
+        "device",
+        "pipeline",
+        "layouts",
+        "levels",
+        "split",
+        "fields",
+        "redrawer",
+        "redraw_count",
+        "redraw_status",
+    )
     ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
 
     @launching
@@ -169,9 +184,10 @@ class ResetRandomizer(Fixed, StaysHere):
         simulation = Simulation(
             compiled, model, data, self.split, self.fields.rest, self._update, origins=origins, variants=variants
         )
-        self.replacer = Replacer(simulation, self.layouts, alone=not needs, graph=graph)
+        self.redrawer = Redrawer(simulation, self.layouts, alone=not needs, graph=graph)
         whole = write == "all"
-        self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.replacer.number)
+        self.redraw_count, self.redraw_status = self.redrawer.number, self.redrawer.status
+        self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.redrawer.number)
         self.variant = self._writer.variant
         self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
@@ -210,13 +226,13 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline.after_reset()
 
     @launching
-    def replace(self, objects: str | Sequence[str], worlds: Any = None) -> None:
+    def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
         """Give objects new places in some worlds, in the middle of their episodes.
 
         All else stays bit for bit as it is in `data`: it is an obstacle, an anchor of relations, and a support if it is
         level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
-        function of scene, split, seed, episode, number of the redraw since the reset (`replacer.number`) and state.
-        Where nothing fits, the world keeps its state, `replacer.status` is `Status.KEPT`, and `replacer.kept` counts
+        function of scene, split, seed, episode, number of the redraw since the reset (`redraw_count`) and state.
+        Where nothing fits, the world keeps its state, `redraw_status` is `Status.KEPT`, and `redrawer.kept` counts
         it. Positions and orientations in space of the objects are brought up to date; those of all bodies only along
         with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
 
@@ -234,7 +250,7 @@ class ResetRandomizer(Fixed, StaysHere):
             ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
             ArgumentTypeError, ArgumentError: As in `reset`.
         """
-        self.replacer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.replacer.mask))
+        self.redrawer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.redrawer.mask))
 
     def model_field(self, name: str, of: str | None = None) -> wp.array:
         """Return a field of the Model with a row for each world, to write to after a reset.

@@ -81,9 +81,9 @@ class TaskWorlds:
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
-        rows, replacer = self.randomizer.pipeline.rows, self.randomizer.replacer
+        rows, redrawer = self.randomizer.pipeline.rows, self.randomizer.redrawer
         chosen = {name: wp.to_torch(array) for name, array in (rows or {}).items()}
-        redraws = wp.to_torch(replacer.number), wp.to_torch(replacer.status)
+        redraws = wp.to_torch(redrawer.number), wp.to_torch(redrawer.status)
         memory = {"task": self._task, "redraws": redraws, "chooser": chosen, **memory}
         return live_tensors(self.state, self.randomizer.layouts, memory, NEXT if rows is None else ())
 
@@ -112,10 +112,10 @@ class TaskWorlds:
             info["layout_params"] = self.randomizer.layouts.params.named(s.layout_param.clone())
         if s.variants.names:
             info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
-        replacer = self.randomizer.replacer
-        if replacer.prepared:
-            info["layout_redraw"] = wp.to_torch(replacer.number).clone()
-            info["layout_kept"] = wp.to_torch(replacer.status) == Status.KEPT
+        redrawer = self.randomizer.redrawer
+        if redrawer.prepared:
+            info["layout_redraw"] = wp.to_torch(redrawer.number).clone()
+            info["layout_kept"] = wp.to_torch(redrawer.status) == Status.KEPT
         if sampler is not None:
             info["layout_level"] = torch.where(info["layout_fallback"], -2, wp.to_torch(sampler.level))
         return info

@@ -207,7 +207,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         words |= {"needs": self.task.needs, "fields": batch.fields, "graph": graph}
         self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
-        self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.replacer.mask)
+        self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.redrawer.mask)
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
@@ -297,8 +297,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return self._returned(observation), self._returned(self._worlds.layout_info())
 
     @exclusive
-    def replace(self, objects: str | Sequence[str], worlds: Any = None) -> None:
-        """Give objects new places in some worlds, in the middle of their episodes; see `ResetRandomizer.replace`.
+    def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
+        """Give objects new places in some worlds, in the middle of their episodes; see `ResetRandomizer.redraw`.
 
         No episode begins, and all else keeps its state, the memory of the task too. From the first call on, `info` has
         `layout_redraw`, the number of redraws of each world since its reset, and `layout_kept`: nothing fitted in the
@@ -312,15 +312,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         Raises:
             ResetNeeded: There was no reset yet.
-            UnknownNameError, ArgumentError, ArgumentTypeError: As ResetRandomizer.replace.
+            UnknownNameError, ArgumentError, ArgumentTypeError: As ResetRandomizer.redraw.
         """
-        with self._launching("replace"):
+        with self._launching("redraw"):
             if isinstance(worlds, Tensor) and worlds.dtype is torch.bool:  # a tenth of the time of a view for Warp
                 check_mask(worlds, self.num_envs, "worlds")
                 self._redrawn.copy_(worlds)
-                self.randomizer.replacer.launch(objects, self.randomizer.replacer.mask)
+                self.randomizer.redrawer.launch(objects, self.randomizer.redrawer.mask)
             else:
-                self.randomizer.replace(objects, worlds)
+                self.randomizer.redraw(objects, worlds)
 
     @exclusive
     def snapshot(self, worlds: Any = None) -> Snapshot:
@@ -332,11 +332,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         Statistics count a restored episode from there on.
 
         Args:
-            worlds: As in `replace`. The rows of the snapshot have the order of ids.
+            worlds: As in `redraw`. The rows of the snapshot have the order of ids.
 
         Raises:
             ResetNeeded: There was no reset yet.
-            ArgumentError, ArgumentTypeError: As in `replace`.
+            ArgumentError, ArgumentTypeError: As in `redraw`.
         """
         with self._launching("snapshot"):
             ids = as_world_ids(worlds, self.num_envs).astype(np.int64)
@@ -350,12 +350,12 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             name: One of the `params` that the environment was made with, such as "groups.clutter.count".
             value: What the scene file could have in its place, within what it has: [1, 3]. Joint positions are in m or
                 rad. Or such a value for each world, shape (num_envs, ...).
-            worlds: As in `replace`.
+            worlds: As in `redraw`.
 
         Raises:
             UnknownNameError: The environment was not made with such a param.
             ArgumentError: A value that the param cannot have.
-            ArgumentError, ArgumentTypeError: As in `replace`.
+            ArgumentError, ArgumentTypeError: As in `redraw`.
         """
         check_type(name, str, "set_param: name")
         with self._launching():

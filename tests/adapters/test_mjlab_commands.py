@@ -11,7 +11,7 @@ from sceniris_gym.errors import ArgumentError
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
 from mjlab.envs import ManagerBasedRlEnv  # pyright: ignore[reportMissingImports]
 
-from sceniris_gym.adapters.mjlab_commands import ReplaceObjectsCfg
+from sceniris_gym.adapters.mjlab_commands import RedrawObjectsCfg
 from tests.adapters.test_mjlab import NUM_ENVS, cubes_on, deepest, local, plain_cfg
 
 
@@ -19,7 +19,7 @@ def make() -> ManagerBasedRlEnv:
     """Return an environment with two cubes, one of which is redrawn every three steps."""
     cfg = plain_cfg(cubes_on())
     cfg.decimation, period = 1, 3 * cfg.sim.mujoco.timestep
-    cfg.commands["redraw"] = ReplaceObjectsCfg(objects=("cube_1",), resampling_time_range=(period, period))
+    cfg.commands["redraw"] = RedrawObjectsCfg(objects=("cube_1",), resampling_time_range=(period, period))
     return ManagerBasedRlEnv(cfg, "cpu")
 
 
@@ -48,6 +48,6 @@ def test_the_command_needs_the_event_that_places_the_objects():
     """Its scene says where they may be."""
     cfg = plain_cfg(cubes_on())
     del cfg.events["layouts"]
-    cfg.commands["redraw"] = ReplaceObjectsCfg(objects=("cube_1",), resampling_time_range=(1.0, 1.0))
+    cfg.commands["redraw"] = RedrawObjectsCfg(objects=("cube_1",), resampling_time_range=(1.0, 1.0))
     with pytest.raises(ArgumentError, match="PlaceLayoutsCfg"):
         ManagerBasedRlEnv(cfg, "cpu")

@@ -30,7 +30,7 @@ from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImpo
 from mjlab.utils.spec_config import CollisionCfg  # pyright: ignore[reportMissingImports]
 
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg
-from sceniris_gym.adapters.mjlab_commands import ReplaceObjectsCfg
+from sceniris_gym.adapters.mjlab_commands import RedrawObjectsCfg
 
 PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
 NUM_ENVS = 6
@@ -230,8 +230,8 @@ def test_what_cannot_be_redrawn_is_refused_by_name():
     with pytest.raises(NotSupportedError, match=r"objects\.thing/lamp: has several bodies"):
         ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants={"lamp": lamp})), "cpu")
     cfg = cfg_of(scene, thing=entity)
-    cfg.commands["moved"] = ReplaceObjectsCfg(objects=("thing",), resampling_time_range=(1.0, 2.0))
-    with pytest.raises(ArgumentError, match=r"ReplaceObjects: .*whose scene has no variants"):
+    cfg.commands["moved"] = RedrawObjectsCfg(objects=("thing",), resampling_time_range=(1.0, 2.0))
+    with pytest.raises(ArgumentError, match=r"RedrawObjects: .*whose scene has no variants"):
         ManagerBasedRlEnv(cfg, "cpu")
 
 

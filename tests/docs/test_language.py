@@ -142,7 +142,7 @@ LIMITS = {
     "program/starts.py",  # the page on starts
     "scene/heaps.py: read_rows",  # a missing file
     "scene/parking.py",
-    "sim/replacing.py",  # the page on redraws
+    "sim/redrawing.py",  # the page on redraws
     "sim/rest.py",  # the page on starts
 }
 ELSEWHERE = ("audit", "commands", "dataset", "pictures", "training", "importers")

@@ -158,7 +158,7 @@ def _redraw(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> N
     names: Any = ["apple", "plum"] if draws.random() < 0.5 else "pear"
     mask: Any = np.array([True, False] * 2)
     names, mask = (names, some_array(draws)) if draws.random() < 0.4 else (spoiled(names, draws), mask)
-    envs.replace(names, mask)
+    envs.redraw(names, mask)
 
 
 def _id(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:

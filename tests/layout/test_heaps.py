@@ -85,7 +85,7 @@ def test_a_heap_is_redrawn_alone_in_its_container(compiled: CompiledScene):
     generator = LayoutGenerator(compiled, 40, seed=2)
     generator.generate()
     before = read(generator.layouts)
-    after = read(generator.extend(generator.layouts, THINGS))
+    after = read(generator.redraw(generator.layouts, THINGS))
     assert (after.status == Status.VALID).all()
     np.testing.assert_array_equal(after.mocap_pos, before.mocap_pos)
     old, new = ([row_of(data, pos, quat) for data in posed(compiled, rows)] for rows in (before, after))

@@ -211,7 +211,7 @@ def test_a_batch_grows_step_by_step():
     layouts = generator.layouts
     for k in range(1, 4):
         before = layouts.qpos.numpy()
-        layouts = generator.extend(layouts, names[k])
+        layouts = generator.redraw(layouts, names[k])
         assert layouts.present.numpy()[:, : k + 1].all()
         assert not layouts.present.numpy()[:, k + 1 :].any()
         adr = address(compiled, names[k])
@@ -231,9 +231,9 @@ def test_layouts_to_extend_are_of_the_scene_and_keep_what_stands(room: CompiledS
     generator = LayoutGenerator(room, 2)
     generator.generate()
     with pytest.raises(SceneMismatchError, match="should be 2 of the scene"):
-        generator.extend(Layouts.create(room, 3), "a")
+        generator.redraw(Layouts.create(room, 3), "a")
     with pytest.raises(ArgumentError, match="'tray' carries 'c'"):
-        generator.extend(generator.layouts, "tray")
+        generator.redraw(generator.layouts, "tray")
 
 
 def test_what_is_kept_leaves_grasps_alone():
@@ -284,7 +284,7 @@ def test_a_carrier_moves_although_what_is_absent_might_stand_on_it(tmp_path: Pat
         generator, judge = LayoutGenerator(compiled, 8), StackJudge(compiled.mjm)
         generator.generate()
         adr, away = address(compiled, "tray"), [compiled.scene.bodies["other"]]
-        after = generator.extend(generator.extend(generator.layouts, "tray"), ["tray", "one"])
+        after = generator.redraw(generator.redraw(generator.layouts, "tray"), ["tray", "one"])
         assert (after.status.numpy() == Status.VALID).all()
         assert (generator.layouts.qpos.numpy()[:, adr] != after.qpos.numpy()[:, adr]).all()
         assert after.present.numpy()[:, [compiled.slots.index(name) for name in loads]].tolist() == [[1, 0]] * 8

@@ -131,8 +131,8 @@ def test_a_redraw_tips_nothing_that_carries_it(tmp_path: Path):
     """The plank stays where it is, and keeps standing under the load's new place with its own centre of mass."""
     randomizer = reset(seesaw(tmp_path, CENTERS, {}))
     fields = {"body_ipos": randomizer.fields.rows["body_ipos"].numpy()}
-    randomizer.replace("load")
-    placed = randomizer.replacer.status.numpy() == Status.VALID
+    randomizer.redraw("load")
+    placed = randomizer.redraw_status.numpy() == Status.VALID
     assert placed.sum() > NWORLD // 2
     wp.copy(randomizer.layouts.qpos, randomizer.data.qpos)
     assert not moving(randomizer.compiled, randomizer.layouts, fields)[placed].any()

@@ -107,8 +107,8 @@ def masses(device: str, folder: Path) -> dict[str, np.ndarray]:
         randomizer.scale_field(name, "load", factors)
     names = ("body_mass", "body_inertia", "geom_friction")
     found |= _copies({name: getattr(randomizer.model, name) for name in names}, " scaled")
-    randomizer.replace("load")
-    return found | _copies({"qpos": randomizer.data.qpos, "status": randomizer.replacer.status}, " replaced")
+    randomizer.redraw("load")
+    return found | _copies({"qpos": randomizer.data.qpos, "status": randomizer.redraw_status}, " replaced")
 
 
 def parameters(device: str, folder: Path) -> dict[str, np.ndarray]:

@@ -126,9 +126,9 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
         names, judge = choices[turn % len(choices)], judges[turn % len(choices)]
         before = {name: getattr(data, name).numpy().copy() for name in PROMISED}
         mask = random.random(num_envs) < 0.5
-        randomizer.replace(names, mask)
+        randomizer.redraw(names, mask)
         after = {name: getattr(data, name).numpy().copy() for name in PROMISED}
-        status = randomizer.replacer.status.numpy()
+        status = randomizer.redraw_status.numpy()
         placed = mask & (status == Status.VALID)
         different |= set(moved[turn % len(choices)].differences(before, after, placed))
         if model.config.variants:

@@ -59,11 +59,11 @@ def test_a_redraw_has_the_bits_of_a_cpu_waits_for_nothing_and_can_be_captured(cu
     envs, cpu = SceneVectorEnv(Reach, 4, scene=cuda_scene), make_env(4)
     for each in (envs, cpu):
         each.reset(seed=4)
-        each.replace("block")
+        each.redraw("block")
     mask = torch.tensor([True, False, True, False], device="cuda")
     torch.cuda.set_sync_debug_mode("error")
     try:
-        envs.replace("block", mask)
+        envs.redraw("block", mask)
     finally:
         torch.cuda.set_sync_debug_mode("default")
     stream, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
@@ -71,13 +71,13 @@ def test_a_redraw_has_the_bits_of_a_cpu_waits_for_nothing_and_can_be_captured(cu
     with torch.cuda.graph(graph, stream=stream):
         warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
         with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
-            envs.replace("block", mask)
+            envs.redraw("block", mask)
     cpu.replace("block", mask.cpu())
     for _ in range(3):
         mask.logical_not_()
         graph.replay()
         cpu.replace("block", mask.cpu())
-    assert envs.randomizer.replacer.number.numpy().tolist() == [3, 3, 3, 3]
+    assert envs.randomizer.redraw_count.numpy().tolist() == [3, 3, 3, 3]
     torch.testing.assert_close(envs.state.pose("block").cpu(), cpu.state.pose("block"), rtol=0.0, atol=0.0)
 
 

@@ -169,7 +169,7 @@ def test_objects_are_redrawn_beside_an_arm_that_holds_something():
     generator = LayoutGenerator(starting(), 40, seed=6)
     generator.generate()
     before = _rows(generator)
-    extended = generator.extend(generator.layouts, ["apple"])
+    extended = generator.redraw(generator.layouts, ["apple"])
     adr = starting().mjm.joint("apple/free").qposadr[0]
     after, kept = extended.qpos.numpy(), np.ones(before["qpos"].shape[1], bool)
     kept[adr : adr + 7] = False

@@ -16,19 +16,19 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
     """Seeds, episodes and the memory of the task stay; `info` counts the redraws of each world."""
     envs = make_env(4)
     with pytest.raises(gymnasium.error.ResetNeeded):
-        envs.replace("block")
+        envs.redraw("block")
     for wrong in (3, [["block"]]):
         with pytest.raises(ArgumentTypeError, match="replace: objects should be a name or several"):
-            envs.randomizer.replace(wrong)
+            envs.randomizer.redraw(wrong)
     _, info = envs.reset(seed=2)
     for mask, error in ((torch.ones(4), ArgumentTypeError), (torch.ones(3, dtype=torch.bool), ArgumentError)):
         with pytest.raises(error, match="mask should"):
-            envs.replace("block", mask)
+            envs.redraw("block", mask)
     assert "layout_redraw" not in info
     envs.step(actions(4))
     before, block = state(envs), envs.state.pose("block").clone()
     last = envs.task.last.clone()
-    envs.replace(["block"], SOME)
+    envs.redraw(["block"], SOME)
     assert_equal(state(envs), before, [0, 2])
     torch.testing.assert_close(envs.task.last, last, rtol=0.0, atol=0.0)
     moved = (envs.state.pose("block") != block).any(dim=1)
@@ -44,10 +44,10 @@ def test_a_snapshot_has_the_number_of_redraws(make_env):
     """So that the next redraw is the same after it was restored."""
     envs = make_env(4)
     envs.reset(seed=2)
-    envs.replace("block")
+    envs.redraw("block")
     kept, found = envs.snapshot(), []
     for mask in (SOME, SOME.numpy()):
-        envs.replace("block", mask)
+        envs.redraw("block", mask)
         found.append(envs.state.pose("block").clone())
         envs.reset(options={"state": kept})
     torch.testing.assert_close(found[0], found[1], rtol=0.0, atol=0.0)

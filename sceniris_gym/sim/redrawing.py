@@ -1,4 +1,4 @@
-"""`Replacer`: new places for some objects in the middle of episodes, written into the simulation's Data."""
+"""`Redrawer`: new places for some objects in the middle of episodes, written into the simulation's Data."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _wake(mask: wp.array[wp.bool], trees: wp.array[int], tree_awake_out: wp.arra
         tree_awake_out[worldid, trees[i]] = 1  # the next step wakes what sleeps together with it
 
 
-class Replacer:
+class Redrawer:
     """Redraws objects in the masked worlds of a Data, everything else of which keeps its bits.
 
     Args:
@@ -52,7 +52,7 @@ class Replacer:
 
     def __init__(self, simulation: Simulation, layouts: Layouts, *, alone: bool = False, graph: bool) -> None:
         self._simulation, self._layouts, self._alone, self._graph = simulation, layouts, alone, graph
-        self._where = f"{simulation.compiled.config.where}: replace"  # attributes of a config take 10 us
+        self._where = f"{simulation.compiled.config.where}: redraw"  # attributes of a config take 10 us
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         nworld, self._device = simulation.data.nworld, simulation.data.qpos.device
         self.mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)

@@ -79,15 +79,15 @@ def test_only_the_named_objects_move_and_they_are_free(mid: CompiledScene):
         stir(randomizer, 1)
         judge = Judge(mid.mjm, [body for name in names for body in mid.scene.subtree(name)])
         before = state(randomizer)
-        randomizer.replace(names, HALF)
+        randomizer.redraw(names, HALF)
         after = state(randomizer)
         assert judge.differences(before, after, HALF) == []
-        assert (randomizer.replacer.status.numpy()[HALF] == Status.VALID).all()
+        assert (randomizer.redraw_status.numpy()[HALF] == Status.VALID).all()
         assert max(judge.deepest(after, int(world)) for world in np.flatnonzero(HALF)) < DEEP
         for name in ("qpos", "qvel", "mocap_pos"):
             changed = (before[name] != after[name]).reshape((NWORLD, -1)).any(axis=1)
             np.testing.assert_array_equal(changed, HALF & (name != "mocap_pos" or names[0] == "cabinet"))
-    np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 3 * HALF)
+    np.testing.assert_array_equal(randomizer.redraw_count.numpy(), 3 * HALF)
 
 
 @pytest.mark.oldest
@@ -101,7 +101,7 @@ def test_what_moves_is_posed_in_space_and_all_bodies_with_needs(mid: CompiledSce
         randomizer = randomizer_of(mid, needs=needs)
         data = randomizer.data
         before = {name: getattr(data, f"{name}pos").numpy().copy() for name in moved}
-        randomizer.replace(names)
+        randomizer.redraw(names)
         after = {name: getattr(data, f"{name}pos").numpy().copy() for name in moved}
         turned = {name: getattr(data, f"{name}mat").numpy().copy() for name in moved}
         mjw.kinematics(randomizer.model, data)
@@ -120,10 +120,10 @@ def test_the_same_state_seed_and_number_give_the_same_places(mid: CompiledScene)
     for graph in (True, False):
         randomizer = randomizer_of(mid, graph=graph)
         for _ in range(2):
-            randomizer.replace("apple")
+            randomizer.redraw("apple")
             found.append(randomizer.data.qpos.numpy().copy())
         randomizer.reset(HALF, seed=np.arange(4, 4 + NWORLD))
-        np.testing.assert_array_equal(randomizer.replacer.number.numpy(), np.where(HALF, 0, 2))
+        np.testing.assert_array_equal(randomizer.redraw_count.numpy(), np.where(HALF, 0, 2))
     np.testing.assert_array_equal(found[0], found[2])
     np.testing.assert_array_equal(found[1], found[3])
     assert (found[0] != found[1]).any(axis=1).all()
@@ -133,18 +133,18 @@ def test_a_redraw_is_part_of_a_capture(mid: CompiledScene):
     """Once its search is prepared, with a mask that is written to between replays."""
     randomizer, twin = randomizer_of(mid), randomizer_of(mid)
     with pytest.raises(ArgumentError, match="before the capture"), wp.ScopedCapture("cpu"):
-        randomizer.replace("apple")
+        randomizer.redraw("apple")
     for each in (randomizer, twin):
-        each.replace("apple", np.zeros(NWORLD, bool))
+        each.redraw("apple", np.zeros(NWORLD, bool))
     mask = wp.zeros(NWORLD, dtype=bool, device="cpu")
     with wp.ScopedCapture("cpu") as capture:
-        randomizer.replace("apple", mask)
+        randomizer.redraw("apple", mask)
     for turn in range(3):
         mask.assign(np.arange(NWORLD) % 3 == turn)
         wp.capture_launch(capture.graph)
-        twin.replace("apple", mask)
+        twin.redraw("apple", mask)
         np.testing.assert_array_equal(randomizer.data.qpos.numpy(), twin.data.qpos.numpy())
-    np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 1)
+    np.testing.assert_array_equal(randomizer.redraw_count.numpy(), 1)
 
 
 def test_where_nothing_fits_the_object_stays_and_is_counted(mid: CompiledScene):
@@ -155,10 +155,10 @@ def test_where_nothing_fits_the_object_stays_and_is_counted(mid: CompiledScene):
     qpos[:3, mjm.joint("cabinet/upper").qposadr[0]] = 0.0
     data.qpos.assign(qpos)
     before = state(randomizer)
-    randomizer.replace("banana")
-    status = randomizer.replacer.status.numpy()
+    randomizer.redraw("banana")
+    status = randomizer.redraw_status.numpy()
     np.testing.assert_array_equal(status, [Status.KEPT] * 3 + [Status.VALID] * 3)
-    assert randomizer.replacer.kept.numpy().tolist() == [3]
+    assert randomizer.redrawer.kept.numpy().tolist() == [3]
     after = state(randomizer)
     for name, old in before.items():
         np.testing.assert_array_equal(after[name][:3], old[:3])
@@ -174,7 +174,7 @@ def test_what_sleeps_wakes_and_falls(mid: CompiledScene):
     asleep[:, tree], awake[:, tree] = tree, 0
     data.tree_asleep.assign(asleep)
     data.tree_awake.assign(awake)
-    randomizer.replace("apple", HALF)
+    randomizer.redraw("apple", HALF)
     before = data.qpos.numpy().copy()
     for _ in range(5):
         mjw.step(randomizer.model, data)
@@ -186,9 +186,9 @@ def test_wrong_arguments_are_refused(mid: CompiledScene):
     """Unknown objects, and masks of another shape."""
     randomizer = randomizer_of(mid)
     with pytest.raises(UnknownNameError, match="Did you mean 'apple'"):
-        randomizer.replace("apples")
+        randomizer.redraw("apples")
     with pytest.raises(ArgumentError, match="mask should have shape"):
-        randomizer.replace("apple", np.zeros(2, bool))
+        randomizer.redraw("apple", np.zeros(2, bool))
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
@@ -204,7 +204,7 @@ def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device
         stir(randomizer, turn)
         before, variant = state(randomizer), randomizer.variant.numpy().copy()
         fields = {name: getattr(randomizer.model, name).numpy().copy() for name in fields_of_variants()}
-        randomizer.replace(names, HALF)
+        randomizer.redraw(names, HALF)
         after = state(randomizer)
         judge = Judge(sim.mjm, [sim.bodies[name] for name in names])
         assert judge.differences(before, after, HALF) == []
@@ -217,6 +217,6 @@ def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device
             own = build_model(SceneConfig.load(with_variants((target,), (stand,))))
             alone = Judge(own.mjm, [own.bodies[name] for name in names])
             assert alone.deepest(after, int(world)) < DEEP
-    np.testing.assert_array_equal(randomizer.replacer.number.numpy(), 2 * HALF)
+    np.testing.assert_array_equal(randomizer.redraw_count.numpy(), 2 * HALF)
     with pytest.raises(UnknownNameError, match=r"placed object 'target/\w+'\. Did you mean 'target'\?"):
-        randomizer.replace(compiled.config.variants["target"][0])  # other worlds have another one
+        randomizer.redraw(compiled.config.variants["target"][0])  # other worlds have another one
