@@ -25,7 +25,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.model_fields import owner
-from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.randomizer import ResetRandomizer
 
 _SUBSTEPS = 4
 _KERNELS = 10
@@ -77,7 +77,7 @@ class Steps:
             wp.copy(getattr(self.data, name), values)
         for _ in range(settle):
             self._launch()
-        self._start = {name: wp.clone(getattr(self.data, name)) for name in PROMISED}
+        self._start = {name: wp.clone(getattr(self.data, name)) for name in ResetRandomizer.STATE_FIELDS}
         self._graph, self.times = None, []
         if batch.device.is_cuda:
             with wp.ScopedCapture() as capture:
@@ -130,7 +130,7 @@ def main() -> None:
     compiled = compile_scene(SceneConfig.load({"base": "tabletop_lift", **DRAWS}), words.device)
     batch = Batch(compiled.scene, words.num_envs, compiled.device)
     ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=False).reset()
-    state = {name: wp.clone(getattr(batch.data, name)) for name in PROMISED}
+    state = {name: wp.clone(getattr(batch.data, name)) for name in ResetRandomizer.STATE_FIELDS}
     rows = [name for name in batch.fields.rows if name != "rest"]
     with wp.ScopedDevice(batch.device):
         each = {}

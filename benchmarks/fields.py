@@ -28,7 +28,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.randomizer import ResetRandomizer
 
 _THING = {
     "mass": {"scale": [0.5, 2.0], "distribution": "log_uniform"},
@@ -98,7 +98,7 @@ def main() -> None:
         for _ in range(words.settle):
             batch.step()
         worlds[name] = batch, randomizer
-        starts[name] = {field: wp.clone(getattr(batch.data, field)) for field in PROMISED}
+        starts[name] = {field: wp.clone(getattr(batch.data, field)) for field in ResetRandomizer.STATE_FIELDS}
         print(f"{name} is ready", file=sys.stderr, flush=True)
     device = worlds[words.ways[0]][0].device
     turns = [wp.array(np.arange(n) % _EVERY == turn, dtype=wp.bool, device=device) for turn in range(_EVERY)]

@@ -76,7 +76,7 @@ def sections() -> dict[str, list[Figure]]:
         "Other systems": [*_systems()],
         "Training libraries": [
             Figure(
-                "bytes that `SB3VecEnv` copies to the host for each world and step",
+                "bytes that `Sb3VecEnvWrapper` copies to the host for each world and step",
                 "python -m benchmarks.sb3_bytes --env-id sceniris_gym/DrawerPick-v0 --steps 6 --episode 5",
                 lambda run: f"{run.line('sb3_bytes')['bytes_per_world']:.0f}",
                 "constant",

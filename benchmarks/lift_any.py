@@ -19,7 +19,7 @@ from typing import Any, Literal
 import gymnasium
 import tyro
 
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.files import replacing
 from sceniris_gym.layout.layouts import Status
@@ -70,7 +70,7 @@ def task_of(things: int, seed: int) -> str:
     return TASK if things == 8 else f"benchmarks.lift_any:LiftOne{seed % len(ALONE)}-v0"
 
 
-def by_thing(env: RslRlVecEnv, found: dict[str, Any]) -> dict[str, Any]:
+def by_thing(env: RslRlVecEnvWrapper, found: dict[str, Any]) -> dict[str, Any]:
     """Return what judging found, with the successes of each thing instead of those of each layout."""
     env.reset(seed=EVAL_SEED)  # the layouts that it was judged on
     randomizer, config = env.unwrapped.randomizer, env.unwrapped.compiled.config
@@ -108,7 +108,7 @@ def main(options: Options) -> None:
     run.go()
     policy = run.runner.get_inference_policy(str(run.env.device))
     held_out = run.judges["valid"]
-    seen = RslRlVecEnv(make_env(task, held_out.num_envs, run.env.unwrapped.compiled))
+    seen = RslRlVecEnvWrapper(make_env(task, held_out.num_envs, run.env.unwrapped.compiled))
     kinds = {"held_out": held_out, "trained": seen}
     found = {kind: by_thing(env, judge(policy, env, task, options.layouts)) for kind, env in kinds.items()}
     line = {"things": options.things, "seed": options.seed, "env_steps": run.env_steps, "seconds": run.seconds, **found}

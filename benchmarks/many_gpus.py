@@ -23,7 +23,7 @@ from rsl_rl.runners import OnPolicyRunner
 from torch import Tensor
 
 from sceniris_gym import LayoutGenerator, compile_scene
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.vector.ranks import Rank
 
 _EXAMPLE = Path(__file__).parents[1] / "examples/08_all_gpus.py"
@@ -91,7 +91,7 @@ def measure(
     """
     example = runpy.run_path(str(_EXAMPLE))
     config = example["CONFIG"]
-    envs = RslRlVecEnv(gym.make_vec(example["ENV_ID"], num_envs=num_envs, device=device), seed=0)
+    envs = RslRlVecEnvWrapper(gym.make_vec(example["ENV_ID"], num_envs=num_envs, device=device), seed=0)
     rank, place = envs.unwrapped.rank, envs.unwrapped.device
     torch.manual_seed(rank.number)
     kind = _OnProcessors if place.type == "cpu" else OnPolicyRunner

@@ -24,7 +24,7 @@ from benchmarks.timing import spread
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.randomizer import ResetRandomizer
 
 _ARM = {"asset": "panda", "base": [-0.6, 0.0, 0.0]}
 _STEPS = 100
@@ -64,7 +64,7 @@ def main() -> None:
         worlds[name][1].reset()
         for _ in range(20):
             batch.step()
-        starts[name] = {field: wp.clone(getattr(batch.data, field)) for field in PROMISED}
+        starts[name] = {field: wp.clone(getattr(batch.data, field)) for field in ResetRandomizer.STATE_FIELDS}
     times: dict[tuple[str, str], list[float]] = {}
     for _ in range(words.rounds + 1):
         for name, (batch, randomizer) in worlds.items():

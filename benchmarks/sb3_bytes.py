@@ -1,4 +1,4 @@
-"""Bytes that SB3VecEnv copies to the host per step, for different numbers of worlds.
+"""Bytes that Sb3VecEnvWrapper copies to the host per step, for different numbers of worlds.
 
 Prints a line of JSON for each number: `bytes_per_step` and `bytes_per_world` (means over the steps), `finished_share`
 (share of worlds that finish in a step), `env_ms` and `adapter_ms` (medians of the whole step and of the overhead of the
@@ -21,7 +21,7 @@ import torch
 import tyro
 
 import sceniris_gym  # noqa: F401, the import registers the environments
-from sceniris_gym.adapters.sb3 import SB3VecEnv
+from sceniris_gym.adapters.sb3 import Sb3VecEnvWrapper
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
@@ -57,7 +57,7 @@ def measure(env_id: str, num_envs: int, steps: int, episode: int, device: str | 
     """Step `num_envs` worlds and return the figures of one line."""
     inner = gym.make_vec(env_id, num_envs=num_envs, device=device, max_episode_steps=episode)
     assert isinstance(inner, SceneVectorEnv)
-    envs = SB3VecEnv(inner)
+    envs = Sb3VecEnvWrapper(inner)
     envs.seed(0)
     envs.reset()
     inner.state.elapsed.copy_(torch.arange(num_envs) % episode)

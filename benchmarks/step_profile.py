@@ -17,7 +17,7 @@ import torch
 import tyro
 
 from benchmarks.timing import captured, wait
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.training.task_scenes import make_env, scene_of
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -61,7 +61,7 @@ def main(options: Options) -> None:
     """Time one part after another."""
     compiled = compile_scene(scene_of(options.task, reachable=True), options.device)
     envs = make_env(options.task, options.num_envs, compiled)
-    adapter = RslRlVecEnv(envs, seed=0)
+    adapter = RslRlVecEnvWrapper(envs, seed=0)
     s, task = envs.state, envs.task
     action = 0.3 * torch.randn(envs.action_space.shape, device=envs.device).clamp(-1.0, 1.0)  # type: ignore[arg-type]
     nobody = torch.zeros(options.num_envs, dtype=torch.bool, device=envs.device)

@@ -8,7 +8,7 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
-from sceniris_gym.vector.bodies import Bounds, Touch
+from sceniris_gym.vector.bodies import Bounds, ContactSensor
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import SLEEPING, Observation, Task
 
@@ -144,7 +144,7 @@ class ClutterExtract(Task):
                 f"{SLOTS} slots for them. Lower `count` of the groups in `overrides`."
             )
         self.arm = ArmController(s, "panda")
-        self.touch = Touch(s, FINGERS, ("target",))
+        self.touch = ContactSensor(s, FINGERS, ("target",))
         self.bounds = Bounds(s, ("target",))
         kinds = [name.split("_")[0] for name in OTHERS]
         self.kinds = torch.eye(len(KINDS), device=s.device)[[list(KINDS).index(kind) for kind in kinds]]

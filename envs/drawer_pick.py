@@ -7,7 +7,7 @@ from torch import Tensor
 
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
-from sceniris_gym.vector.bodies import Bounds, Touch
+from sceniris_gym.vector.bodies import Bounds, ContactSensor
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
@@ -87,7 +87,7 @@ class DrawerPick(Task):
     def bind(self, s: State) -> None:
         """Find the arm, its contacts and the banana's bounds, and allocate the tensors that are kept between steps."""
         self.arm = ArmController(s, "panda")
-        self.touch = Touch(s, FINGERS, ("banana",))
+        self.touch = ContactSensor(s, FINGERS, ("banana",))
         self.bounds = Bounds(s, ("banana",))
         self.last_action = torch.zeros(s.num_envs, self.action_size or 0, device=s.device)
         self.start_height = torch.zeros(s.num_envs, device=s.device)

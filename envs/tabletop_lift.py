@@ -7,7 +7,7 @@ from torch import Tensor
 
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
-from sceniris_gym.vector.bodies import Bounds, Touch
+from sceniris_gym.vector.bodies import Bounds, ContactSensor
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
@@ -97,7 +97,7 @@ class TabletopLift(Task):
     def bind(self, s: State) -> None:
         """Find the arm, its contacts and the objects' bounds, and allocate the tensors that are kept between steps."""
         self.arm = ArmController(s, "panda")
-        self.touch = Touch(s, FINGERS, self.targets)
+        self.touch = ContactSensor(s, FINGERS, self.targets)
         self.bounds = Bounds(s, self.targets)
         self.grasp_heights = torch.tensor([[0.0, 0.0, height] for height in GRASP_HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(self.targets), device=s.device)

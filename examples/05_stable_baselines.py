@@ -9,7 +9,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sceniris_gym.adapters.sb3 import SB3VecEnv
+from sceniris_gym.adapters.sb3 import Sb3VecEnvWrapper
 
 ENV_ID = "sceniris_gym:sceniris_gym/TabletopReachEasy-v0"
 SETTINGS = {
@@ -24,7 +24,7 @@ SETTINGS = {
 
 def judge(model: PPO, trained: VecNormalize, device: str | None) -> str:
     """Return the result of the first episodes of the split `eval`, without exploration."""
-    envs = SB3VecEnv(gym.make_vec(ENV_ID, num_envs=trained.num_envs, device=device, split="eval"))
+    envs = Sb3VecEnvWrapper(gym.make_vec(ENV_ID, num_envs=trained.num_envs, device=device, split="eval"))
     envs.seed(0)
     normalized = VecNormalize(envs, training=False, norm_reward=False)
     normalized.obs_rms = trained.obs_rms
@@ -41,7 +41,7 @@ def main(
     out: str = "results/sb3",
 ) -> None:
     """Train, evaluate before and after, and save what `sceniris-gym view --policy` plays."""
-    envs = VecNormalize(SB3VecEnv(gym.make_vec(ENV_ID, num_envs=num_envs, device=device)), gamma=0.9)
+    envs = VecNormalize(Sb3VecEnvWrapper(gym.make_vec(ENV_ID, num_envs=num_envs, device=device)), gamma=0.9)
     model = PPO("MlpPolicy", envs, gamma=0.9, batch_size=5 * num_envs, seed=0, **SETTINGS)
     print("before:", judge(model, envs, device))
     for _ in range(10):

@@ -12,7 +12,7 @@ import torch
 import tyro
 from rsl_rl.runners import OnPolicyRunner
 
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 
 ENV_ID = "sceniris_gym:sceniris_gym/TabletopReach-v0"
 MODEL = {"class_name": "MLPModel", "hidden_dims": [256, 128, 64], "activation": "elu", "obs_normalization": True}
@@ -42,7 +42,7 @@ def main(
         device: "cpu" or "cuda:0"; by default each process takes its own GPU.
         out: folder for checkpoints and the log.
     """
-    envs = RslRlVecEnv(gym.make_vec(ENV_ID, num_envs=num_envs, device=device), seed=seed)
+    envs = RslRlVecEnvWrapper(gym.make_vec(ENV_ID, num_envs=num_envs, device=device), seed=seed)
     rank = envs.unwrapped.rank
     torch.manual_seed(seed * rank.size + rank.number)  # for the noise on actions; weights come from the first process
     runner = OnPolicyRunner(envs, {**CONFIG, "seed": seed}, log_dir=str(out), device=str(envs.device))

@@ -33,8 +33,8 @@ def main(nworld: int = 64, steps: int = 200, device: str | None = None) -> None:
     compiled = compile_scene({"model": mjm, "objects": OBJECTS}, device)
     with wp.ScopedDevice(compiled.device):
         model, data = mjw.put_model(mjm), mjw.make_data(mjm, nworld=nworld, nconmax=32, njmax=128)
-        # "placed" writes cup and brick alone; `mjm` says which names the bodies of `model` have
-        randomizer = ResetRandomizer(compiled, model, data, seed=0, write="placed", mjm=mjm)
+        # "scene" writes cup and brick alone; `mjm` says which names the bodies of `model` have
+        randomizer = ResetRandomizer(compiled, model, data, seed=0, scope="scene", mjm=mjm)
         wp.to_torch(data.qvel)[:, mjm.body("ball").dofadr[0]] = 0.5  # m/s, once
         for _ in range(3):
             randomizer.reset()

@@ -8,7 +8,7 @@ import tyro
 from stable_baselines3 import PPO
 
 from sceniris_gym import evaluate
-from sceniris_gym.adapters.sb3 import SB3VecEnv
+from sceniris_gym.adapters.sb3 import Sb3VecEnvWrapper
 
 ENV_ID = "sceniris_gym:sceniris_gym/TabletopReachPixels-v0"
 SEEN = ("policy", "front/rgb", "wrist/rgb")
@@ -18,7 +18,7 @@ SEEN = ("policy", "front/rgb", "wrist/rgb")
 def main(num_envs: int = 256, steps: int = 4_000_000, device: str | None = None, out: str = "pixels.zip") -> None:
     """Train, print how episodes went, and save and judge the policy."""
     made = {"num_envs": num_envs, "device": device, "final_images": True}
-    envs = SB3VecEnv(gym.make_vec(ENV_ID, **made), SEEN)
+    envs = Sb3VecEnvWrapper(gym.make_vec(ENV_ID, **made), SEEN)
     model = PPO("MultiInputPolicy", envs, n_steps=24, batch_size=6 * num_envs, gamma=0.98, seed=0)
     for _ in range(10):
         model.learn(steps // 10, reset_num_timesteps=False)
@@ -26,7 +26,7 @@ def main(num_envs: int = 256, steps: int = 4_000_000, device: str | None = None,
         print(f"{model.num_timesteps} steps: return {found['return']:.3f}, success {found['success']:.2f}")
     model.save(out)
 
-    unseen = SB3VecEnv(gym.make_vec(ENV_ID, split="eval", **made), SEEN)
+    unseen = Sb3VecEnvWrapper(gym.make_vec(ENV_ID, split="eval", **made), SEEN)
     results = evaluate(lambda observation: model.predict(unseen.seen(observation), deterministic=True)[0], unseen.env)
     print(f"{sum(row.success for row in results)} of {len(results)} unseen layouts")
 

@@ -12,7 +12,7 @@ from .layout.layouts import Layouts as Layouts
 from .layout.source import LayoutSource as LayoutSource
 from .layout.stored import StoredLayouts as StoredLayouts
 from .program.compiled import CompiledScene as CompiledScene
-from .scene.adopt import place_on as place_on
+from .scene.adopt import edit_spec as edit_spec
 from .scene.build import build_model as build_model
 from .scene.layout_table import LayoutTable as LayoutTable
 from .scene.model import SceneModel as SceneModel
@@ -20,7 +20,7 @@ from .sim.model_fields import put_model as put_model
 from .sim.randomizer import ResetRandomizer as ResetRandomizer
 from .vector.arm_controller import ArmController as ArmController
 from .vector.bodies import Bounds as Bounds
-from .vector.bodies import Touch as Touch
+from .vector.bodies import ContactSensor as ContactSensor
 from .vector.evaluation import EpisodeResult as EpisodeResult
 from .vector.evaluation import evaluate as evaluate
 from .vector.libero_goal import LiberoGoal as LiberoGoal

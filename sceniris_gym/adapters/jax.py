@@ -1,4 +1,4 @@
-"""Layouts as functions of JAX, and `FreshAutoReset` for environments of MuJoCo Playground on MJX."""
+"""Layouts as functions of JAX, and `LayoutAutoResetWrapper` for environments of MuJoCo Playground on MJX."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class LayoutFunction:
         return [array.reshape(*lead, *array.shape[1:]) for array in flat]
 
 
-class FreshAutoReset:
+class LayoutAutoResetWrapper:
     """Starts every episode of a batch of environments of MuJoCo Playground in a fresh layout.
 
     It stands in for Playground's BraxAutoResetWrapper, which starts all episodes of a world in the same state. The
@@ -138,16 +138,16 @@ class FreshAutoReset:
         observe: Callable[[Any, dict[str, Any]], Any] | None = None,
         update: Callable[[Any, Any], Any] | None = None,
     ) -> None:
-        refuse_starts(compiled, "FreshAutoReset")
+        refuse_starts(compiled, "LayoutAutoResetWrapper")
         self.env, self.layouts, self.full_reset = env, LayoutFunction(compiled, split=split), full_reset
-        check_type(getattr(env, "mj_model", None), type(compiled.mjm), "FreshAutoReset: env.mj_model")
-        check_model(compiled, env.mj_model, "FreshAutoReset", "Compile a scene with model: env.mj_model.")
+        check_type(getattr(env, "mj_model", None), type(compiled.mjm), "LayoutAutoResetWrapper: env.mj_model")
+        check_model(compiled, env.mj_model, "LayoutAutoResetWrapper", "Compile a scene with model: env.mj_model.")
         self._update = import_extra("mujoco.mjx", "jax", "mujoco-mjx").forward if update is None else update
         try:
             inspect.signature(observe or env.unwrapped._get_obs).bind("data", "info")
         except (AttributeError, TypeError):
             raise ArgumentError(
-                "FreshAutoReset: observe should be a function of (data, info). It may be left out only where the "
+                "LayoutAutoResetWrapper: observe should be a function of (data, info). It may be left out only if the "
                 f"environment has a method _get_obs(data, info), which {type(env.unwrapped).__name__} lacks."
             ) from None
         self._observe, self._place = observe, _placing(compiled)
@@ -165,7 +165,9 @@ class FreshAutoReset:
         data, obs, fallback = self._start(state.data, state.info, _words(seed), episode, jnp.ones(worlds, bool))
         found, wanted = (jax.tree.map(lambda array: f"{array.dtype}{array.shape}", each) for each in (obs, state.obs))
         if found != wanted:
-            raise ArgumentError(f"FreshAutoReset: observe should return what the reset does, {wanted}, got {found}.")
+            raise ArgumentError(
+                f"LayoutAutoResetWrapper: observe should return what the reset does, {wanted}, got {found}."
+            )
         info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
         state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})
         state.info.update(layout_seed=_words(seed), layout_episode=episode, layout_fallback=fallback)
@@ -204,18 +206,18 @@ class FreshAutoReset:
         return *jax.vmap(start, in_axes=(axes, 0, 0, 0))(model, data, info, fresh), fresh.fallback
 
 
-def fresh_training(compiled: CompiledScene, **words: Any) -> Callable[..., FreshAutoReset]:
-    """Return a `wrap_env_fn` for Brax's trainers: Playground's `wrap_for_brax_training` with `FreshAutoReset`.
+def wrap_for_brax_training(compiled: CompiledScene, **words: Any) -> Callable[..., LayoutAutoResetWrapper]:
+    """Return a `wrap_env_fn` for Brax's trainers: Playground's `wrap_for_brax_training` with `LayoutAutoResetWrapper`.
 
     Args:
-        compiled: As of `FreshAutoReset`.
-        **words: Other arguments of `FreshAutoReset`.
+        compiled: As of `LayoutAutoResetWrapper`.
+        **words: Other arguments of `LayoutAutoResetWrapper`.
     """
-    check_type(compiled, CompiledScene, "fresh_training: compiled")
+    check_type(compiled, CompiledScene, "wrap_for_brax_training: compiled")
     wrapper = import_extra("mujoco_playground._src.wrapper", "jax", "playground")
 
-    def wrap(env: Any, **arguments: Any) -> FreshAutoReset:
-        return FreshAutoReset(wrapper.wrap_for_brax_training(env, **arguments).env, compiled, **words)
+    def wrap(env: Any, **arguments: Any) -> LayoutAutoResetWrapper:
+        return LayoutAutoResetWrapper(wrapper.wrap_for_brax_training(env, **arguments).env, compiled, **words)
 
     return wrap
 

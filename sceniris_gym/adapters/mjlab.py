@@ -313,7 +313,7 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
             raise NotSupportedError(
                 f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
                 f"(VariantEntityCfg) to have them in mjlab. {instead_of_variants(name, members)} "
-                "In mjlab: cfg.scene.spec_fn = lambda spec: place_on(spec, scene)."
+                "In mjlab: cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     words: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}

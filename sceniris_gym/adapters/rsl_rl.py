@@ -1,4 +1,4 @@
-"""`RslRlVecEnv`: a SceneVectorEnv as a VecEnv of rsl-rl, for `OnPolicyRunner(RslRlVecEnv(envs), config)`."""
+"""`RslRlVecEnvWrapper`: a SceneVectorEnv for `OnPolicyRunner(RslRlVecEnvWrapper(envs), config)` of rsl-rl."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ except ImportError as error:
     raise MissingExtraError("rsl_rl", "rsl-rl") from error
 
 
-class RslRlVecEnv(VecEnv):
+class RslRlVecEnvWrapper(VecEnv):
     """A SceneVectorEnv as a VecEnv of rsl-rl 5. Nothing is copied to the host, and nothing waits for the device.
 
     Each camera is a group of its own name, with its pictures as channels (`as_channels` in vector/images.py), which
@@ -50,14 +50,16 @@ class RslRlVecEnv(VecEnv):
     def __init__(self, env: VectorEnv, seed: int | None = None) -> None:
         if not isinstance(env, SceneVectorEnv):
             raise ArgumentError(
-                "RslRlVecEnv: env should be a SceneVectorEnv, as gymnasium.make_vec returns it without wrappers, got a "
-                f"{type(env).__name__}."
+                "RslRlVecEnvWrapper: env should be a SceneVectorEnv, as gymnasium.make_vec returns it, got "
+                f"a {type(env).__name__}."
             )
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
-            raise ArgumentError("RslRlVecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
+            raise ArgumentError(
+                "RslRlVecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True."
+            )
         if env.max_episode_steps is None:
             raise ArgumentError(
-                "RslRlVecEnv: env should have max_episode_steps, since rsl-rl asks for the longest episode."
+                "RslRlVecEnvWrapper: env should have max_episode_steps, since rsl-rl asks for the longest episode."
             )
         assert env.single_action_space.shape is not None
         self.env, self.device, self.num_envs = env, env.device, env.num_envs

@@ -1,4 +1,4 @@
-"""`SB3VecEnv`: a SceneVectorEnv as a VecEnv of Stable-Baselines3, for `PPO("MlpPolicy", SB3VecEnv(envs))`."""
+"""`Sb3VecEnvWrapper`: a SceneVectorEnv for `PPO("MlpPolicy", Sb3VecEnvWrapper(envs))` of Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ except ImportError as error:
     raise MissingExtraError("stable-baselines3", "sb3") from error
 
 
-class SB3VecEnv(VecEnv):
+class Sb3VecEnvWrapper(VecEnv):
     """A SceneVectorEnv as a VecEnv of Stable-Baselines3: numpy arrays, a list of infos, one part of the observation.
 
     A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
@@ -54,15 +54,15 @@ class SB3VecEnv(VecEnv):
 
     def __init__(self, env: VectorEnv, group: str | Sequence[str] = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
-            raise ArgumentTypeError(f"SB3VecEnv: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
+            raise ArgumentTypeError(f"Sb3VecEnvWrapper: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
-            raise ArgumentError("SB3VecEnv: env should have autoreset SAME_STEP, output='torch' and copy=True.")
+            raise ArgumentError("Sb3VecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         assert isinstance(env.single_observation_space, gymnasium.spaces.Dict)
         parts = _parts(env.single_observation_space.spaces)
         names = [group] if isinstance(group, str) else list(group)
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)
         if not env.final_images and any(name not in env.observation_names for name in names):
-            raise ArgumentError("SB3VecEnv: env should have final_images=True for pictures as observations.")
+            raise ArgumentError("Sb3VecEnvWrapper: env should have final_images=True for pictures as observations.")
         self.env, self.group = env, group
         space = parts[group] if isinstance(group, str) else gymnasium.spaces.Dict({name: parts[name] for name in names})
         super().__init__(env.num_envs, space, env.single_action_space)

@@ -1,7 +1,7 @@
 """Bodies of the user's own model as objects of a scene, and checks that they can be.
 
 A model from a file is changed where the scene needs it. A model in memory belongs to the user: it is taken as it is,
-and only `place_on` changes it.
+and only `edit_spec` changes it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ HOME = "home"
 """The keyframe that is a model's start pose, unless the scene names another one."""
 _MOCAP = ("fixture", "marker")
 _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoco.mjtJoint.__members__.values()}
-PLACE_ON = "Call place_on(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
+EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
 
 
 def instead_of_variants(name: str, members: Sequence[str]) -> str:
     """Return the advice to have all variants of an object in a model, which is the same in all worlds."""
     first, more = [member.partition("/")[2] for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
-    return f"Or have a body for each variant, of which a group makes one present: {group}. {PLACE_ON}"
+    return f"Or have a body for each variant, of which a group makes one present: {group}. {EDIT_SPEC}"
 
 
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
@@ -79,12 +79,12 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
             wanted = "without collisions" if is_mocap else "a mocap body"
             raise SceneKeyError(
                 f"{where}: body '{name}' should be {wanted} to be placed as a '{part.kind}', and a model in memory is "
-                f"taken as it is. {PLACE_ON}"
+                f"taken as it is. {EDIT_SPEC}"
             )
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
-        # place_on refuses scenes with assets, such as those of variants
+        # edit_spec refuses scenes with assets, such as those of variants
         attached = any(part.asset is not None for part in config.objects.values())
-        cure = "Give the scene a 'floor', or the MjSpec an endless plane at z = 0." if attached else PLACE_ON
+        cure = "Give the scene a 'floor', or the MjSpec an endless plane at z = 0." if attached else EDIT_SPEC
         raise SceneKeyError(
             f"{config.where}: groups: the model has no ground on which absent members are parked, and a model in "
             f"memory is taken as it is. {cure}"
@@ -115,7 +115,7 @@ def check_additions(config: SceneConfig) -> None:
         )
 
 
-def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> None:
+def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> None:
     """Change a specification, in place, so that a scene can be placed on the model that is compiled from it.
 
     Bodies that are placed and have no freejoint become mocap bodies; markers, the floor, and the ground on which absent
@@ -135,11 +135,11 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
     assets += [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
     if key := next(iter(assets), None):
         raise SceneKeyError(
-            f"{config.where}: {key}: place_on changes bodies of the model, and attaches nothing to it. Let "
+            f"{config.where}: {key}: edit_spec changes bodies of the model, and attaches nothing to it. Let "
             "compile_scene attach assets to the MjSpec, and make Model and Data from it: "
             "sceniris_gym.put_model(compiled, nworld), mjw.make_data(compiled.sim_mjm, nworld=...)."
         )
-    assemble.stand_at_keyframe(spec, config.home or HOME, "place_on: spec")
+    assemble.stand_at_keyframe(spec, config.home or HOME, "edit_spec: spec")
     if config.floor is not None and spec.geom(FLOOR) is None:
         backdrop.add_floor(spec, config.floor)
     for name, part in config.objects.items():
@@ -150,10 +150,10 @@ def place_on(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> 
     for robot in config.all_robots.values():
         if robot.placing is not None:
             adopt_body(spec, robot.name, robot.placing, f"{config.where}: {robot.section}")
-        mjm = assemble.compile_spec(spec, "place_on: spec")
+        mjm = assemble.compile_spec(spec, "edit_spec: spec")
         tcp_site(spec, mjm, mjm.qpos0, robot, config.where)
     nslot = len(config.objects)
-    if config.groups and not has_parking_ground(assemble.compile_spec(spec, "place_on: spec"), nslot, config.where):
+    if config.groups and not has_parking_ground(assemble.compile_spec(spec, "edit_spec: spec"), nslot, config.where):
         add_parking_ground(spec, nslot)
 
 

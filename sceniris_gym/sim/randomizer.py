@@ -33,17 +33,7 @@ from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.sim.write import poses_of
 
-PROMISED = fields_of_data(
-    *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
-    *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
-)
-"""Arrays of Data that keep their bits in worlds that are not reset: the state that determines all others.
-
-With a need of "sensors" or "dynamics" the present values of delayed sensors are added to `history`, as the next step
-would do.
-"""
-
-_WRITES = ("all", "placed")
+_SCOPES = ("world", "scene")
 
 
 class ResetRandomizer(Fixed, StaysHere):
@@ -57,10 +47,10 @@ class ResetRandomizer(Fixed, StaysHere):
     A reset that Ctrl-C interrupts leaves its worlds half written until they are reset once more. Their next layouts are
     those of the interrupted reset, unless these had been made already.
 
-    The other worlds keep their state (the arrays in PROMISED) bit for bit, so they go on as if nothing had been reset.
-    Arrays that are computed from the state are brought up to date in all worlds: positions and orientations in space
-    (xpos, geom_xpos, site_xmat, ...), and those of `needs`. In a bare loop of `mjw.step` they are one step older than
-    qpos, so there they change in the other worlds as well.
+    The other worlds keep their state (the arrays in STATE_FIELDS) bit for bit, so they go on as if nothing had been
+    reset. Arrays that are computed from the state are brought up to date in all worlds: positions and orientations in
+    space (xpos, geom_xpos, site_xmat, ...), and those of `needs`. In a bare loop of `mjw.step` they are one step older
+    than qpos, so there they change in the other worlds as well.
 
     `data.contact` lists no contacts of the chosen worlds after a reset, and `data.nacon` does not count them; contacts
     of the other worlds keep their bits, but not always their places in the list. If `needs` has "contacts", the list is
@@ -85,9 +75,9 @@ class ResetRandomizer(Fixed, StaysHere):
         levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
             from episode to episode of one seed.
         params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
-        layout_source. write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone,
-        with their
-            velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
+            layout_source.
+        scope: "world" resets whole worlds. "scene" writes only the scene's objects and its robot, with their velocities
+            and the controls that hold them. Clocks and the rest of a world stay as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
             relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What is fixed to
             the world is not moved; a ModelWarning names it.
@@ -115,10 +105,18 @@ class ResetRandomizer(Fixed, StaysHere):
         SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
         ArgumentError: Both `layout_source` and `prefetch` or `params`, or a stream of another device.
         ArgumentTypeError, ArgumentError: `origins` are no floats, or not one for each world.
-        UnknownNameError: `write` is neither "all" nor "placed".
+        UnknownNameError: `scope` is neither "world" nor "scene".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
+    STATE_FIELDS = fields_of_data(
+        *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
+        *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
+    )
+    """Arrays of Data that keep their bits in worlds that are not reset: the state that determines all others.
+
+    With a need of "sensors" or "dynamics", `history` also gets the present values of delayed sensors, as in a step.
+    """
     FIXED = (
         "compiled",
         "model",
@@ -133,7 +131,7 @@ class ResetRandomizer(Fixed, StaysHere):
         "redraw_count",
         "redraw_status",
     )
-    ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "write", "origins", "mjm", "needs", "graph")
+    ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "scope", "origins", "mjm", "needs", "graph")
 
     @launching
     def __init__(
@@ -150,7 +148,7 @@ class ResetRandomizer(Fixed, StaysHere):
         levels: Levels | None = None,
         params: str | Sequence[str] = (),
         # what a reset writes:
-        write: Literal["all", "placed"] = "all",
+        scope: Literal["world", "scene"] = "world",
         origins: Any = None,
         needs: Iterable[str] = (),
         # how:
@@ -168,7 +166,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", params=params, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
-        check_names("way to write", [write], "ResetRandomizer: write", _WRITES)
+        check_names("scope", [scope], "ResetRandomizer: scope", _SCOPES)
         self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
         self.fields.columns.use_params(self.layouts.params)
@@ -185,7 +183,7 @@ class ResetRandomizer(Fixed, StaysHere):
             compiled, model, data, self.split, self.fields.rest, self._update, origins=origins, variants=variants
         )
         self.redrawer = Redrawer(simulation, self.layouts, alone=not needs, graph=graph)
-        whole = write == "all"
+        whole = scope == "world"
         self.redraw_count, self.redraw_status = self.redrawer.number, self.redrawer.status
         self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.redrawer.number)
         self.variant = self._writer.variant

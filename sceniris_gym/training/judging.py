@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Status
@@ -36,7 +36,7 @@ TARGETS = {
 """The objects that a task is about; where an episode is about one of several, in the order of the task's `chosen`."""
 
 
-def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnv]:
+def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnvWrapper]:
     """Return environments to judge a task's policies in: on `valid` layouts, and on `unfiltered` ones.
 
     Objects of unfiltered layouts need not be reachable, unless the task asks for their grasps.
@@ -50,7 +50,7 @@ def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVec
     except UnknownNameError:  # of an object that is to have a grasp
         unfiltered = make_env(task, worlds, compiled, **uniform)
     valid = make_env(task, worlds, compiled, split="eval")
-    return {"valid": RslRlVecEnv(valid), "unfiltered": RslRlVecEnv(unfiltered)}
+    return {"valid": RslRlVecEnvWrapper(valid), "unfiltered": RslRlVecEnvWrapper(unfiltered)}
 
 
 def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
@@ -80,7 +80,7 @@ def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
 
 
 @torch.inference_mode()
-def judge(policy: Any, env: RslRlVecEnv, task: str, layouts: int) -> dict[str, Any]:
+def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict[str, Any]:
     """Run the first episodes of the first `layouts` worlds with a layout of their own.
 
     Returns:

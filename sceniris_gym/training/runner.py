@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor, nn
 
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.training.records import of_a_run, read_checkpoint
 from sceniris_gym.training.settings import Settings
 
@@ -60,7 +60,7 @@ def _mean(shares: Tensor) -> Tensor:
     return (shares * torch.linspace(-1.0, 1.0, shares.shape[2], device=shares.device)).sum(dim=2)
 
 
-def runner_of(env: RslRlVecEnv, settings: Settings, seed: int) -> OnPolicyRunner:
+def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolicyRunner:
     """Return rsl-rl's runner, with an untrained policy.
 
     The actor sees the observation group `policy` and the critic the group `critic`; where a task lacks one of them,

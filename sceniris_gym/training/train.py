@@ -25,7 +25,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json, read_bytes, replacing, write_text
 from sceniris_gym.layout.compile import compile_scene
@@ -78,7 +78,7 @@ class Run:
         elif options.uniform:
             source = layout_sources.uniform()
         words = {"layout_source": source, "levels": Levels(options.levels) if options.levels else None}
-        self.env = RslRlVecEnv(make_env(options.task, options.num_envs, compiled, **words), seed)
+        self.env = RslRlVecEnvWrapper(make_env(options.task, options.num_envs, compiled, **words), seed)
         self._judged = (options.judged or options.task).removeprefix(NAMESPACE)
         self.judges = judges_of(self._judged, options.layouts, options.device)
         self._warm_up()
@@ -158,7 +158,7 @@ class Run:
             return
         options, seed = self.options, (1 + self.options.seed) * 16 * SEED_SPACING
         seeing = {"images": None, "observation_groups": ("critic",)}
-        env = RslRlVecEnv(make_env(options.task, options.num_envs, self._compiled, **seeing), seed)
+        env = RslRlVecEnvWrapper(make_env(options.task, options.num_envs, self._compiled, **seeing), seed)
         runner_of(env, self.settings, options.seed).learn(1, init_at_random_ep_len=True)  # compiles everything
         teacher = runner_of(env, self.settings, options.seed)
         while self.seconds < 60.0 * min(self.settings.teacher, options.minutes):

@@ -1,4 +1,4 @@
-"""`Bounds`: boxes around bodies, and their lowest corners; `Touch`: pairs of bodies that touch."""
+"""`Bounds`: boxes around bodies, and their lowest corners; `ContactSensor`: pairs of bodies that touch."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Bounds:
         return poses[..., 2] + (row * middle - row.abs() * half).sum(dim=-1)
 
 
-class Touch:
+class ContactSensor:
     """Finds the pairs of bodies of two lists that touch, in all worlds and without host synchronisation.
 
     The contacts are those that the last physics step of a control step resolved, so they cost nothing extra. They are
@@ -57,23 +57,23 @@ class Touch:
 
     Args:
         s: The worlds.
-        first: Names of bodies. Only the geoms of a body itself count, not those of its children.
-        second: Names of other bodies, by the same rule.
+        primary: Names of bodies. Only the geoms of a body itself count, not those of its children.
+        secondary: Names of other bodies, by the same rule.
 
     Raises:
         UnknownNameError: The scene has no such body.
     """
 
-    def __init__(self, s: State, first: Sequence[str], second: Sequence[str]) -> None:
-        self._shape = (s.num_envs, len(first), len(second))
-        self._first, self._second = _places(s, first), _places(s, second)
+    def __init__(self, s: State, primary: Sequence[str], secondary: Sequence[str]) -> None:
+        self._shape = (s.num_envs, len(primary), len(secondary))
+        self._first, self._second = _places(s, primary), _places(s, secondary)
         contact = s.data.contact
         self._geom, self._world = wp.to_torch(contact.geom), wp.to_torch(contact.worldid)
         self._number = wp.to_torch(s.data.nacon)
         self._index = torch.arange(len(self._world), device=s.device)
 
     def __call__(self, s: State) -> Tensor:
-        """Return which pairs touch, shape (num_envs, len(first), len(second)), bool."""
+        """Return which pairs touch, shape (num_envs, len(primary), len(secondary)), bool."""
         worlds, firsts, seconds = self._shape
         one, other = self._geom.long().clamp(min=0).unbind(dim=1)
         size = worlds * firsts * seconds
@@ -92,5 +92,5 @@ def _places(s: State, names: Sequence[str]) -> Tensor:
     mjm = s.mjm
     places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
     for place, name in enumerate(names):
-        places[torch.as_tensor(mjm.geom_bodyid == find_body(s.scene, name, "Touch"))] = place
+        places[torch.as_tensor(mjm.geom_bodyid == find_body(s.scene, name, "ContactSensor"))] = place
     return places.to(s.device)

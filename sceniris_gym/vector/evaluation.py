@@ -24,7 +24,7 @@ class EpisodeResult:
     Attributes:
         id: Its layout id, as `sceniris-gym replay` takes it.
         success: The last step was a success.
-        success_ever: Any step was a success.
+        success_once: Any step was a success.
         total_reward: Sum of the rewards.
         length: Number of control steps.
         fallback: The layout came from the bank of valid ones, since none was found for its seed.
@@ -32,7 +32,7 @@ class EpisodeResult:
 
     id: str
     success: bool
-    success_ever: bool
+    success_once: bool
     total_reward: float
     length: int
     fallback: bool

@@ -12,7 +12,7 @@ from sceniris_gym.importers.libero.kinds import moving
 from sceniris_gym.importers.libero.places import INNER
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.scene.support import subtree
-from sceniris_gym.vector.bodies import Touch
+from sceniris_gym.vector.bodies import ContactSensor
 from sceniris_gym.vector.names import SCALAR, find_body, find_element
 from sceniris_gym.vector.state import State
 
@@ -33,7 +33,7 @@ class LiberoGoal:
     - `Open` and `Turnon`: a joint is beyond the near end of the range that the same word draws at the start. `Close`
       and `Turnoff`: all joints are.
 
-    Origins are those of LIBERO's models. Contacts are those of the last physics step, as in `Touch`.
+    Origins are those of LIBERO's models. Contacts are those of the last physics step, as in `ContactSensor`.
 
     Args:
         s: The worlds of a scene that `read_bddl` made, or of one that `sceniris-gym init` wrote.
@@ -125,5 +125,5 @@ class LiberoGoal:
     def _touch(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
         """Return the test of any part of one thing against any part of another one."""
         parts = [[s.mjm.body(b).name for b in subtree(s.mjm, find_body(s.scene, n, _WHERE))] for n in (name, other)]
-        touch = Touch(s, *(list(filter(None, names)) for names in parts))
+        touch = ContactSensor(s, *(list(filter(None, names)) for names in parts))
         return lambda s: touch(s).any(dim=2).any(dim=1)

@@ -17,12 +17,12 @@ from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.stored import INTEGERS, check_numbers
 from sceniris_gym.scene.layout_table import row_numbers
-from sceniris_gym.sim.randomizer import PROMISED
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
-_OF_DATA = (*PROMISED, *fields_of_data("tree_awake"))
+_OF_DATA = (*ResetRandomizer.STATE_FIELDS, *fields_of_data("tree_awake"))
 _FINITE = ("data.", "layout.qpos", "layout.mocap")
 _WERE_FINITE = "finite"
 """The name of what a snapshot tells of its own floats: which rows of each, sorted by name, were finite."""

@@ -21,13 +21,13 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedEr
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.adopt import place_on
+from sceniris_gym.scene.adopt import edit_spec
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.adapters.playground_arm import write_menagerie
 
 jax: Any = pytest.importorskip("jax", reason="needs JAX: make test-jax")
 jnp: Any = jax.numpy
-from sceniris_gym.adapters.jax import FreshAutoReset, LayoutFunction, fresh_training  # noqa: E402
+from sceniris_gym.adapters.jax import LayoutAutoResetWrapper, LayoutFunction, wrap_for_brax_training  # noqa: E402
 
 PAGE = Path(__file__).parents[2] / "docs" / "jax.md"
 PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
@@ -216,13 +216,13 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def fresh(page: dict[str, Any]) -> FreshAutoReset:
+def fresh(page: dict[str, Any]) -> LayoutAutoResetWrapper:
     """The page's environment, wrapped for training."""
     return page["wrap"](page["env"], episode_length=LENGTH, action_repeat=1)
 
 
 @pytest.fixture(scope="module")
-def rollout(fresh: FreshAutoReset) -> list[Any]:
+def rollout(fresh: LayoutAutoResetWrapper) -> list[Any]:
     """States of two episodes and a step, with random actions."""
     state, step = jax.jit(fresh.reset)(jax.random.split(jax.random.PRNGKey(3), WORLDS)), jax.jit(fresh.step)
     states = [state]
@@ -277,7 +277,7 @@ def test_nothing_else_of_a_start_is_written(page: dict[str, Any], rollout: list[
     assert len(np.unique(rollout[0].info["target_pos"], axis=0)) == WORLDS
 
 
-def test_worlds_that_go_on_keep_their_bits(page: dict[str, Any], fresh: FreshAutoReset, rollout: list[Any]):
+def test_worlds_that_go_on_keep_their_bits(page: dict[str, Any], fresh: LayoutAutoResetWrapper, rollout: list[Any]):
     """All that MJX steps is what the environment without the wrapper makes of it."""
     before, after = rollout[1], rollout[2]
     action = jax.random.uniform(jax.random.PRNGKey(1), (WORLDS, 8), minval=-1.0)
@@ -324,7 +324,7 @@ def test_no_start_has_a_contact(page: dict[str, Any], rollout: list[Any]):
 
 def test_a_full_reset_draws_the_rest_anew(page: dict[str, Any]):
     """The target of a world that is done, and of no other; what wrappers count goes on."""
-    env = page["fresh_training"](page["compiled"], full_reset=True, update=page["mjx"].kinematics)(
+    env = page["wrap_for_brax_training"](page["compiled"], full_reset=True, update=page["mjx"].kinematics)(
         page["env"], episode_length=LENGTH, action_repeat=1
     )
     before = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(3), WORLDS))
@@ -402,7 +402,7 @@ def test_what_a_start_writes_is_what_a_reset_of_placed_bodies_writes_in_mujoco_w
     }
     carts = Carts(mujoco.MjModel.from_xml_string(CART))
     compiled = compile_scene({"model": carts.mj_model, "objects": objects, "bank": 2}, "cpu")
-    env = FreshAutoReset(carts, compiled, update=carts.update)
+    env = LayoutAutoResetWrapper(carts, compiled, update=carts.update)
     state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), 3))
     stepped = jax.jit(env.step)(state, jnp.array([0.0, 1.0, 0.0]))
     m, d = mjw.put_model(carts.mj_model), mjw.make_data(carts.mj_model, nworld=3)
@@ -411,7 +411,7 @@ def test_what_a_start_writes_is_what_a_reset_of_placed_bodies_writes_in_mujoco_w
         array.assign(array.numpy() + 0.5)
     words = words_of(state)
     seeds = words[:, 0].astype(np.uint64) << np.uint64(32) | words[:, 1].astype(np.uint64)
-    randomizer = ResetRandomizer(compiled, m, d, seed=seeds.tolist(), write="placed")
+    randomizer = ResetRandomizer(compiled, m, d, seed=seeds.tolist(), scope="scene")
     randomizer.reset()
     written = ("qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat")
     for name in written:
@@ -429,7 +429,7 @@ def test_what_a_start_writes_is_what_a_reset_of_placed_bodies_writes_in_mujoco_w
 
 
 def test_a_group_of_bodies_is_another_thing_in_every_episode():
-    """As objects with variants are refused: `place_on` adds the ground where the other one is parked."""
+    """As objects with variants are refused: `edit_spec` adds the ground where the other one is parked."""
     pytest.importorskip("mujoco_playground")
     spec, wide = mujoco.MjSpec(), {"region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}}
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1])
@@ -439,9 +439,9 @@ def test_a_group_of_bodies_is_another_thing_in_every_episode():
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.02, 0.02 if name == "cube" else 0.04])
     objects = {name: {"on": "table", **wide} for name in ("cube", "brick")}
     scene = {"objects": objects, "groups": {"thing": {"of": ["cube", "brick"], "count": 1}}, "bank": 2}
-    place_on(spec, scene)
+    edit_spec(spec, scene)
     carts = Carts(spec.compile())
-    env = FreshAutoReset(carts, compile_scene({"model": carts.mj_model, **scene}, "cpu"), update=carts.update)
+    env = LayoutAutoResetWrapper(carts, compile_scene({"model": carts.mj_model, **scene}, "cpu"), update=carts.update)
     states = [jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), 8))]
     states.append(jax.jit(env.step)(states[0], jnp.ones(8)))
     near = [np.asarray(state.data.qpos).reshape(8, 2, 7)[..., 0] < 1.0 for state in states]
@@ -455,20 +455,24 @@ def placed_dofs(compiled: CompiledScene) -> np.ndarray:
     return np.flatnonzero(np.isin(compiled.mjm.dof_bodyid, [compiled.mjm.body(name).id for name in names]))
 
 
-def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: FreshAutoReset, mid: CompiledScene):
+def test_other_models_and_observations_are_refused(
+    page: dict[str, Any], fresh: LayoutAutoResetWrapper, mid: CompiledScene
+):
     """With a word on what would be right."""
-    with pytest.raises(ArgumentTypeError, match=r"FreshAutoReset: env\.mj_model should be a MjModel, got .*NoneType"):
-        FreshAutoReset(None, mid)
-    with pytest.raises(ArgumentTypeError, match="fresh_training: compiled should be a CompiledScene"):
-        fresh_training("mid")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(SceneMismatchError, match=r"FreshAutoReset: model\.nq is 37 .* model: env\.mj_model"):
-        FreshAutoReset(fresh.env, mid)
+    with pytest.raises(
+        ArgumentTypeError, match=r"LayoutAutoResetWrapper: env\.mj_model should be a MjModel, got .*NoneType"
+    ):
+        LayoutAutoResetWrapper(None, mid)
+    with pytest.raises(ArgumentTypeError, match="wrap_for_brax_training: compiled should be a CompiledScene"):
+        wrap_for_brax_training("mid")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(SceneMismatchError, match=r"LayoutAutoResetWrapper: model\.nq is 37 .* model: env\.mj_model"):
+        LayoutAutoResetWrapper(fresh.env, mid)
     with pytest.raises(ArgumentError, match=r"observe should return .*float32\(\d+, \d+\).*got float32\(\d+, 3\)"):
-        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data, info: data.qpos[:3]).reset(
+        LayoutAutoResetWrapper(fresh.env, page["compiled"], observe=lambda data, info: data.qpos[:3]).reset(
             jax.random.split(jax.random.PRNGKey(3), WORLDS)
         )
     with pytest.raises(ArgumentError, match=r"observe should return .*got {'state': 'float32\("):
-        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data, info: {"state": data.qpos}).reset(
+        LayoutAutoResetWrapper(fresh.env, page["compiled"], observe=lambda data, info: {"state": data.qpos}).reset(
             jax.random.split(jax.random.PRNGKey(3), WORLDS)
         )
 
@@ -476,14 +480,14 @@ def test_other_models_and_observations_are_refused(page: dict[str, Any], fresh: 
         def _get_obs(self, data: Any) -> Any:
             return data.qpos
 
-    env = fresh_training(page["compiled"])
+    env = wrap_for_brax_training(page["compiled"])
     other = object.__new__(Other)
     other.__dict__.update(vars(page["env"]))
     wrong = r"observe should be a function of \(data, info\)\..* _get_obs\(data, info\), which Other lacks"
     with pytest.raises(ArgumentError, match=wrong):
         env(other, episode_length=LENGTH, action_repeat=1)
     with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\)"):
-        FreshAutoReset(fresh.env, page["compiled"], observe=lambda data: data)  # pyright: ignore[reportArgumentType]
+        LayoutAutoResetWrapper(fresh.env, page["compiled"], observe=lambda data: data)  # pyright: ignore[reportArgumentType]
 
 
 def test_the_program_of_the_page_trains_ten_iterations(page: dict[str, Any]):

@@ -120,7 +120,7 @@ def test_variants_that_no_entity_has_are_refused():
     """The model has one body for them only if the entity has them; the error says what redraws others."""
     variants = {"can": {"asset": "can"}, "mug": {"asset": "mug"}}
     scene = {"objects": {"cube_0": {"on": "terrain", "region": NEAR, "variants": variants}}, "bank": 4}
-    group = r"groups: {cube_0: {of: \[can, mug\], count: 1}}\. Call place_on\(spec, scene\)"
+    group = r"groups: {cube_0: {of: \[can, mug\], count: 1}}\. Call edit_spec\(spec, scene\)"
     with pytest.raises(NotSupportedError, match=rf"objects\.cube_0: has variants.*VariantEntityCfg.*{group}"):
         ManagerBasedRlEnv(plain_cfg(scene), "cpu")
 

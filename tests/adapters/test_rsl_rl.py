@@ -16,15 +16,15 @@ pytest.importorskip("rsl_rl")
 
 from rsl_rl.runners import OnPolicyRunner
 
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnv
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 
 __all__ = ["reach_scene"]
 
 
 @pytest.fixture
-def env(reach_scene: CompiledScene) -> RslRlVecEnv:
+def env(reach_scene: CompiledScene) -> RslRlVecEnvWrapper:
     """Return four worlds of the small reaching task, with episodes of five steps."""
-    return RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5), seed=3)
+    return RslRlVecEnvWrapper(SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5), seed=3)
 
 
 def config() -> dict[str, Any]:
@@ -119,7 +119,7 @@ def test_the_log_does_not_depend_on_who_reads_the_statistics(reach_scene: Compil
     """Read and cleared after every step, or never: the same log, step by step."""
     logs = []
     for read in (False, True):
-        envs = RslRlVecEnv(SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5), seed=3)
+        envs = RslRlVecEnvWrapper(SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5), seed=3)
         envs.episode_length_buf = torch.tensor([0, 1, 2, 3])
         generator = torch.Generator().manual_seed(0)
         kept = []
@@ -138,9 +138,9 @@ def test_environments_of_another_kind_are_refused(reach_scene):
     wrongs: list[dict[str, Any]] = [{"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}]
     for wrong in wrongs:
         with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
-            RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_scene, max_episode_steps=5, **wrong))
+            RslRlVecEnvWrapper(SceneVectorEnv(Reach, 2, scene=reach_scene, max_episode_steps=5, **wrong))
     with pytest.raises(ValueError, match="max_episode_steps"):
-        RslRlVecEnv(SceneVectorEnv(Reach, 2, scene=reach_scene))
+        RslRlVecEnvWrapper(SceneVectorEnv(Reach, 2, scene=reach_scene))
 
 
 def test_the_runner_trains_saves_and_goes_on(env, tmp_path: Path):
@@ -165,7 +165,7 @@ def test_images_train_a_cnn_model(reach_scene: CompiledScene):
     """A camera is a group, its pictures are channels: colours from 0 to 1, then depths [m]."""
     images = {"overview": {"size": (20, 16), "data": ("rgb", "depth")}}
     inner = SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5, images=images)
-    env = RslRlVecEnv(inner, seed=3)
+    env = RslRlVecEnvWrapper(inner, seed=3)
     seen = env.get_observations()["overview"]
     assert (seen.shape, seen.dtype) == ((4, 4, 16, 20), torch.float32)
     plain, _ = inner.reset(seed=3)

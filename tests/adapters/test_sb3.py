@@ -31,7 +31,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
 
-from sceniris_gym.adapters.sb3 import SB3VecEnv
+from sceniris_gym.adapters.sb3 import Sb3VecEnvWrapper
 
 MAX_STEPS = 5
 
@@ -49,11 +49,11 @@ class PolicyGroup(gymnasium.ObservationWrapper):
 
 
 @pytest.fixture
-def make(make_env: Callable) -> Callable[..., SB3VecEnv]:
+def make(make_env: Callable) -> Callable[..., Sb3VecEnvWrapper]:
     """Return a function that makes adapted environments of the small reaching task."""
 
-    def made(num_envs: int = 3, **kwargs: Any) -> SB3VecEnv:
-        return SB3VecEnv(make_env(num_envs, **{"max_episode_steps": MAX_STEPS, **kwargs}))
+    def made(num_envs: int = 3, **kwargs: Any) -> Sb3VecEnvWrapper:
+        return Sb3VecEnvWrapper(make_env(num_envs, **{"max_episode_steps": MAX_STEPS, **kwargs}))
 
     return made
 
@@ -249,11 +249,11 @@ def test_wrong_environments_are_refused(make_env, reach_scene: CompiledScene):
     """Other autoreset, output, buffers and groups say what would be right."""
     for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}):
         with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
-            SB3VecEnv(make_env(1, **wrong))
+            Sb3VecEnvWrapper(make_env(1, **wrong))
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
-        SB3VecEnv(make_env(1), group="actor")
+        Sb3VecEnvWrapper(make_env(1), group="actor")
     with pytest.raises(TypeError, match="of make_vec"):
-        SB3VecEnv(SceneEnv(Reach, scene=reach_scene))  # pyright: ignore[reportArgumentType]
+        Sb3VecEnvWrapper(SceneEnv(Reach, scene=reach_scene))  # pyright: ignore[reportArgumentType]
 
 
 def test_the_library_that_is_missing_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
@@ -361,9 +361,9 @@ def one_thread() -> Iterator[None]:
 def test_ppo_gets_better_at_reaching_on_a_cpu(one_thread):
     """Half a minute of PPO on 64 worlds of TabletopReachEasy-v0: the return rises on layouts of the other split."""
 
-    def made(split: str) -> SB3VecEnv:
+    def made(split: str) -> Sb3VecEnvWrapper:
         arguments = {"num_envs": 64, "device": "cpu", "max_episode_steps": 50, "split": split}
-        return SB3VecEnv(gymnasium.make_vec("sceniris_gym:sceniris_gym/TabletopReachEasy-v0", **arguments))
+        return Sb3VecEnvWrapper(gymnasium.make_vec("sceniris_gym:sceniris_gym/TabletopReachEasy-v0", **arguments))
 
     envs, judged = VecNormalize(made("train"), gamma=0.9), made("eval")
     # noise that depends on the state and stays for ten steps gets an arm somewhere, fresh noise in each step does not
@@ -390,7 +390,7 @@ def test_ppo_gets_better_at_reaching_on_a_cpu(one_thread):
 def test_worlds_on_a_gpu_are_seen_in_numpy():
     """The border is crossed for observations, rewards, dones and infos; PPO steps on it."""
     compiled = compile_scene(SceneConfig.load(SCENE, {"bank": 8}), "cuda:0")
-    envs = SB3VecEnv(SceneVectorEnv(Reach, 4, scene=compiled, max_episode_steps=MAX_STEPS))
+    envs = Sb3VecEnvWrapper(SceneVectorEnv(Reach, 4, scene=compiled, max_episode_steps=MAX_STEPS))
     envs.reset()
     envs.set_options({"reset_mask": torch.tensor([True, False, True, False], device="cuda")})
     assert isinstance(envs.reset(), np.ndarray)
@@ -406,7 +406,7 @@ def test_worlds_on_a_gpu_are_seen_in_numpy():
 IMAGES = {"overview": {"size": (40, 36), "data": ("rgb", "depth")}}
 
 
-def until_an_end(envs: SB3VecEnv) -> tuple[Any, list[dict]]:
+def until_an_end(envs: Sb3VecEnvWrapper) -> tuple[Any, list[dict]]:
     """Return observations and infos of the step that ends the first episodes."""
     envs.reset()
     for _ in range(MAX_STEPS - 1):
@@ -417,7 +417,7 @@ def until_an_end(envs: SB3VecEnv) -> tuple[Any, list[dict]]:
 
 def test_images_train_a_cnn_policy(make):
     """A picture alone: bytes with the channels last, which SB3 puts first; terminal observations have it as well."""
-    envs = SB3VecEnv(make(2, images=IMAGES, final_images=True).env, "overview/rgb")
+    envs = Sb3VecEnvWrapper(make(2, images=IMAGES, final_images=True).env, "overview/rgb")
     assert envs.observation_space == gymnasium.spaces.Box(0, 255, (36, 40, 3), np.uint8)
     observation, infos = until_an_end(envs)
     assert (observation.shape, observation.dtype) == ((2, 36, 40, 3), np.uint8)
@@ -429,7 +429,7 @@ def test_images_train_a_cnn_policy(make):
 
 def test_images_and_numbers_train_a_policy_of_several_inputs(make):
     """As a dict, also in terminal observations; SB3 takes floats such as depths as they are."""
-    envs = SB3VecEnv(make(2, images=IMAGES, final_images=True).env, ("policy", "overview/rgb", "overview/depth"))
+    envs = Sb3VecEnvWrapper(make(2, images=IMAGES, final_images=True).env, ("policy", "overview/rgb", "overview/depth"))
     observation, infos = until_an_end(envs)
     assert {name: part.shape[1:] for name, part in observation.items()} == {
         name: part.shape for name, part in infos[1]["terminal_observation"].items()
@@ -441,6 +441,6 @@ def test_images_and_numbers_train_a_policy_of_several_inputs(make):
 def test_pictures_need_those_of_the_last_state_too(make):
     """The error names the argument; a picture that is not taken is none of the names."""
     with pytest.raises(ArgumentError, match="final_images=True"):
-        SB3VecEnv(make(1, images=IMAGES).env, "overview/rgb")
+        Sb3VecEnvWrapper(make(1, images=IMAGES).env, "overview/rgb")
     with pytest.raises(UnknownNameError, match=r"'overview/rbg'.*Did you mean 'overview/rgb'"):
-        SB3VecEnv(make(1, images=IMAGES, final_images=True).env, "overview/rbg")
+        Sb3VecEnvWrapper(make(1, images=IMAGES, final_images=True).env, "overview/rbg")

@@ -1,4 +1,4 @@
-"""A model in memory is taken as it is: what it must have, what is refused, and what `place_on` changes."""
+"""A model in memory is taken as it is: what it must have, what is refused, and what `edit_spec` changes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.scene.adopt import place_on
+from sceniris_gym.scene.adopt import edit_spec
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from tests.scene.memory import NEAR, cubes_on, model_text, spec_of
@@ -78,7 +78,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "no mocap": (
         {"a": {"body": "cab/cabinet", "kind": "fixture", "on": "ground", "region": NEAR}},
         SceneKeyError,
-        r"objects\.a\.kind: body 'cab/cabinet' should be a mocap body .* Call place_on\(spec, scene\)",
+        r"objects\.a\.kind: body 'cab/cabinet' should be a mocap body .* Call edit_spec\(spec, scene\)",
     ),
     "twice": (
         {"a": {"body": "cube_0/cube", "on": "ground"}, "b": {"body": "cube_0/cube"}},
@@ -139,31 +139,31 @@ def test_place_on_makes_what_a_scene_needs_and_nothing_else():
         "home": "init_state",
     }
     spec, plain = spec_of(), spec_of().compile()
-    assert place_on(spec, scene) is None
+    assert edit_spec(spec, scene) is None
     model = spec.compile()
     assert (model.nmocap, model.nbody, model.nq) == (2, plain.nbody + 1, plain.nq)
     assert model.body("cab/cabinet").mocapid[0] >= 0
     np.testing.assert_array_equal(model.body("cab/cabinet").pos, plain.body("cab/cabinet").pos)
     assert build_model(SceneConfig.load({"model": model, **scene})).bodies.keys() == scene["objects"].keys()
-    with pytest.raises(SceneKeyError, match=r"objects\.apple\.asset: place_on changes bodies"):
-        place_on(spec_of(), {"objects": {"apple": {"asset": "apple", "on": "ground", "region": NEAR}}})
+    with pytest.raises(SceneKeyError, match=r"objects\.apple\.asset: edit_spec changes bodies"):
+        edit_spec(spec_of(), {"objects": {"apple": {"asset": "apple", "on": "ground", "region": NEAR}}})
 
 
 def test_members_that_are_parked_need_a_ground():
-    """An endless plane at z = 0 is one. A model without it is refused until `place_on` has added a slab."""
+    """An endless plane at z = 0 is one. A model without it is refused until `edit_spec` has added a slab."""
     scene = {**PLACED, "groups": {"some": {"of": ["cube_0", "cube_1"], "count": [0, 2]}}}
     assert built(spec_of().compile(), scene).mjm.ngeom == spec_of().compile().ngeom
     spec = spec_of()
     spec.geom("ground").type, spec.geom("ground").size = mujoco.mjtGeom.mjGEOM_BOX, [2, 2, 0.01]
     for model in (spec, spec.compile()):
-        with pytest.raises(SceneKeyError, match=r"groups: the model has no ground .* Call place_on\(spec, scene\)"):
+        with pytest.raises(SceneKeyError, match=r"groups: the model has no ground .* Call edit_spec\(spec, scene\)"):
             built(model, scene)
-    place_on(spec, scene)
+    edit_spec(spec, scene)
     assert built(spec.compile(), scene).mjm.geom("parking_ground").id > 0
 
 
 def test_a_model_without_ground_gets_a_floor_for_variants():
-    """`place_on`, which attaches no assets, is no cure for them; the one that is told works."""
+    """`edit_spec`, which attaches no assets, is no cure for them; the one that is told works."""
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1])
     scene = {"objects": {"thing": {"asset": ["can", "mug"], "on": "table"}}}

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
-from sceniris_gym.scene.adopt import place_on
+from sceniris_gym.scene.adopt import edit_spec
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 
@@ -137,7 +137,7 @@ def test_place_on_adds_the_tcp_that_a_compiled_model_needs(tmp_path: Path):
     arm(tmp_path, [0, 180])
     spec = mujoco.MjSpec.from_file(str(tmp_path / "arm.xml"))
     robot = {"in_model": "pedestal", "tcp": {"body": "palm", "offset": [0, 0, 0.05]}}
-    place_on(spec, {"robot": robot, "objects": {}})
+    edit_spec(spec, {"robot": robot, "objects": {}})
     scene = build_model(SceneConfig.load({"model": spec.compile(), "robot": {"in_model": "pedestal"}, "objects": {}}))
     site = scene.mjm.site(scene.tcps["robot"])
     np.testing.assert_allclose(site.pos, [0, 0, 0.05], atol=1e-9)

@@ -15,7 +15,7 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, ModelWarning, 
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.scene.memory import NEAR, cubes_on, spec_of
 
 NWORLD = 3
@@ -39,7 +39,7 @@ def make(compiled: CompiledScene, **words: Any) -> ResetRandomizer:
     with wp.ScopedDevice("cpu"):
         m, d = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, NWORLD)
     rng = np.random.default_rng(0)
-    for name in PROMISED:
+    for name in ResetRandomizer.STATE_FIELDS:
         array = getattr(d, name, None)
         if array is not None and array.dtype is wp.float32 and array.size:
             array.assign(rng.uniform(1.0, 2.0, array.shape).astype(np.float32))
@@ -57,9 +57,9 @@ def expected_layouts(compiled: CompiledScene) -> LayoutGenerator:
 @pytest.mark.parametrize("graph", [False, True])
 def test_what_is_not_in_the_scene_is_left_alone(compiled: CompiledScene, graph: bool):
     """Only joints of the scene's objects, their speeds, and the control that holds one of them are written."""
-    randomizer = make(compiled, write="placed", graph=graph)
+    randomizer = make(compiled, scope="scene", graph=graph)
     d, mjm = randomizer.data, compiled.mjm
-    before = {name: getattr(d, name).numpy().copy() for name in PROMISED if hasattr(d, name)}
+    before = {name: getattr(d, name).numpy().copy() for name in ResetRandomizer.STATE_FIELDS if hasattr(d, name)}
     randomizer.reset(np.array([True, False, True]))
     layouts = expected_layouts(compiled).layouts
     own = np.zeros(mjm.nq, bool)
@@ -82,13 +82,13 @@ def test_what_is_not_in_the_scene_is_left_alone(compiled: CompiledScene, graph: 
         np.testing.assert_array_equal(found, wanted, err_msg=name)
 
 
-@pytest.mark.parametrize("write", ["all", "placed"])
-def test_origins_are_added_to_what_is_written(compiled: CompiledScene, write: str):
+@pytest.mark.parametrize("scope", ["world", "scene"])
+def test_origins_are_added_to_what_is_written(compiled: CompiledScene, scope: str):
     """To free bodies and to mocap bodies; a tensor is read anew at every reset, and other worlds stay."""
     origins = torch.tensor([[10.0, 0, 0], [0, 20, 0], [0, 0, 30]])
-    randomizer = make(compiled, write=write, origins=origins)
+    randomizer = make(compiled, scope=scope, origins=origins)
     d = randomizer.data
-    free = [2, 9] if write == "placed" else [2, 9, 16]
+    free = [2, 9] if scope == "scene" else [2, 9, 16]
     for mask in ([True, True, True], [False, True, False]):
         before = d.qpos.numpy().copy()
         randomizer.reset(np.array(mask))
@@ -113,7 +113,7 @@ def test_what_is_fixed_to_the_world_is_warned_of_where_origins_differ(
     """It stays where it is, while layouts are moved; planes and mocap bodies are no matter, nor are origins of 0."""
     fixed = r"ResetRandomizer: origins: .* geoms 'ledge' of 'world', 'roof' of 'world', '[^']*' of 'post'\. Unless"
     with pytest.warns(ModelWarning, match=fixed):
-        make(compiled, origins=np.eye(3), write="placed")
+        make(compiled, origins=np.eye(3), scope="scene")
     recwarn.clear()
     make(compiled, origins=np.zeros((3, 3)))
     spec = spec_of()
@@ -134,8 +134,8 @@ def test_wrong_words_and_origins_are_refused(compiled: CompiledScene):
         make(compiled, origins=np.zeros((2, 3)))
     with pytest.raises(ArgumentTypeError, match="origins should be floats"):
         make(compiled, origins="here")
-    with pytest.raises(UnknownNameError, match=r"write: unknown way to write 'place'\. Did you mean 'placed'"):
-        make(compiled, write="place")
+    with pytest.raises(UnknownNameError, match=r"scope: unknown scope 'scen'\. Did you mean 'scene'"):
+        make(compiled, scope="scen")
 
 
 def test_worlds_go_by_their_numbers_as_well(compiled: CompiledScene):
@@ -144,7 +144,7 @@ def test_worlds_go_by_their_numbers_as_well(compiled: CompiledScene):
         [2, 0],
         slice(0, 3, 2),
         np.array([0, 2]),
-        torch.tensor([2, 0, 0]),
+        torch.tensor([2, 0, 2, 0]),
         wp.array([0, 2], dtype=int, device="cpu"),
     ):
         randomizer = make(compiled)

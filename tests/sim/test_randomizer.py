@@ -86,8 +86,8 @@ def test_state_depends_on_seed_and_episode_alone(make_randomizer, graph):
 @pytest.mark.parametrize(
     ("mask", "error", "match"),
     [
-        ([True, False], ArgumentTypeError, "boolean array of numpy"),
-        (np.array([1, 0]), ArgumentTypeError, "int64"),
+        ("half", ArgumentTypeError, "booleans or ids"),
+        (np.array([1, 1]), ArgumentError, "look like a mask"),
         (torch.tensor([1.0, 0.0]), ArgumentTypeError, "float32"),
         (np.array([True]), ArgumentError, r"shape \(2,\)"),
         (torch.ones(2, 1, dtype=torch.bool), ArgumentError, r"shape \(2,\)"),

@@ -18,7 +18,7 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.variants import fields_of_variants
 from sceniris_gym.sim.versions import SLEEPING
 from tests.stress.redraws import DEEP, Judge
@@ -68,7 +68,7 @@ def stir(randomizer: ResetRandomizer, seed: int) -> None:
 
 def state(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
     """Copy the state of all worlds."""
-    return {name: getattr(randomizer.data, name).numpy().copy() for name in PROMISED}
+    return {name: getattr(randomizer.data, name).numpy().copy() for name in ResetRandomizer.STATE_FIELDS}
 
 
 @pytest.mark.oldest
@@ -187,7 +187,7 @@ def test_wrong_arguments_are_refused(mid: CompiledScene):
     randomizer = randomizer_of(mid)
     with pytest.raises(UnknownNameError, match="Did you mean 'apple'"):
         randomizer.redraw("apples")
-    with pytest.raises(ArgumentError, match="mask should have shape"):
+    with pytest.raises(ArgumentError, match="worlds should have shape"):
         randomizer.redraw("apple", np.zeros(2, bool))
 
 

@@ -19,7 +19,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.versions import OLD, since_4
 
 EVERYTHING = Path(__file__).parents[1] / "data" / "everything.xml"
@@ -139,7 +139,9 @@ def test_every_field_of_data_has_its_class():
     assert not gone, f"mujoco_warp has no fields {gone} any more: take them out of FIELDS."
     assert sum(len(names.split()) for names in FIELDS.values()) == len(CLASSES), "a field has two classes"
     state = {name for name in CLASSES if hasattr(mjw.State, name.upper())}
-    assert set(PROMISED) == state | {"qacc_warmstart", "tree_asleep"}, "what is promised is MuJoCo's integration state"
+    assert set(ResetRandomizer.STATE_FIELDS) == state | {"qacc_warmstart", "tree_asleep"}, (
+        "what is promised is MuJoCo's integration state"
+    )
 
 
 def test_a_reset_state_is_that_of_mujoco(make, home):
@@ -204,7 +206,7 @@ def test_nothing_of_before_is_left(make):
         randomizer.reset()
         for _ in range(10):
             mjw.step(randomizer.model, randomizer.data)
-    for name in (*PROMISED, "sensordata", "qacc"):
+    for name in (*ResetRandomizer.STATE_FIELDS, "sensordata", "qacc"):
         np.testing.assert_array_equal(field(sick.data, name).numpy(), field(sound.data, name).numpy(), err_msg=name)
 
 
@@ -216,11 +218,11 @@ def test_the_state_of_other_worlds_keeps_its_bits(make, needs):
     d = randomizer.data
     for _ in range(3):
         mjw.step(randomizer.model, d)
-    for name in PROMISED:
+    for name in ResetRandomizer.STATE_FIELDS:
         array = field(d, name)
         if array.numpy().dtype.kind == "f":
             array.assign(rng.uniform(0.1, 0.2, array.numpy().shape).astype(np.float32))
-    kept = [*PROMISED, *names_of(RESET), *names_of(LAYOUT), *names_of(AT_REST), *names_of(HELD)]
+    kept = [*ResetRandomizer.STATE_FIELDS, *names_of(RESET), *names_of(LAYOUT), *names_of(AT_REST), *names_of(HELD)]
     before = {name: field(d, name).numpy().copy() for name in kept}
     fixed = {name: getattr(d, name) for name in names_of(FIXED)}
     fixed = {name: value.numpy().copy() if isinstance(value, wp.array) else value for name, value in fixed.items()}
@@ -243,11 +245,11 @@ def test_other_worlds_go_on_as_if_nothing_had_been_reset(make, needs):
             randomizer.data.ctrl.assign(randomizer.data.ctrl.numpy() + np.float32(0.05 * i))
             for _ in range(4):
                 mjw.step(randomizer.model, randomizer.data)
-        for name in (*PROMISED, "sensordata"):
+        for name in (*ResetRandomizer.STATE_FIELDS, "sensordata"):
             found, expected = (field(r.data, name).numpy()[1] for r in (disturbed, quiet))
             np.testing.assert_array_equal(found, expected, err_msg=name)
         disturbed.reset(np.array(mask))
-        for name in PROMISED:
+        for name in ResetRandomizer.STATE_FIELDS:
             if name != "history" or not needs:
                 found, expected = (field(r.data, name).numpy()[1] for r in (disturbed, quiet))
                 np.testing.assert_array_equal(found, expected, err_msg=name)

@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.sim.randomizer import PROMISED
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.reset_writer import ContactList
 from tests.sim.stepping import DERIVED, STATE, snapshot, step
 
@@ -79,7 +79,7 @@ def test_other_worlds_go_on_as_if_nothing_had_been_reset(make_randomizer):
             for _ in range(3):  # a bare loop: kinematics lag a step behind
                 mjw.step(randomizer.model, randomizer.data)
         disturbed.reset(np.array(mask, bool))
-        for name in PROMISED:
+        for name in ResetRandomizer.STATE_FIELDS:
             found, expected = (getattr(r.data, name).numpy()[[1, 3]] for r in (disturbed, quiet))
             np.testing.assert_array_equal(found, expected, err_msg=name)
 

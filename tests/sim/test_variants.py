@@ -25,7 +25,7 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch, default_budget
 from sceniris_gym.sim.fit import check_model
 from sceniris_gym.sim.model_fields import put_model
-from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.variants import VariantReader, fields_of_variants
 from tests.layout.scenes import write_mjcf
 
@@ -69,7 +69,7 @@ def simulated(compiled: CompiledScene, nworld: int = NWORLD) -> tuple[Batch, Res
 
 def state(batch: Batch) -> dict[str, np.ndarray]:
     """Return what a step reads and makes, by name, one row a world."""
-    return {name: getattr(batch.data, name).numpy().copy() for name in (*PROMISED, "qacc")}
+    return {name: getattr(batch.data, name).numpy().copy() for name in (*ResetRandomizer.STATE_FIELDS, "qacc")}
 
 
 def stepped(batch: Batch, steps: int) -> list[np.ndarray]:
@@ -336,7 +336,7 @@ def test_colours_of_others_are_relative_to_those_that_are_seen():
 
 def test_a_loop_with_one_model_for_all_worlds_is_refused(compiled: CompiledScene):
     """By adapters whose libraries write no fields of the model; a group of bodies does the same there."""
-    group = r"groups: {stand: {of: \[tin, bowl\], count: 1}}\. Call place_on\(spec, scene\)"
+    group = r"groups: {stand: {of: \[tin, bowl\], count: 1}}\. Call edit_spec\(spec, scene\)"
     with pytest.raises(SceneMismatchError, match=rf"loop: objects\.stand has variants.*{group}"):
         check_model(compiled, compiled.sim_mjm, "loop", "")
 

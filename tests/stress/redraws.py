@@ -101,7 +101,7 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
     from sceniris_gym.layout.compile import compile_scene
     from sceniris_gym.layout.layouts import Status
     from sceniris_gym.sim.batch import Batch
-    from sceniris_gym.sim.randomizer import PROMISED, ResetRandomizer
+    from sceniris_gym.sim.randomizer import ResetRandomizer
 
     compiled, random = compile_scene(scene, device), np.random.default_rng(seed)
     model = compiled.scene
@@ -124,10 +124,10 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
         for _ in range(int(random.integers(1, 40))):
             mjw.step(batch.model, data)
         names, judge = choices[turn % len(choices)], judges[turn % len(choices)]
-        before = {name: getattr(data, name).numpy().copy() for name in PROMISED}
+        before = {name: getattr(data, name).numpy().copy() for name in ResetRandomizer.STATE_FIELDS}
         mask = random.random(num_envs) < 0.5
         randomizer.redraw(names, mask)
-        after = {name: getattr(data, name).numpy().copy() for name in PROMISED}
+        after = {name: getattr(data, name).numpy().copy() for name in ResetRandomizer.STATE_FIELDS}
         status = randomizer.redraw_status.numpy()
         placed = mask & (status == Status.VALID)
         different |= set(moved[turn % len(choices)].differences(before, after, placed))

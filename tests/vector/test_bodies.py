@@ -13,7 +13,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector.bodies import Bounds, Touch
+from sceniris_gym.vector.bodies import Bounds, ContactSensor
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.driving import Drive
 
@@ -99,7 +99,7 @@ def test_contacts_of_the_last_step_are_told_by_world_and_body():
     task: Any = envs.task
     task.move = lambda s, action: None
     envs.reset(seed=0)
-    touch = Touch(envs.state, ("block", "can", "panda/left_finger"), ("world", "can"))
+    touch = ContactSensor(envs.state, ("block", "can", "panda/left_finger"), ("world", "can"))
     assert not touch(envs.state).any(), "nothing has been stepped yet"
     for _ in range(5):
         envs.step(torch.zeros(3, 8))
@@ -112,10 +112,10 @@ def test_contacts_of_the_last_step_are_told_by_world_and_body():
     envs.step(torch.zeros(3, 8))
     found = touch(envs.state)
     assert found[:, 0, 1].tolist() == [False, True, False]
-    reverse = Touch(envs.state, ("can",), ("block",))(envs.state)
+    reverse = ContactSensor(envs.state, ("can",), ("block",))(envs.state)
     assert reverse.flatten().tolist() == [False, True, False]
     envs.reset(options={"reset_mask": torch.tensor([False, True, False])})
     assert not touch(envs.state)[1].any()
     assert touch(envs.state)[[0, 2], 0, 0].all()
     with pytest.raises(UnknownNameError, match=r"unknown body 'cat'.*can"):
-        Touch(envs.state, ("cat",), ("can",))
+        ContactSensor(envs.state, ("cat",), ("can",))

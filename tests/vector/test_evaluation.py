@@ -53,7 +53,7 @@ def test_rows_are_those_of_the_episodes(make: Callable[..., SceneVectorEnv]):
     ids = [envs.compiled.layout_id(seed, episode) for seed, episode in ((7, 0), (8, 2), (9, 0), (4, 1))]
     found = evaluate(turning, envs, ids)
     assert [row.id for row in found] == ids
-    assert [(row.success, row.success_ever, row.length, row.fallback) for row in found] == [
+    assert [(row.success, row.success_once, row.length, row.fallback) for row in found] == [
         (False, True, 4, False),
         (False, True, 3, False),
         (False, True, 4, False),

@@ -137,7 +137,7 @@ def test_joints_decide_what_is_open_and_on(tmp_path: Path):
 )
 def test_goals_that_no_world_can_reach_are_refused(goal: str, message: str, tmp_path: Path):
     """With the line, and the names that would do."""
-    text = KITCHEN.replace(GOAL, goal).replace("(cook_region", "(param (:target flat_stove_1)) (cook_region")
+    text = KITCHEN.replace(GOAL, goal).replace("(cook_region", "(knob (:target flat_stove_1)) (cook_region")
     task = read_bddl(write(tmp_path, text))
     with pytest.raises(UnknownNameError, match=r"problem\.bddl:|LiberoGoal") as raised:
         SceneVectorEnv(Watch(task, {}, {}), 1, scene=task.scene, device="cpu")

@@ -51,8 +51,8 @@ def test_a_param_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
         envs.set_param(SLIDE, [0.0, 0.1])
     with pytest.raises(ArgumentTypeError, match="params should be a Mapping"):
         envs.reset(options={"params": [SLIDE]})
-    with pytest.raises(ArgumentTypeError, match="mask should be a boolean"):
-        envs.set_param(SLIDE, [0.05, 0.06], [True] * 4)
+    with pytest.raises(ArgumentTypeError, match="worlds should hold booleans or ids, got float64"):
+        envs.set_param(SLIDE, [0.05, 0.06], [1.0] * 4)
 
 
 def test_an_id_with_params_is_a_layout_through_every_door(make_env):  # noqa: F811

@@ -18,11 +18,11 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
     with pytest.raises(gymnasium.error.ResetNeeded):
         envs.redraw("block")
     for wrong in (3, [["block"]]):
-        with pytest.raises(ArgumentTypeError, match="replace: objects should be a name or several"):
+        with pytest.raises(ArgumentTypeError, match="redraw: objects should be a name or several"):
             envs.randomizer.redraw(wrong)
     _, info = envs.reset(seed=2)
     for mask, error in ((torch.ones(4), ArgumentTypeError), (torch.ones(3, dtype=torch.bool), ArgumentError)):
-        with pytest.raises(error, match="mask should"):
+        with pytest.raises(error, match="worlds should"):
             envs.redraw("block", mask)
     assert "layout_redraw" not in info
     envs.step(actions(4))

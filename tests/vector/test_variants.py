@@ -15,7 +15,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.vector.bodies import Bounds, Touch
+from sceniris_gym.vector.bodies import Bounds, ContactSensor
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -129,7 +129,7 @@ def test_a_variant_that_need_not_be_reached_has_no_grasp(compiled: CompiledScene
 def test_contacts_are_those_of_the_variant(envs: SceneVectorEnv):
     """Whichever it is, it stands on the floor, and it touches the cube in the world where that was put against it."""
     envs.reset(seed=3)
-    s, touch = envs.state, Touch(envs.state, ("thing",), ("world", "other"))
+    s, touch = envs.state, ContactSensor(envs.state, ("thing",), ("world", "other"))
     pose = s.pose("thing")
     pose[:, 0] += 0.0395  # both are 4 cm wide
     s.put_pose("other", pose, torch.arange(NWORLD) == 1)

@@ -91,7 +91,7 @@ def read_bddl(
         words["floor"] = {"size": np.subtract(space.high, space.low).tolist()}
     if added:
         words["groups"] = {_CLUTTER: {"of": list(added), "count": clutter}}
-    adopt.place_on(spec, words)
+    adopt.edit_spec(spec, words)
     if robot is not None:
         words["robot"] = {"base": space.base, **(robot if isinstance(robot, Mapping) else {"asset": robot})}
     return LiberoTask(SceneConfig.load({"name": problem.path.stem, "model": spec, **words}), problem)
