@@ -18,6 +18,7 @@ from torch import Tensor
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.settings import as_config
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
@@ -33,7 +34,7 @@ from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer, action_space
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
-from sceniris_gym.vector.sensing import Sensing, as_sensing
+from sceniris_gym.vector.sensing import Sensing
 from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
@@ -97,7 +98,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
         sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
-            attributes, or None.
+            fields, or None.
         output: "torch" (tensors on `device`) or "numpy".
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
         images: Pictures to observe, by the names of cameras: {"overview": {"size": (width, height), "data": kinds}},
@@ -185,14 +186,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     ) -> None:
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {short(output)}.")
-        num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
+        num_envs = as_count(num_envs, "num_envs")
+        wanted = None if sensing is None else as_config(Sensing, sensing, "sensing")
         every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
         groups, self.max_episode_steps = arguments.as_groups(observation_groups), max_episode_steps
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
-        self.output, self.copy = output, copy
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
-        self.render_mode, self.final_images = render_mode, final_images
+        self.output, self.copy, self.render_mode, self.final_images = output, copy, render_mode, final_images
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
