@@ -24,7 +24,7 @@ from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.masks import as_count, as_host_mask, check_mask
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -89,9 +89,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetRandomizer. Not with a layout_source.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
-        levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
-            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one and -2 for one
-            from the bank.
+        curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
+            or a mapping of the fields of one. `info` then has `layout_level`: the layout's index in the level buffer,
+            -1 if it is fresh, and -2 if it comes from the bank.
         params: Names of parts of the scene file that `set_param` can change, or patterns such as "objects.*.region";
             see docs/levels.md. Not with a layout_source. `info` then has `layout_params`, their values by name.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
@@ -135,7 +135,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         "scene",
         "overrides",
         "layout_source",
-        "levels",
+        "curriculum",
         "params",
         "prefetch",
         "graph",
@@ -159,7 +159,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         split: str = "train",
         prefetch: bool | None = None,
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
-        levels: Levels | None = None,
+        curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # episodes:
         max_episode_steps: int | None = None,
@@ -203,8 +203,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
         source = arguments.as_layout_source(layout_source, self.compiled, num_envs)
-        words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch, "levels": levels}
-        words |= {"needs": self.task.needs, "fields": batch.fields, "graph": graph}
+        words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch}
+        words |= {"curriculum": curriculum, "needs": self.task.needs, "fields": batch.fields, "graph": graph}
         self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
         self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.replacer.mask)
