@@ -19,12 +19,12 @@ _MOST_FLOAT = wp.constant(float(np.finfo(np.float32).max))
 BINS = wp.constant(512)
 """Bins of scores."""
 _SHARE = 4  # levels that a world can insert between two refreshes, at most
-_LOWEST = 4  # one place of so many can be given to another level between two refreshes
+_LOWEST = 4  # fraction of the places that can change levels between two refreshes: one in four
 
 
 @wp.struct
 class Buffer:
-    """The levels of a buffer, and what the worlds play, as kernels take them."""
+    """The levels of a buffer and the current and next levels of the worlds, as kernels take them."""
 
     # of each level:
     seed: wp.array[wp.uint64]
@@ -43,15 +43,15 @@ class Buffer:
     total_age: wp.array[wp.int64]
     vacant: wp.array[int]  # places that are empty or have the lowest scores, -1 beyond them
     # of each world:
-    base: wp.array[wp.uint64]  # seed that fresh levels are drawn by
+    base: wp.array[wp.uint64]  # seed of its fresh levels
     decision: wp.array[int]
-    level: wp.array[int]  # place of the level that it plays, -1 for a fresh one
+    level: wp.array[int]  # index of its current level, -1 for a fresh level
     next_level: wp.array[int]
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]
-    base_param: wp.array2d[float]  # with which fresh levels are made
+    base_param: wp.array2d[float]  # params of its fresh levels
     next_param: wp.array2d[float]
-    boundary: wp.array[int]  # the end of an ADR interval that its level is at, -1 for none
+    boundary: wp.array[int]  # index of the interval end that its level is at, else -1
     next_boundary: wp.array[int]
     inserted: wp.array[int]
     # of each end of the ADR intervals:
@@ -61,7 +61,7 @@ class Buffer:
     least: wp.array[float]
     most: wp.array[float]
     delta: wp.array[float]  # outwards
-    band: wp.array[float]  # levels at this end lie between it and so much inwards
+    band: wp.array[float]  # width of the levels at this end, inwards
     episodes: wp.array[int]
     successes: wp.array[int]
     # of the buffer:
@@ -74,16 +74,16 @@ class Episodes(NamedTuple):
     """Episodes that are over, a row for each.
 
     Attributes:
-        level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32. Rows with -2
-            do not count.
+        level: Index of the level in the buffer when it was played, -1 for a fresh level, shape (n,), int32. Rows with
+            -2 do not count.
         seed: Its seed, shape (n,), uint64.
         episode: Its episode, shape (n,), int32. Rows with an episode that no seed has do not count.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "custom", shape (n,), float32.
-        param: Numbers of its params, shape (n, nvalue), float32; None if there are none.
+        param: Numbers of its params, shape (n, nvalue), float32. None is for worlds without params.
         mask: Rows that count, shape (n,), bool; None is all.
-        status: Status of the layouts, shape (n,), int32; those from the bank do not count. None is valid.
-        boundary: The end of an ADR interval that the level is at, -1 for none, shape (n,), int32. The success also
-            counts for this end. A custom score then stays as it is.
+        status: Status of the layouts, shape (n,), int32. Layouts from the bank do not count. None is valid.
+        boundary: Index of the interval end that the level is at, else -1, shape (n,), int32. The success also counts
+            for this end. A custom score then stays as it is.
     """
 
     level: wp.array
@@ -142,7 +142,7 @@ def _choose(
 
 
 def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay_prob: float) -> None:
-    """Let the masked worlds play the levels that were chosen for them, and choose those that follow.
+    """Serve the masked worlds the levels chosen for them, and choose the levels after these.
 
     Args:
         buffer: The buffer.
@@ -174,9 +174,9 @@ def _forget(
 
 
 def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None) -> None:
-    """Forget what was chosen for the masked worlds, and draw their fresh levels by new seeds if there are some.
+    """Drop the choices for the masked worlds, and draw their fresh levels by new seeds if `seeds` are given.
 
-    Their next levels have the params of fresh ones.
+    Their next levels have the params of fresh levels.
 
     Args:
         buffer: The buffer.
@@ -202,7 +202,7 @@ def _set_params(
     if level >= 0:
         buffer.next_param[worldid, k] = buffer.param[level, k]
         return
-    # a fresh level: its world's params, in the present intervals, one of which may be reduced to a band at its end
+    # a fresh level: its world's params, in the present intervals, or in a band at the end of an interval
     value = buffer.base_param[worldid, k]
     for i in range(buffer.column.shape[0]):
         if buffer.column[i] == k:
@@ -288,7 +288,7 @@ def launch_update(buffer: Buffer, episodes: Episodes) -> None:
 
 
 def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
-    """Allocate an empty buffer for the worlds of some layouts; what is chosen for them is what they get next."""
+    """Allocate an empty buffer for the worlds of some layouts. Its choices are the next layouts of these worlds."""
     buffer, capacity, nworld = Buffer(), replay.capacity, layouts.next_param.shape[0]
     zeros, vacant = partial(allocate, Buffer, buffer), min(-(-capacity // _LOWEST), _SHARE * nworld)
     with wp.ScopedDevice(layouts.next_param.device):

@@ -22,7 +22,7 @@ _BINS_OF_OCTAVE = wp.constant(16.0)
 
 @wp.func
 def _bin(buffer: Buffer, i: int) -> int:
-    """Return the bin of a level by its score, sixteen to each power of two; BINS where there is none."""
+    """Return the bin of a level by its score, sixteen to each power of two. An empty place has BINS."""
     if buffer.age[i] < 0:
         return BINS
     octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
@@ -31,7 +31,7 @@ def _bin(buffer: Buffer, i: int) -> int:
 
 @wp.func
 def _is_vacant(buffer: Buffer, b: int) -> bool:
-    """Return True if the levels of a bin may be replaced: the lowest ones, or none while there are empty places."""
+    """Return True if the levels of a bin may be replaced: empty places first, then the lowest scores."""
     filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
     if filled < buffer.age.shape[0]:
         return b == BINS
@@ -110,10 +110,7 @@ def launch_refresh(buffer: Buffer, replay: LevelReplay) -> None:
     wp.launch(_count, capacity, outputs=[buffer], device=device)
     array_scan(buffer.count, buffer.better)
     power = 1.0 / replay.temperature
-    inputs = [
-        power if replay.prioritization == "rank" else 0.0,
-        power if replay.prioritization == "proportional" else 0.0,
-    ]
+    inputs = [power if replay.prioritization == name else 0.0 for name in ("rank", "proportional")]
     wp.launch(_weigh, BINS, inputs=inputs, outputs=[buffer], device=device)
     wp.launch(_mark_vacant, capacity, outputs=[buffer], device=device)
     array_scan(buffer.cumulative, buffer.cumulative)

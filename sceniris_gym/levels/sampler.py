@@ -106,11 +106,7 @@ class LevelSampler(Chooser, StaysHere):
         Raises:
             ArgumentError, UnknownNameError, SceneMismatchError: See `update`.
         """
-        episodes = self._episodes("LevelSampler.insert", layouts, scores, None, highest=-1)
-        launch_refresh(self._buffer, self.replay)
-        for each in episodes:
-            launch_update(self._buffer, each)
-            launch_refresh(self._buffer, self.replay)
+        self._score("LevelSampler.insert", layouts, scores, None, are_new=True)
 
     def sample(self, number: int, seed: int = 0) -> dict[str, Any]:
         """Draw levels of the buffer by their weights. Waits for the device.
@@ -159,43 +155,39 @@ class LevelSampler(Chooser, StaysHere):
             UnknownNameError: A param that the worlds do not have.
             SceneMismatchError: An id of another scene or split.
         """
-        for each in self._episodes("LevelSampler.update", layouts, scores, worlds):
-            launch_update(self._buffer, each)
+        self._score("LevelSampler.update", layouts, scores, worlds, are_new=False)
 
-    def _episodes(
-        self, where: str, layouts: Any, scores: Any, worlds: Any, highest: int = (1 << 31) - 1
-    ) -> list[Episodes]:
-        """Return the rows of `update`, with levels of at most `highest`, in parts that have a place for each row."""
+    def _score(self, where: str, layouts: Any, scores: Any, worlds: Any, *, are_new: bool) -> None:
+        """Check the arguments of `update`, then update the levels, or insert them if `are_new`."""
         given = layouts if isinstance(layouts, Mapping) else self._layouts_of(layouts, where)
         if not {"seed", "episode"} <= {*given}:
             raise ArgumentError(f"{where}: layouts should have the keys 'seed' and 'episode', got {short([*given])}.")
-        table, nworld = self.layouts.params, self.layouts.nworld
-        columns = given["seed"], given["episode"], scores, given.get("level", np.full(np.shape(given["seed"]), -1))
-        arrays = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
-        shapes = [tuple(np.shape(values)) for values in arrays]
+        columns = given.get("level", np.full(np.shape(given["seed"]), -1)), given["seed"], given["episode"], scores
+        found = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
+        shapes = [tuple(np.shape(values)) for values in found]
         if len({*shapes}) != 1 or len(shapes[0]) != 1:
             raise ArgumentError(f"{where}: layouts and scores should have one length, shape (n,), got shapes {shapes}.")
-        rows = table.rows(given.get("params", {}), shapes[0][0])
+        found[0] = found[0].clip(-2, -1) if are_new else found[0]
+        arrays = [*map(self._column, found, (wp.int32, wp.uint64, wp.int32, wp.float32))]
+        rows = self.layouts.params.rows(given.get("params", {}), shapes[0][0])
         mask = None if worlds is None else self._mask_of(worlds, len(rows), where)
-        arrays[3] = arrays[3].clip(-2, highest)
-        types = wp.uint64, wp.int32, wp.float32, wp.int32
-        seed, episode, score, level = map(self._column, arrays, types)
-        most = min(nworld, self._buffer.vacant.shape[0])
-        parts = [slice(first, min(first + most, len(rows))) for first in range(0, len(rows), most)]
-        return [
-            Episodes(
-                *(column[part] for column in (level, seed, episode, score)),
-                param=wp.array(rows[part], dtype=float, ndim=2, device=self._device),
-                mask=None if mask is None else mask[part],
-            )
-            for part in parts
-        ]
+        if are_new:
+            launch_refresh(self._buffer, self.replay)
+        most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # each row of a launch has separate places
+        for first in range(0, len(rows), most):
+            part = slice(first, min(first + most, len(rows)))
+            param = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
+            chosen = None if mask is None else mask[part]
+            launch_update(self._buffer, Episodes(*(array[part] for array in arrays), param=param, mask=chosen))
+            if are_new:
+                launch_refresh(self._buffer, self.replay)
 
     def _mask_of(self, worlds: Any, nrow: int, where: str) -> wp.array:
         """Return a mask of the rows of some worlds, shape (nworld,), bool."""
         nworld = self.layouts.nworld
         if nrow != nworld:
             raise ArgumentError(f"{where}: layouts should have a row for each of {nworld} worlds, got {nrow}.")
+        worlds = np.asarray(worlds) if isinstance(worlds, Sequence) and len(worlds) else worlds
         if "bool" in str(getattr(worlds, "dtype", "")):
             return as_mask(worlds, nworld, self._device, "worlds")
         mask = wp.empty(nworld, dtype=wp.bool, device=self._device)

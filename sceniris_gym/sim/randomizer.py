@@ -85,8 +85,8 @@ class ResetRandomizer(Fixed, StaysHere):
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
             or a mapping of the fields of one. None goes from episode to episode of one seed.
         params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
-        layout_source. write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone,
-        with their
+            layout_source.
+        write: "all" resets worlds as a whole. "placed" writes the scene's objects and its robot alone, with their
             velocities and the controls that hold them, and leaves clocks and everything else of a world as they are.
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
             relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What is fixed to

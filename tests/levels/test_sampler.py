@@ -251,7 +251,9 @@ def test_layouts_are_inserted_and_updated_by_their_ids(make_env):  # noqa: F811
     assert levels.size == 3
 
 
-@pytest.mark.parametrize("worlds", [np.arange(4) > 1, torch.arange(4) > 1, [2, 3], slice(2, None), np.array([3, 2])])
+@pytest.mark.parametrize(
+    "worlds", [[False, False, True, True], torch.arange(4) > 1, [2, 3], slice(2, None), np.array([3, 2])]
+)
 def test_worlds_choose_the_rows_that_count(make_env, worlds):  # noqa: F811
     """As booleans, ids or a slice, where layouts and scores have a row for each world."""
     levels = make_env(4, curriculum=LevelReplay("custom", capacity=64)).randomizer.levels
