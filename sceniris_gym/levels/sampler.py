@@ -162,8 +162,9 @@ class LevelSampler(Chooser, StaysHere):
         given = layouts if isinstance(layouts, Mapping) else self._layouts_of(layouts, where)
         if not {"seed", "episode"} <= {*given}:
             raise ArgumentError(f"{where}: layouts should have the keys 'seed' and 'episode', got {short([*given])}.")
-        columns = given.get("level", np.full(np.shape(given["seed"]), -1)), given["seed"], given["episode"], scores
-        found = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
+        columns = given.get("level"), given["seed"], given["episode"], scores
+        found: list[Any] = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
+        found[0] = found[0] if "level" in given else np.full(np.shape(found[1]), -1)
         shapes = [tuple(np.shape(values)) for values in found]
         if len({*shapes}) != 1 or len(shapes[0]) != 1:
             raise ArgumentError(f"{where}: layouts and scores should have one length, shape (n,), got shapes {shapes}.")

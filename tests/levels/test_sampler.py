@@ -116,6 +116,9 @@ def test_scores_can_be_given(make_env):  # noqa: F811
         envs.randomizer.levels.update(layouts, torch.linspace(0.1, 1.0, 4), done)
     assert envs.randomizer.levels.size > 0
     assert (envs.reset()[1]["layout_level"] >= 0).all()
+    for seed in ([1, [2, 3]], None, "1"):
+        with pytest.raises(ArgumentError, match="one length"):
+            envs.randomizer.levels.insert({"seed": seed, "episode": [0]}, [0.5])
     with pytest.raises(ArgumentError, match="one length"):
         envs.randomizer.levels.update(ONE, [0.5, 0.5])
     with pytest.raises(ArgumentError, match=r"shape \(n,\)"):
