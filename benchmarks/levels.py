@@ -32,7 +32,7 @@ from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import view_of
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import LevelReplay
 from sceniris_gym.levels.buffer import Episodes, create_buffer, launch_choose, launch_update
 from sceniris_gym.levels.refresh import launch_refresh
 from sceniris_gym.training.task_scenes import make_env, scene_of
@@ -62,21 +62,21 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
         num_envs: worlds
         capacity: levels in the buffer
     """
-    levels, rng = Levels("learnability", capacity=capacity), np.random.default_rng(0)
+    replay, rng = LevelReplay("learnability", capacity=capacity), np.random.default_rng(0)
     with wp.ScopedDevice(device):
         params = {"next_param": np.zeros((num_envs, 4)), "default_param": np.zeros(4)}
-        made = create_buffer(levels, view_of(num_envs, device, params))
+        made = create_buffer(replay, view_of(num_envs, device, params))
         for name in ("seed", "episode"):
             getattr(made, name).assign(rng.integers(0, 1 << 31, capacity))
         made.value.assign(rng.random(capacity))
         made.age.zero_()
-        launch_refresh(made, levels)
+        launch_refresh(made, replay)
         seed, episode = wp.zeros(num_envs, dtype=wp.uint64), wp.zeros(num_envs, dtype=int)
         outcome, param = wp.array(rng.random(num_envs), dtype=float), wp.zeros((num_envs, 4), dtype=float)
         mask = wp.full(num_envs, True, dtype=wp.bool)
 
         def both() -> None:
-            launch_choose(made, mask, 7, levels.replay)
+            launch_choose(made, mask, 7, replay.replay_prob)
             launch_update(made, Episodes(made.level, seed, episode, outcome, param))
 
         both()
@@ -85,8 +85,8 @@ def buffer(device: str = "cuda:0", num_envs: int = 4096, capacity: int = 1_000_0
             with wp.ScopedCapture() as capture:
                 both()
             found["graph_us"] = _times(lambda: wp.capture_launch(capture.graph), device, 20)
-        launch_refresh(made, levels)
-        found["refresh_us"] = _times(lambda: launch_refresh(made, levels), device)
+        launch_refresh(made, replay)
+        found["refresh_us"] = _times(lambda: launch_refresh(made, replay), device)
     print(json.dumps({"num_envs": num_envs, "levels": capacity, **found}))
 
 
@@ -164,7 +164,7 @@ def steps(
     """
     compiled, random = compile_scene(scene_of(task, reachable=True), device), torch.Generator().manual_seed(0)
     words: dict[str, dict[str, Any]] = {"levels": {}, "levels_and_params": {"params": "*"}}
-    words = {name: {"levels": Levels(), "max_episode_steps": episode, **more} for name, more in words.items()}
+    words = {name: {"curriculum": LevelReplay(), "max_episode_steps": episode, **more} for name, more in words.items()}
     made = {name: make_env(task, num_envs, compiled, **more) for name, more in words.items()}
     shape = (20, *made["levels"].action_space.shape)  # type: ignore[misc]
     actions = (2.0 * torch.rand(shape, generator=random) - 1.0).to(made["levels"].device)
@@ -207,7 +207,8 @@ def resets(task: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: in
         num_envs: worlds
     """
     compiled = compile_scene(scene_of(task, reachable=True), device)
-    words = {"plain": {}, "levels": {"levels": Levels()}, "levels_and_params": {"levels": Levels(), "params": "*"}}
+    replay: dict[str, Any] = {"curriculum": LevelReplay()}
+    words = {"plain": {}, "levels": replay, "levels_and_params": {**replay, "params": "*"}}
     found: dict[str, dict[str, float]] = {}
     for name, more in words.items():
         envs: Any = make_env(task, num_envs, compiled, **more)

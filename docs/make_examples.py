@@ -49,9 +49,9 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
     """Return the scene of each example, by its name; a folder takes an imported mesh."""
     in_memory, own_mesh = example("12_model_in_memory"), example("13_own_mesh")
     own_mesh.main(folder, device="cpu")
-    loop, ranges = example("17_randomised_loop"), example("21_ranges")
+    loop, adr = example("17_randomised_loop"), example("21_adr")
     (folder / "ground.xml").write_text(loop.MJCF)
-    (folder / "cube.xml").write_text(ranges.MJCF)
+    (folder / "cube.xml").write_text(adr.MJCF)
     (folder / "model.xml").write_text(in_memory.MJCF)  # a model in memory has no camera that sees all of it
     return SHIPPED | {
         "02_own_loop": example("02_own_loop").SCENE,
@@ -62,7 +62,7 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
         "13_own_mesh": own_mesh.scene(folder / "wedge.xml"),
         "16_randomised_task": example("16_randomised_task").SCENE,
         "17_randomised_loop": {"model": str(folder / "ground.xml"), "objects": loop.OBJECTS},
-        "21_ranges": {"model": str(folder / "cube.xml"), "objects": ranges.OBJECTS},
+        "21_adr": {"model": str(folder / "cube.xml"), "objects": adr.OBJECTS},
     }
 
 

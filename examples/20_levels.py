@@ -1,4 +1,4 @@
-"""Levels: play layouts again from which there is most to learn, and save and resume what is known of them."""
+"""Level replay: replay the layouts with the most to learn from, then save and restore the level buffer."""
 
 from typing import Any
 
@@ -8,22 +8,22 @@ import torch
 import tyro
 
 import sceniris_gym  # noqa: F401, registers the environments
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import LevelReplay
 
 STEPS = 20  # of an episode
 
 
 def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) -> None:
-    """Play episodes, half of them on levels of the buffer.
+    """Play episodes, half of them on levels from the buffer. A level is one layout.
 
     Args:
         num_envs: number of worlds.
         episodes: episodes of each world.
         device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
     """
-    levels = Levels("failure", replay=0.5, capacity=1 << 14, every=4)
-    words: dict[str, Any] = {"num_envs": num_envs, "device": device, "max_episode_steps": STEPS, "levels": levels}
-    envs = gym.make_vec("sceniris_gym/TabletopReach-v0", **words)
+    replay = LevelReplay("failure", replay_prob=0.5, capacity=1 << 14, refresh_interval=4)
+    kwargs: dict[str, Any] = {"num_envs": num_envs, "device": device, "max_episode_steps": STEPS, "curriculum": replay}
+    envs = gym.make_vec("sceniris_gym/TabletopReach-v0", **kwargs)
     base: Any = envs.unwrapped
     sampler = base.randomizer.levels
     envs.reset(seed=0)
@@ -37,7 +37,7 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
     print(f"a draw of 1000 has {len(np.unique(drawn['level']))} different ones")
 
     state = sampler.state()  # arrays, for a checkpoint
-    again: Any = gym.make_vec("sceniris_gym/TabletopReach-v0", **words | {"scene": base.compiled}).unwrapped
+    again: Any = gym.make_vec("sceniris_gym/TabletopReach-v0", **kwargs | {"scene": base.compiled}).unwrapped
     again.reset(seed=1)
     again.randomizer.levels.restore(state)
     print(f"a resumed training has {again.randomizer.levels.size} of them")

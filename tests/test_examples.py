@@ -345,7 +345,7 @@ def test_levels_are_played_again_and_resumed(capsys: pytest.CaptureFixture[str])
 @pytest.mark.slow
 def test_the_region_grows_as_far_as_the_player_succeeds(capsys: pytest.CaptureFixture[str]):
     """To 0.2 m along x, and all the way along y."""
-    load("21_ranges").main(num_envs=64, device="cpu")
+    load("21_adr").main(num_envs=64, device="cpu")
     last = capsys.readouterr().out.splitlines()[-1]
     low_x, high_x, low_y, high_y = (float(end) for end in re.findall(r"-?[0-9.]+(?= to| m)", last))
     assert -0.3 < low_x < -0.15 < 0.15 < high_x < 0.3

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_numbers, as_world_ids, is_mask
@@ -136,33 +136,56 @@ def _of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[
     return found, all(part.ndim == 0 for part in given.values())
 
 
-def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of ids, a row for each, and whether there is a single one."""
+def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenLayouts:
+    """Return the layouts of one id or of a sequence of them, a row for each; None has no layout.
+
+    Args:
+        ids: The ids.
+        layouts: The layouts of worlds whose scene and params the ids should have.
+        split: The split that they should have.
+        name: Name of the argument in messages.
+
+    Raises:
+        ArgumentTypeError: No ids.
+        ArgumentError: A malformed id.
+        SceneMismatchError: An id of another scene or split.
+        UnknownNameError: An id with a param that the worlds do not have.
+    """
     scene, table = layouts.compiled.scene, layouts.params
-    single = isinstance(value, str | LayoutId)
-    texts = [value] if single else value
+    texts = [ids] if isinstance(ids, str | LayoutId) else ids
     if not isinstance(texts, Sequence):
-        raise ArgumentError(
+        raise ArgumentTypeError(
             f"{name} should be a layout id, a sequence of them, or a mapping with 'seed' and 'episode', got "
-            f"{short(value)}."
+            f"{short(ids)}."
         )
     cure = f"{name} should have ids of the scene and split of these worlds."
-    ids = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
-    found = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in ids]
+    found = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
+    named = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in found]
     values: dict[str, np.ndarray] = {}
-    for text, one in zip(texts, found, strict=True):
+    for text, one in zip(texts, named, strict=True):
         if one.params not in values:
             try:
                 values[one.params] = table.rows(params_in(one.params), 1)[0]
             except ArgumentError as error:
                 raise ArgumentError(f"{name}: layout id '{text}': {error}") from None
-    seed = np.array([one.seed for one in found], np.uint64)
-    episode = np.array([one.episode for one in found], np.int32)
-    param = np.array([values[one.params] for one in found]).reshape(len(found), len(table.default))
-    given = np.array([one is not None for one in ids], bool)
+    return ChosenLayouts(
+        np.array([one.seed for one in named], np.uint64),
+        np.array([one is not None for one in found], bool),
+        np.array([one.episode for one in named], np.int32),
+        np.array([values[one.params] for one in named], np.float32).reshape(len(named), len(table.default)),
+    )
+
+
+def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
+    """Return the layouts of ids that the source serves, a row for each, and whether there is a single one."""
+    found = layouts_of_ids(value, layouts, split, name)
+    seed, given, episode, param = found
+    assert episode is not None
+    assert param is not None
     served_split, (served_seed, served_episode, _) = served(split, (seed, episode, param))
     wrong = given & ((served_seed != seed) | (served_episode != episode) | (served_split != split))
+    single = isinstance(value, str | LayoutId)
     if wrong.any():
-        one, cure = ids[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."
+        one, cure = value if single else value[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."
         raise SceneMismatchError(f"{name}: the layout_source does not serve '{one}' by its id. {cure}")
-    return ChosenLayouts(seed, given, episode, param), single
+    return found, single

@@ -1,13 +1,13 @@
-"""`Levels`: the choice of each world's next layout by what earlier episodes on it gave, on the device.
+"""Curricula over layouts, on the device: `LevelReplay` replays levels, and `ADR` moves the intervals of params.
 
-A level is a layout by its seed and episode. With a probability a world's next level is replayed out of a buffer, else
-it is a fresh one: prioritised level replay (M. Jiang, E. Grefenstette, T. Rocktaeschel, "Prioritized Level Replay",
-ICML 2021). A level is replayed by its score: by learnability p (1 - p) with the rate of success p (A. Rutherford et
-al., "No Regrets: Investigating and Improving Regret Approximations for Curriculum Discovery", NeurIPS 2024), by the
-rate of failure, or by what a training gives, such as regret or the loss of values.
+A level is one layout, identified by its seed, episode and params. Each reset replays a level from a buffer or takes a
+fresh one: prioritized level replay (M. Jiang, E. Grefenstette, T. Rocktaeschel, "Prioritized Level Replay", ICML 2021).
+Scores weigh the levels: learnability p (1 - p) with the success rate p (A. Rutherford et al., "No Regrets:
+Investigating and Improving Regret Approximations for Curriculum Discovery", NeurIPS 2024), the failure rate, or custom
+scores from the training, such as regret or the loss of values.
 """
 
-from sceniris_gym.levels.choice import Levels, Ranges
+from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.levels.sampler import LevelSampler
 
-__all__ = ["LevelSampler", "Levels", "Ranges"]
+__all__ = ["ADR", "LevelReplay", "LevelSampler"]

@@ -8,28 +8,28 @@ import warp as wp
 
 from sceniris_gym.device.random import philox, uniform
 from sceniris_gym.layout.layouts import LayoutsView, Status
-from sceniris_gym.levels.choice import SCORES, Levels
+from sceniris_gym.levels.curriculum import SCORES, LevelReplay
 from sceniris_gym.program.compiled import MOST_EPISODES
 from sceniris_gym.program.device import allocate
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_LEARNABILITY, _GIVEN = (wp.constant(SCORES.index(name)) for name in ("learnability", "given"))
+_LEARNABILITY, _CUSTOM = (wp.constant(SCORES.index(name)) for name in ("learnability", "custom"))
 _MOST_FLOAT = wp.constant(float(np.finfo(np.float32).max))
 BINS = wp.constant(512)
 """Bins of scores."""
 _SHARE = 4  # levels that a world can insert between two refreshes, at most
-_LOWEST = 4  # one place of so many can be given to another level between two refreshes
+_LOWEST = 4  # fraction of the places that can change levels between two refreshes: one in four
 
 
 @wp.struct
 class Buffer:
-    """The levels of a buffer, and what the worlds play, as kernels take them."""
+    """The levels of a buffer and the current and next levels of the worlds, as kernels take them."""
 
     # of each level:
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
-    value: wp.array[float]  # rate of success, or the given score
+    value: wp.array[float]  # success rate, or the custom score
     age: wp.array[int]  # refreshes since it was chosen last, -1 where there is no level
     param: wp.array2d[float]  # numbers of its params
     cumulative: wp.array[int]  # sum of the weights up to it
@@ -43,47 +43,47 @@ class Buffer:
     total_age: wp.array[wp.int64]
     vacant: wp.array[int]  # places that are empty or have the lowest scores, -1 beyond them
     # of each world:
-    base: wp.array[wp.uint64]  # seed that fresh levels are drawn by
+    base: wp.array[wp.uint64]  # seed of its fresh levels
     decision: wp.array[int]
-    level: wp.array[int]  # place of the level that it plays, -1 for a fresh one
+    level: wp.array[int]  # index of its current level, -1 for a fresh level
     next_level: wp.array[int]
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]
-    base_param: wp.array2d[float]  # with which fresh levels are made
+    base_param: wp.array2d[float]  # params of its fresh levels
     next_param: wp.array2d[float]
-    probe: wp.array[int]  # the end of a range that its level is at, -1 for none
-    next_probe: wp.array[int]
+    boundary: wp.array[int]  # index of the interval end that its level is at, else -1
+    next_boundary: wp.array[int]
     inserted: wp.array[int]
-    # of each end of the ranges that follow success:
+    # of each end of the ADR intervals:
     column: wp.array[int]  # of its number in a row of params
     other: wp.array[int]  # of the other end's
     present: wp.array[float]
     least: wp.array[float]
     most: wp.array[float]
-    step: wp.array[float]  # outwards
-    band: wp.array[float]  # levels at this end lie between it and so much inwards
+    delta: wp.array[float]  # outwards
+    band: wp.array[float]  # width of the levels at this end, inwards
     episodes: wp.array[int]
     successes: wp.array[int]
     # of the buffer:
     score: int
-    rate: float
-    probes: float  # probability that a fresh level is at an end
+    alpha: float
+    boundary_fraction: float  # probability that a fresh level is at an end
 
 
 class Episodes(NamedTuple):
     """Episodes that are over, a row for each.
 
     Attributes:
-        level: Place in the buffer that the level had when it was played, -1 for none, shape (n,), int32. Rows with -2
-            do not count.
+        level: Index of the level in the buffer when it was played, -1 for a fresh level, shape (n,), int32. Rows with
+            -2 do not count.
         seed: Its seed, shape (n,), uint64.
         episode: Its episode, shape (n,), int32. Rows with an episode that no seed has do not count.
-        outcome: 1 for a success and 0 for a failure, or the score if scores are "given", shape (n,), float32.
-        param: Numbers of its params, shape (n, nvalue), float32; None if there are none.
+        outcome: 1 for a success and 0 for a failure, or the score if scores are "custom", shape (n,), float32.
+        param: Numbers of its params, shape (n, nvalue), float32. None is for worlds without params.
         mask: Rows that count, shape (n,), bool; None is all.
-        status: Status of the layouts, shape (n,), int32; those from the bank do not count. None is valid.
-        probe: The end of a range that the level is at, for which the success counts, too, -1 for none, shape (n,),
-            int32. With it a score that is "given" is left alone.
+        status: Status of the layouts, shape (n,), int32. Layouts from the bank do not count. None is valid.
+        boundary: Index of the interval end that the level is at, else -1, shape (n,), int32. The success also counts
+            for this end. A custom score then stays as it is.
     """
 
     level: wp.array
@@ -93,13 +93,13 @@ class Episodes(NamedTuple):
     param: wp.array | None = None
     mask: wp.array | None = None
     status: wp.array | None = None
-    probe: wp.array | None = None
+    boundary: wp.array | None = None
 
 
 @wp.func
 def score_of(buffer: Buffer, value: float) -> float:
     """Return the score of a level by its value, at least 0."""
-    if buffer.score == _GIVEN:
+    if buffer.score == _CUSTOM:
         return wp.max(value, 0.0)
     return (1.0 - value) * wp.where(buffer.score == _LEARNABILITY, value, 1.0)
 
@@ -108,9 +108,9 @@ def score_of(buffer: Buffer, value: float) -> float:
 def _choose(
     mask: wp.array[bool],
     stream: wp.uint32,
-    replay: float,
-    # Buffer in: seed, episode, cumulative, base, probes; out: age, level, next_seed, next_episode, probe; both:
-    #   decision, next_level, next_probe
+    replay_prob: float,
+    # Buffer in: seed, episode, cumulative, base, boundary_fraction; out: age, level, next_seed, next_episode, boundary;
+    #   both: decision, next_level, next_boundary
     buffer: Buffer,
 ):
     worldid = wp.tid()
@@ -118,20 +118,20 @@ def _choose(
         if not mask[worldid]:
             return
     buffer.level[worldid] = buffer.next_level[worldid]
-    buffer.probe[worldid] = buffer.next_probe[worldid]
-    buffer.next_probe[worldid] = -1
+    buffer.boundary[worldid] = buffer.next_boundary[worldid]
+    buffer.next_boundary[worldid] = -1
     counter = wp.vec4ui(wp.uint32(buffer.decision[worldid]), stream, wp.uint32(0), wp.uint32(0))
     words = philox(buffer.base[worldid], counter)
     buffer.decision[worldid] = buffer.decision[worldid] + 1
     total = buffer.cumulative[buffer.cumulative.shape[0] - 1]
-    if total == 0 or uniform(words[0]) >= replay:
+    if total == 0 or uniform(words[0]) >= replay_prob:
         buffer.next_level[worldid] = -1
         buffer.next_seed[worldid] = (wp.uint64(words[2]) << wp.uint64(32)) | wp.uint64(words[3])
         buffer.next_episode[worldid] = 0
         u = uniform(words[1])
-        if u < buffer.probes:
+        if u < buffer.boundary_fraction:
             ends = buffer.column.shape[0]
-            buffer.next_probe[worldid] = wp.min(int(u / buffer.probes * float(ends)), ends - 1)
+            buffer.next_boundary[worldid] = wp.min(int(u / buffer.boundary_fraction * float(ends)), ends - 1)
         return
     wanted = int((wp.uint64(words[1]) * wp.uint64(total)) >> wp.uint64(32))
     first = wp.lower_bound(buffer.cumulative, wanted + 1)
@@ -141,17 +141,17 @@ def _choose(
     buffer.age[first] = 0
 
 
-def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay: float) -> None:
-    """Let the masked worlds play the levels that were chosen for them, and choose those that follow.
+def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay_prob: float) -> None:
+    """Serve the masked worlds the levels chosen for them, and choose the levels after these.
 
     Args:
         buffer: The buffer.
         mask: Which worlds, shape (nworld,), bool; all if None.
         stream: Philox stream of the choices.
-        replay: Probability of a level out of the buffer.
+        replay_prob: Probability of a level out of the buffer.
     """
     nworld, device = buffer.base.shape[0], buffer.base.device
-    wp.launch(_choose, nworld, inputs=[mask, wp.uint32(stream), replay], outputs=[buffer], device=device)
+    wp.launch(_choose, nworld, inputs=[mask, wp.uint32(stream), replay_prob], outputs=[buffer], device=device)
     _launch_set_params(buffer, mask)
 
 
@@ -159,7 +159,7 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay: fl
 def _forget(
     seeds: wp.array[wp.uint64],
     mask: wp.array[bool],
-    # Buffer out: base, decision, next_level, next_probe
+    # Buffer out: base, decision, next_level, next_boundary
     buffer: Buffer,
 ):
     worldid = wp.tid()
@@ -167,16 +167,16 @@ def _forget(
         if not mask[worldid]:
             return
     buffer.next_level[worldid] = -1
-    buffer.next_probe[worldid] = -1
+    buffer.next_boundary[worldid] = -1
     if seeds:
         buffer.base[worldid] = seeds[worldid]
         buffer.decision[worldid] = 0
 
 
 def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None) -> None:
-    """Forget what was chosen for the masked worlds, and draw their fresh levels by new seeds if there are some.
+    """Drop the choices for the masked worlds, and draw their fresh levels by new seeds if `seeds` are given.
 
-    Their next levels have the params of fresh ones.
+    Their next levels have the params of fresh levels.
 
     Args:
         buffer: The buffer.
@@ -191,18 +191,18 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None)
 @wp.kernel
 def _set_params(
     mask: wp.array[bool],
-    # Buffer in: param, next_level, base_param, next_probe, column, other, present, step, band; out: next_param
+    # Buffer in: param, next_level, base_param, next_boundary, column, other, present, delta, band; out: next_param
     buffer: Buffer,
 ):
     worldid, k = wp.tid()
     if mask:
         if not mask[worldid]:
             return
-    level, end = buffer.next_level[worldid], buffer.next_probe[worldid]
+    level, end = buffer.next_level[worldid], buffer.next_boundary[worldid]
     if level >= 0:
         buffer.next_param[worldid, k] = buffer.param[level, k]
         return
-    # a fresh level: those of its world, in the present ranges, one of which may be no wider than a band at its end
+    # a fresh level: its world's params, in the present intervals, or in a band at the end of an interval
     value = buffer.base_param[worldid, k]
     for i in range(buffer.column.shape[0]):
         if buffer.column[i] == k:
@@ -210,7 +210,7 @@ def _set_params(
     if end >= 0:
         if buffer.other[end] == k:
             inner = buffer.present[end] - buffer.band[end]
-            value = wp.where(buffer.step[end] > 0.0, wp.max(inner, value), wp.min(inner, value))
+            value = wp.where(buffer.delta[end] > 0.0, wp.max(inner, value), wp.min(inner, value))
     buffer.next_param[worldid, k] = value
 
 
@@ -221,8 +221,8 @@ def _launch_set_params(buffer: Buffer, mask: wp.array | None) -> None:
 
 @wp.func
 def _moved(buffer: Buffer, value: float, outcome: float) -> float:
-    """Return the value of a level after an outcome, which moves a rate of success and replaces a given score."""
-    return wp.where(buffer.score == _GIVEN, outcome, value + buffer.rate * (outcome - value))
+    """Return the value of a level after an outcome, which moves a success rate and replaces a custom score."""
+    return wp.where(buffer.score == _CUSTOM, outcome, value + buffer.alpha * (outcome - value))
 
 
 @wp.kernel
@@ -234,8 +234,8 @@ def _update(
     param: wp.array2d[float],
     mask: wp.array[bool],
     status: wp.array[int],
-    probe: wp.array[int],
-    # Buffer in: vacant, score, rate; out: param; both: seed, episode, value, age, inserted, episodes, successes
+    boundary: wp.array[int],
+    # Buffer in: vacant, score, alpha; out: param; both: seed, episode, value, age, inserted, episodes, successes
     buffer: Buffer,
 ):
     row = wp.tid()
@@ -247,12 +247,12 @@ def _update(
             return
     if not (outcome[row] >= 0.0 and outcome[row] <= _MOST_FLOAT):
         return
-    if probe:
-        end = probe[row]
+    if boundary:
+        end = boundary[row]
         if end >= 0 and end < buffer.episodes.shape[0]:
             wp.atomic_add(buffer.episodes, end, 1)
             wp.atomic_add(buffer.successes, end, int(outcome[row]))
-        if buffer.score == _GIVEN:
+        if buffer.score == _CUSTOM:
             return
     place = level[row]
     if place < -1 or episode[row] < 0 or episode[row] >= MOST_EPISODES:
@@ -287,19 +287,19 @@ def launch_update(buffer: Buffer, episodes: Episodes) -> None:
     wp.launch(_update, dim, inputs=list(episodes), outputs=[buffer], device=device)
 
 
-def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
-    """Allocate an empty buffer for the worlds of some layouts; what is chosen for them is what they get next."""
-    buffer, capacity, nworld = Buffer(), levels.capacity, layouts.next_param.shape[0]
+def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
+    """Allocate an empty buffer for the worlds of some layouts. Its choices are the next layouts of these worlds."""
+    buffer, capacity, nworld = Buffer(), replay.capacity, layouts.next_param.shape[0]
     zeros, vacant = partial(allocate, Buffer, buffer), min(-(-capacity // _LOWEST), _SHARE * nworld)
     with wp.ScopedDevice(layouts.next_param.device):
         zeros(capacity, "seed episode value age cumulative")
         buffer.param = wp.array(np.tile(layouts.default_param.numpy(), (capacity, 1)), dtype=float, ndim=2)
         zeros(BINS, "count better ages weight")
         zeros(1, "total_weight total_age")
-        zeros(nworld, "decision level next_level inserted probe next_probe")
-        zeros(0, "column other present least most step band episodes successes")
+        zeros(nworld, "decision level next_level inserted boundary next_boundary")
+        zeros(0, "column other present least most delta band episodes successes")
         buffer.vacant = wp.array(np.arange(vacant), dtype=int)
-    for array in (buffer.age, buffer.level, buffer.next_level, buffer.probe, buffer.next_probe):
+    for array in (buffer.age, buffer.level, buffer.next_level, buffer.boundary, buffer.next_boundary):
         array.fill_(-1)
     buffer.next_seed, buffer.next_episode, buffer.next_param = (
         layouts.next_seed,
@@ -307,18 +307,18 @@ def create_buffer(levels: Levels, layouts: LayoutsView) -> Buffer:
         layouts.next_param,
     )
     buffer.base, buffer.base_param = wp.clone(layouts.next_seed), wp.clone(layouts.next_param)
-    buffer.score, buffer.rate = SCORES.index(levels.score), levels.rate
+    buffer.score, buffer.alpha = SCORES.index(replay.score), replay.alpha
     return buffer
 
 
 def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
     """Return the least and the greatest value of each array of a buffer, by name: kernels take some as indices."""
-    of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "step", "band")}
+    of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "delta", "band")}
     return {
         **dict.fromkeys(arrays_of(buffer), (0, np.inf)),
         **dict.fromkeys(("value", "param", "base_param", "next_param"), (-_MOST_FLOAT, _MOST_FLOAT)),
         **dict.fromkeys(("vacant", "level", "next_level"), (-1, buffer.age.shape[0] - 1)),
-        **dict.fromkeys(("probe", "next_probe"), (-1, buffer.column.shape[0] - 1)),
+        **dict.fromkeys(("boundary", "next_boundary"), (-1, buffer.column.shape[0] - 1)),
         **dict.fromkeys(("episode", "next_episode"), (-1, MOST_EPISODES - 1)),
         "age": (-1, np.inf),
         **{name: (values, values) for name, values in of_words.items()},

@@ -1,4 +1,4 @@
-"""Levels and ranges after the outcomes that were counted: weights, vacant places, and ends of intervals."""
+"""Levels and intervals after the outcomes that were counted: weights, vacant places, and ends of intervals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from warp.utils import array_scan
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.levels.buffer import BINS, Buffer, score_of
-from sceniris_gym.levels.choice import Levels, Ranges
+from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.device import fill_struct
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -22,7 +22,7 @@ _BINS_OF_OCTAVE = wp.constant(16.0)
 
 @wp.func
 def _bin(buffer: Buffer, i: int) -> int:
-    """Return the bin of a level by its score, sixteen to each power of two; BINS where there is none."""
+    """Return the bin of a level by its score, sixteen to each power of two. An empty place has BINS."""
     if buffer.age[i] < 0:
         return BINS
     octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
@@ -31,7 +31,7 @@ def _bin(buffer: Buffer, i: int) -> int:
 
 @wp.func
 def _is_vacant(buffer: Buffer, b: int) -> bool:
-    """Return True if the levels of a bin may be replaced: the lowest ones, or none while there are empty places."""
+    """Return True if the levels of a bin may be replaced: empty places first, then the lowest scores."""
     filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
     if filled < buffer.age.shape[0]:
         return b == BINS
@@ -82,7 +82,7 @@ def _mark_vacant(
 
 @wp.kernel
 def _fill(
-    staleness: float,
+    staleness_coef: float,
     # Buffer in: value, better, weight, total_weight, total_age, score; out: vacant; both: age, cumulative
     buffer: Buffer,
 ):
@@ -96,76 +96,76 @@ def _fill(
         share = buffer.weight[b] / (float(buffer.total_weight[0]) * _UNIT)
         if buffer.total_age[0] > wp.int64(0):
             old = float(buffer.age[i]) / float(buffer.total_age[0])
-            share = (1.0 - staleness) * share + staleness * old
+            share = (1.0 - staleness_coef) * share + staleness_coef * old
         buffer.age[i] = buffer.age[i] + 1
     buffer.cumulative[i] = int(share * _TOTAL)
 
 
-def launch_refresh(buffer: Buffer, levels: Levels) -> None:
-    """Weigh all levels anew, and list the places of the lowest scores."""
-    capacity, device = levels.capacity, buffer.base.device
+def launch_refresh(buffer: Buffer, replay: LevelReplay) -> None:
+    """Update the weights of all levels, and list the places of the lowest scores."""
+    capacity, device = replay.capacity, buffer.base.device
     for array in (buffer.count, buffer.ages, buffer.total_weight, buffer.total_age, buffer.inserted):
         array.zero_()
     buffer.vacant.fill_(-1)
     wp.launch(_count, capacity, outputs=[buffer], device=device)
     array_scan(buffer.count, buffer.better)
-    power = 1.0 / levels.temperature
-    inputs = [power if levels.priority == "rank" else 0.0, power if levels.priority == "proportional" else 0.0]
+    power = 1.0 / replay.temperature
+    inputs = [power if replay.prioritization == name else 0.0 for name in ("rank", "proportional")]
     wp.launch(_weigh, BINS, inputs=inputs, outputs=[buffer], device=device)
     wp.launch(_mark_vacant, capacity, outputs=[buffer], device=device)
     array_scan(buffer.cumulative, buffer.cumulative)
-    wp.launch(_fill, capacity, inputs=[levels.staleness], outputs=[buffer], device=device)
+    wp.launch(_fill, capacity, inputs=[replay.staleness_coef], outputs=[buffer], device=device)
     array_scan(buffer.cumulative, buffer.cumulative)
 
 
 @wp.kernel
 def _move(
-    episodes: int,
-    low: float,
-    high: float,
-    # Buffer in: least, most, step; both: present, episodes, successes
+    queue_length: int,
+    threshold_low: float,
+    threshold_high: float,
+    # Buffer in: least, most, delta; both: present, episodes, successes
     buffer: Buffer,
 ):
     i = wp.tid()
-    if buffer.episodes[i] < episodes:
+    if buffer.episodes[i] < queue_length:
         return
     rate = float(buffer.successes[i]) / float(buffer.episodes[i])
     buffer.episodes[i] = 0
     buffer.successes[i] = 0
     moved = buffer.present[i]
-    if rate >= high:
-        moved += buffer.step[i]
-    elif rate <= low:
-        moved -= buffer.step[i]
+    if rate >= threshold_high:
+        moved += buffer.delta[i]
+    elif rate <= threshold_low:
+        moved -= buffer.delta[i]
     buffer.present[i] = wp.clamp(moved, buffer.least[i], buffer.most[i])
 
 
-def launch_move(buffer: Buffer, words: Ranges) -> None:
+def launch_move(buffer: Buffer, adr: ADR) -> None:
     """Move the ends at which enough episodes were counted."""
-    inputs, device = [words.episodes, words.low, words.high], buffer.base.device
+    inputs, device = [adr.queue_length, adr.threshold_low, adr.threshold_high], buffer.base.device
     wp.launch(_move, buffer.column.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
 
-def set_ranges(buffer: Buffer, words: Ranges, table: ParamTable) -> None:
-    """Set the intervals of a buffer to their start.
+def set_ranges(buffer: Buffer, adr: ADR, table: ParamTable) -> None:
+    """Set the intervals of a buffer to `init_range`.
 
     Raises:
-        UnknownNameError, ArgumentError: A param that is not in the table or no interval, or a start beyond it.
+        UnknownNameError, ArgumentError: A param that is not in the table or not an interval, or an interval beyond it.
     """
-    names, parts = ("column", "other", "present", "least", "most", "step", "band"), []
-    for name, value in words.start.items():
-        param = table.param(name, "Ranges")
+    names, parts = ("column", "other", "present", "least", "most", "delta", "band"), []
+    for name, value in adr.init_range.items():
+        param = table.param(name, "ADR")
         if param.half == 0:
-            raise ArgumentError(f"Ranges: {name} should be an interval, and is not.")
+            raise ArgumentError(f"ADR: {name} should be an interval.")
         start, limit, is_count = param.checked(value, 1)[0], param.default, param.form == "count"
         own = np.arange(len(limit))
         other, outwards = np.roll(own, param.half), np.where(own < param.half, -1.0, 1.0)
-        step = words.step * np.abs(limit[other] - limit)
-        step = outwards * (np.maximum(1.0, np.round(step)) if is_count else step)
+        delta = adr.delta * np.abs(limit[other] - limit)
+        delta = outwards * (np.maximum(1.0, np.round(delta)) if is_count else delta)
         first = table.first[name]
         ends = np.minimum(start, limit), np.maximum(start, limit)
-        parts.append((first + own, first + other, start, *ends, step, 0.0 * step if is_count else step))
+        parts.append((first + own, first + other, start, *ends, delta, 0.0 * delta if is_count else delta))
     arrays = dict(zip(names, np.concatenate(parts, axis=1), strict=True))
     arrays |= {name: np.zeros(len(arrays["column"])) for name in ("episodes", "successes")}
     fill_struct(Buffer, buffer, arrays, str(buffer.base.device))
-    buffer.probes = words.probe
+    buffer.boundary_fraction = adr.boundary_fraction

@@ -13,12 +13,13 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_names, check_type
+from sceniris_gym.layout.chosen import layouts_of_ids
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.masks import as_count, as_numbers
+from sceniris_gym.layout.masks import as_count, as_numbers, as_worlds
 from sceniris_gym.layout.params import launch_set
 from sceniris_gym.layout.pipeline import Chooser
 from sceniris_gym.levels.buffer import Episodes, bounds_of, create_buffer, launch_choose, launch_forget, launch_update
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import LevelReplay
 from sceniris_gym.levels.refresh import launch_move, launch_refresh, set_ranges
 from sceniris_gym.program.compiled import USER_SPLITS
 
@@ -26,39 +27,42 @@ LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
 
 class LevelSampler(Chooser, StaysHere):
-    """A `Chooser` whose worlds play levels: layouts that are chosen by how earlier episodes on them went.
+    """A `Chooser` that replays layouts according to the outcomes of earlier episodes.
 
-    A world's next level is chosen when its present one begins, so that it can be made ahead, and the score of an
-    episode counts from the next choice on. Nothing waits for the host. Choices are a pure function of the seeds of the
-    worlds and of all outcomes, but for a race on a GPU: of several worlds that end on one level in the same step, one
-    may count.
+    A level is one layout, identified by its seed, episode and params. A world's next level is chosen when its current
+    episode begins, so that it can be prefetched. An outcome counts for the next choice, which decides the level after
+    the next. Only calls that document it wait for the device.
 
-    Weights are refreshed every `Levels.every` resets, outside of graphs of the caller's own; until then choices go by
-    the old ones.
+    Choices are a pure function of the worlds' seeds and of all outcomes, except for a race on a GPU: if several worlds
+    finish the same level in one step, only one outcome may count.
+
+    Weights are refreshed every `LevelReplay.refresh_interval` resets, but not during a capture. Choices use the weights
+    of the latest refresh.
 
     Args:
-        levels: The choice.
+        replay: The settings.
         layouts: The layouts of the worlds.
         split: Their split.
 
     Attributes:
-        level: Place in the buffer of each world's level, -1 for a fresh one, shape (nworld,), int32.
-        probe: The end of an interval of `Ranges` that each world's level is at, -1 for none, shape (nworld,), int32.
-        size: Number of levels in the buffer; waits for the device.
+        level: Index in the buffer of each world's level, -1 for a fresh one, shape (nworld,), int32.
+        boundary: The end of an ADR interval that each world's level is at, -1 if it is at no end, shape (nworld,),
+            int32.
+        size: Number of levels in the buffer. Waits for the device.
     """
 
-    def __init__(self, levels: Levels, layouts: Layouts, split: str = "train") -> None:
-        check_type(levels, Levels, "LevelSampler: levels")
+    def __init__(self, replay: LevelReplay, layouts: Layouts, split: str = "train") -> None:
+        check_type(replay, LevelReplay, "LevelSampler: replay")
         check_type(layouts, Layouts, "LevelSampler: layouts")
         check_names("split", [split], "LevelSampler", USER_SPLITS)
-        self.levels, self.layouts, self.split = levels, layouts, split
+        self.replay, self.layouts, self.split = replay, layouts, split
         self._device, self._since = layouts.qpos.device, 0
         self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
-        self._buffer = buffer = create_buffer(levels, self.layouts.view)
-        self.level, self.probe = buffer.level, buffer.probe
-        self.rows = {"level": self.level, "probe": self.probe}
-        if levels.ranges is not None:
-            set_ranges(buffer, levels.ranges, self.layouts.params)
+        self._buffer = buffer = create_buffer(replay, self.layouts.view)
+        self.level, self.boundary = buffer.level, buffer.boundary
+        self.rows = {"level": self.level, "boundary": self.boundary}
+        if replay.adr is not None:
+            set_ranges(buffer, replay.adr, self.layouts.params)
         launch_forget(buffer, None, None)
 
     @property
@@ -67,10 +71,10 @@ class LevelSampler(Chooser, StaysHere):
         return int((self._buffer.age.numpy() >= 0).sum())
 
     def launch_choose(self, mask: wp.array | None) -> None:
-        """Let the masked worlds play the levels that they were served, and choose those that follow."""
-        if self.levels.ranges is not None:
-            launch_move(self._buffer, self.levels.ranges)
-        launch_choose(self._buffer, mask, self._stream, self.levels.replay)
+        """Serve the masked worlds the levels chosen for them, and choose the levels after these."""
+        if self.replay.adr is not None:
+            launch_move(self._buffer, self.replay.adr)
+        launch_choose(self._buffer, mask, self._stream, self.replay.replay_prob)
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """See `Chooser`; the worlds make their fresh levels with these numbers from then on."""
@@ -82,7 +86,7 @@ class LevelSampler(Chooser, StaysHere):
         launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
-        """Tell how episodes ended; those on layouts from the bank do not count.
+        """Count the outcomes of episodes, except on layouts from the bank.
 
         Args:
             success: 1 for worlds that succeeded, else 0, shape (nworld,), float32.
@@ -90,12 +94,19 @@ class LevelSampler(Chooser, StaysHere):
         """
         layouts = self.layouts.view
         played = Episodes(self.level, layouts.seed, layouts.episode, success, layouts.param)
-        launch_update(self._buffer, played._replace(mask=finished, status=layouts.status, probe=self.probe))
+        launch_update(self._buffer, played._replace(mask=finished, status=layouts.status, boundary=self.boundary))
 
-    def insert(self, seed: Any, episode: Any, score: Any, params: Mapping[str, Any] | None = None) -> None:
-        """Insert levels of your own in the place of others with lower scores, and refresh the weights; see `update`."""
-        launch_refresh(self._buffer, self.levels)
-        self.update(None, seed, episode, score, params)
+    def insert(self, layouts: Any, scores: Any) -> None:
+        """Insert levels in the place of others with lower scores, and refresh the weights.
+
+        Args:
+            layouts: See `update`. All of them are new to the buffer, and their number is not limited.
+            scores: See `update`.
+
+        Raises:
+            ArgumentError, UnknownNameError, SceneMismatchError: See `update`.
+        """
+        self._score("LevelSampler.insert", layouts, scores, None, are_new=True)
 
     def sample(self, number: int, seed: int = 0) -> dict[str, Any]:
         """Draw levels of the buffer by their weights. Waits for the device.
@@ -117,57 +128,80 @@ class LevelSampler(Chooser, StaysHere):
 
     @property
     def ranges(self) -> dict[str, np.ndarray]:
-        """The present intervals of the params that follow success, by name. Waits for the device."""
+        """The current intervals of the ADR by the names of their params. Waits for the device."""
         row = self.layouts.params.default[None].copy()
         row[0, self._buffer.column.numpy()] = self._buffer.present.numpy()
         named = self.layouts.params.named(row)
-        return {} if self.levels.ranges is None else {name: named[name][0] for name in self.levels.ranges.start}
+        return {} if self.replay.adr is None else {name: named[name][0] for name in self.replay.adr.init_range}
 
-    def update(self, level: Any, seed: Any, episode: Any, score: Any, params: Mapping[str, Any] | None = None) -> None:
-        """Give scores to levels that were played: those of the buffer are updated, others inserted.
+    def update(self, layouts: Any, scores: Any, worlds: Any = None) -> None:
+        """Set the scores of levels that were played.
 
-        A level is inserted in the place of one with a lower score, if there is one.
+        A level that has left the buffer is inserted again, in the place of one with a lower score.
 
         Args:
-            level: `layout_level` of an info, shape (n,): a torch tensor or NumPy array of integers, as all others. Rows
-                with -2, layouts from the bank, do not count. None inserts as many levels as there is room for, as
-                `insert` does.
-            seed: `layout_seed` of the same info, shape (n,).
-            episode: `layout_episode`, shape (n,). Rows below 0 do not count.
-            score: Scores, floats of at least 0, shape (n,): regret, or the mean loss of values in the episode. Where
-                successes are counted: 1 for a success, 0 for a failure. Rows with any other number do not count.
-            params: `layout_params` of the same info; None has those of the scene file.
+            layouts: The layouts of an `info`: a mapping with `seed`, `episode` and `level`, integer arrays of shape
+                (n,), and with `params`, values by name. `level` -2, a layout from the bank, and episodes below 0 do not
+                count. Without `level`, layouts are new to the buffer. Without `params`, they have the scene file's
+                values. A layout id or a sequence of ids works as well.
+            scores: Finite floats of at least 0, shape (n,), such as the regret or the mean value loss of each episode.
+                If the score follows successes: 1 for a success, 0 for a failure. Other numbers do not count.
+            worlds: Which worlds count, if the arrays have a row per world: booleans, ids or a slice. None counts all
+                rows.
 
         Raises:
-            ArgumentError: Not arrays of one length.
+            ArgumentError: The arrays have different lengths, or no row per world.
             UnknownNameError: A param that the worlds do not have.
+            SceneMismatchError: An id of another scene or split.
         """
-        columns = seed, episode, score, level
-        given = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
-        given[3] = np.full(np.shape(given[0]), -1) if level is None else given[3]
-        shapes = [tuple(np.shape(values)) for values in given]
+        self._score("LevelSampler.update", layouts, scores, worlds, are_new=False)
+
+    def _score(self, where: str, layouts: Any, scores: Any, worlds: Any, *, are_new: bool) -> None:
+        """Check the arguments of `update`, then update the levels, or insert them if `are_new`."""
+        given = layouts if isinstance(layouts, Mapping) else self._named(layouts, f"{where}: layouts")
+        if not {"seed", "episode"} <= {*given}:
+            raise ArgumentError(f"{where}: layouts should have the keys 'seed' and 'episode', got {short([*given])}.")
+        columns = given.get("level"), given["seed"], given["episode"], scores
+        found: list[Any] = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
+        found[0] = found[0] if "level" in given else np.full(np.shape(found[1]), -1)
+        shapes = [tuple(np.shape(values)) for values in found]
         if len({*shapes}) != 1 or len(shapes[0]) != 1:
-            raise ArgumentError(
-                f"LevelSampler.update: numbers should have one length, shape (n,), got shapes {shapes}."
-            )
-        types = wp.uint64, wp.int32, wp.float32, wp.int32
-        seeds, episodes, scores, places = map(self._column, given, types)
-        rows = self.layouts.params.rows({} if params is None else params, shapes[0][0])
-        most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # so each row of a launch has places of its own
+            raise ArgumentError(f"{where}: layouts and scores should have one length, shape (n,), got shapes {shapes}.")
+        found[0] = found[0].clip(-2, -1) if are_new else found[0]
+        arrays = [*map(self._column, found, (wp.int32, wp.uint64, wp.int32, wp.float32))]
+        rows = self.layouts.params.rows(given.get("params", {}), shapes[0][0])
+        mask = self._mask_of(worlds, len(rows), where)
+        if are_new:
+            launch_refresh(self._buffer, self.replay)
+        most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # each row of a launch has separate places
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             param = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
-            columns = (array[part] for array in (places, seeds, episodes, scores))
-            launch_update(self._buffer, Episodes(*columns, param=param))
-            if level is None:
-                launch_refresh(self._buffer, self.levels)
+            chosen = None if mask is None else mask[part]
+            launch_update(self._buffer, Episodes(*(array[part] for array in arrays), param=param, mask=chosen))
+            if are_new:
+                launch_refresh(self._buffer, self.replay)
+
+    def _mask_of(self, worlds: Any, nrow: int, where: str) -> wp.array | None:
+        """Return a mask of the rows of some worlds, shape (nworld,), bool; None is all rows."""
+        nworld = self.layouts.nworld
+        if worlds is not None and nrow != nworld:
+            raise ArgumentError(f"{where}: layouts should have a row for each of {nworld} worlds, got {nrow}.")
+        return as_worlds(worlds, nworld, self._device)
+
+    def _named(self, ids: Any, name: str) -> dict[str, Any]:
+        """Return the layouts of ids as a mapping."""
+        found = layouts_of_ids(ids, self.layouts, self.split, name)
+        if not found.given.all():
+            raise ArgumentError(f"{name} should be ids, got None.")
+        return {"seed": found.seed, "episode": found.episode, "params": self.layouts.params.named(found.param)}
 
     def _column(self, values: Any, dtype: type) -> wp.array:
-        """Return a column on the device, seeds as the 64 bits that they are."""
+        """Return a column on the device, seeds with the same 64 bits."""
         is_whole = values.dtype.kind in "biu" if isinstance(values, np.ndarray) else not values.is_floating_point()
         if dtype is not wp.float32 and not is_whole:
-            raise ArgumentError("LevelSampler.update: levels, seeds and episodes should be integers.")
-        if dtype is wp.int32:  # what is beyond does not count, and should not begin again from below
+            raise ArgumentError("LevelSampler: levels, seeds and episodes should be integers.")
+        if dtype is wp.int32:  # a number out of range must not wrap around to one in range
             values = values.clip(-(1 << 31), (1 << 31) - 1)
         given = wp.array(values) if isinstance(values, np.ndarray) else wp.from_torch(values.detach().contiguous())
         given = given.to(self._device)
@@ -178,11 +212,11 @@ class LevelSampler(Chooser, StaysHere):
         return made
 
     def after_reset(self) -> None:
-        """Refresh the weights every so many resets."""
+        """Refresh the weights every `refresh_interval` resets."""
         self._since += 1
-        if self._since >= self.levels.every and not self._device.is_capturing:
+        if self._since >= self.replay.refresh_interval and not self._device.is_capturing:
             self._since = 0
-            launch_refresh(self._buffer, self.levels)
+            launch_refresh(self._buffer, self.replay)
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device.

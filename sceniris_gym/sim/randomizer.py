@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
@@ -18,7 +18,7 @@ from sceniris_gym.errors import check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, mask_of_rows
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import check_budget, updater
@@ -72,8 +72,8 @@ class ResetRandomizer(Fixed, StaysHere):
             `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
             the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
         layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
-        levels: Choose the next layout of each world by what earlier episodes gave; see `sceniris_gym.levels`. None goes
-            from episode to episode of one seed.
+        curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
+            or a mapping of the fields of one. None goes from episode to episode of one seed.
         params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
             layout_source.
         scope: "world" resets whole worlds. "scene" writes only the scene's objects and its robot, with their velocities
@@ -91,7 +91,7 @@ class ResetRandomizer(Fixed, StaysHere):
         pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts. Use its `reseed`, `set_params`,
             `ids` and `rejection_counts`.
         layouts: The latest layouts, one row per world.
-        levels: The sampler of levels if the worlds play levels, else None.
+        levels: The LevelSampler of the curriculum, or None.
         split: The split of the layouts: that of the layout_source if it has one.
         fields: Model fields that have a row for each world.
         redraw_count: Redraws of each world since its reset, shape (nworld,), int32.
@@ -145,7 +145,7 @@ class ResetRandomizer(Fixed, StaysHere):
         split: str = "train",
         prefetch: bool | wp.Stream | None = None,
         layout_source: LayoutSource | None = None,
-        levels: Levels | None = None,
+        curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # what a reset writes:
         scope: Literal["world", "scene"] = "world",
@@ -161,8 +161,8 @@ class ResetRandomizer(Fixed, StaysHere):
         check_type(data, mjw.Data, "ResetRandomizer: data")
         self.compiled, self.model, self.data = compiled, model, data
         self.device: wp.Device = data.qpos.device
-        own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "levels": levels, "graph": graph}
-        own["layout_source"] = layout_source
+        own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "graph": graph}
+        own |= {"layout_source": layout_source, "curriculum": curriculum}
         self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", params=params, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)

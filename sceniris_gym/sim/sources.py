@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -15,7 +16,7 @@ from sceniris_gym.layout.layouts import Layouts, LayoutsView, view_of
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import check_table
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import ADR, LevelReplay, as_curriculum
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -30,11 +31,11 @@ def make_pipeline(
     seed: int | Sequence[int] | np.ndarray = 0,
     split: str = "train",
     prefetch: bool | wp.Stream | None = None,
-    levels: Levels | None = None,
+    curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
     params: str | Sequence[str] = (),
     graph: bool = True,
 ) -> tuple[LayoutPipeline, LevelSampler | None]:
-    """Return the layouts that worlds are reset to, and their sampler of levels if they play some.
+    """Return the layouts that worlds are reset to, and their sampler of levels if they have a curriculum.
 
     Args:
         compiled: The scene.
@@ -45,18 +46,17 @@ def make_pipeline(
         seed: Seeds of a generator.
         split: Its split.
         prefetch: Make its layouts ahead.
-        levels: Levels to play.
+        curriculum: Chooses the layouts.
         params: Params of the worlds.
         graph: Capture the launches into graphs.
 
     Raises:
-        ArgumentTypeError: `layout_source`, `levels` or `prefetch` is of another type.
+        ArgumentTypeError: `layout_source`, `curriculum` or `prefetch` is of another type.
         ArgumentError: Both a source and `prefetch` or `params`, or a stream of another device.
     """
-    if levels is not None:
-        check_type(levels, Levels, f"{where}: levels")
-        named = () if levels.ranges is None else tuple(levels.ranges.start)
-        params = (*as_names(params, "params"), *named)
+    replay = as_curriculum(curriculum, f"{where}: curriculum")
+    if replay is not None and replay.adr is not None:
+        params = (*as_names(params, "params"), *replay.adr.init_range)
     if layout_source is None:
         layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, params=params)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
@@ -71,11 +71,11 @@ def make_pipeline(
             "layout_source, which may be a LayoutPipeline that prefetches."
         )
     check_type(layout_source, LayoutSource, f"{where}: layout_source")
-    if levels is not None and layout_source.chooser is not None:
-        raise ArgumentError(f"{where}: levels choose layouts, and so does the layout_source. Give one of them.")
+    if replay is not None and layout_source.chooser is not None:
+        raise ArgumentError(f"{where}: both curriculum and layout_source choose layouts. Give one of them.")
     ahead = Ahead(layout_source, None if prefetch is True else prefetch, graph=graph) if prefetch else None
     split = layout_source.split or split
-    sampler = None if levels is None else LevelSampler(levels, layout_source.layouts, split)
+    sampler = None if replay is None else LevelSampler(replay, layout_source.layouts, split)
     return LayoutPipeline(layout_source, split, ahead=ahead, chooser=sampler), sampler
 
 

@@ -116,7 +116,7 @@ class Options:
         trust: read a checkpoint that holds more than weights, which executes what is in it
         device: cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu
         bank: replay this many stored layouts instead of making fresh ones
-        levels: replay layouts by "learnability" or by "failure" (see docs/levels.md); by default each is fresh
+        curriculum: replay layouts by "learnability" or "failure" (see docs/levels.md); by default each is fresh
         uniform: place uniformly, without checks for collisions and reach
         reachable: keep `reachable` of the scene's objects
         judged: task in whose layouts the policy is judged; by default its own
@@ -137,7 +137,7 @@ class Options:
     trust: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     device: str | None = None
     bank: int | None = None
-    levels: str | None = None
+    curriculum: str | None = None
     uniform: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     reachable: bool = True
     judged: str | None = None

@@ -29,7 +29,7 @@ from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json, read_bytes, replacing, write_text
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import LevelReplay
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training import layout_sources, records
 from sceniris_gym.training.judging import judge, judges_of
@@ -77,7 +77,7 @@ class Run:
             source = layout_sources.bank(layout_sources.valid_rows(compiled, options.bank, seed))
         elif options.uniform:
             source = layout_sources.uniform()
-        words = {"layout_source": source, "levels": Levels(options.levels) if options.levels else None}
+        words = {"layout_source": source, "curriculum": LevelReplay(options.curriculum) if options.curriculum else None}
         self.env = RslRlVecEnvWrapper(make_env(options.task, options.num_envs, compiled, **words), seed)
         self._judged = (options.judged or options.task).removeprefix(NAMESPACE)
         self.judges = judges_of(self._judged, options.layouts, options.device)

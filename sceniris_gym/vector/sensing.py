@@ -72,26 +72,6 @@ class Sensing:
             raise ArgumentError(f"sensing: dropout should be in [0, 1), got {short(self.dropout)}.")
 
 
-def as_sensing(value: Any) -> Sensing | None:
-    """Return a Sensing that is given as itself or as a mapping of its attributes; None stays None.
-
-    Raises:
-        ArgumentError: See Sensing.
-        ArgumentTypeError: Neither.
-        UnknownNameError: A key that is no attribute.
-    """
-    if value is None or isinstance(value, Sensing):
-        return value
-    if not isinstance(value, Mapping):
-        raise ArgumentTypeError(f"sensing should be a Sensing, a mapping of its words, or None, got {short(value)}.")
-    check_names("attribute", value, "sensing", Sensing.__dataclass_fields__)
-    given: dict[str, Any] = dict(value)
-    for key in ("delay", "late", "action_delay"):
-        if isinstance(given.get(key), list):
-            given[key] = tuple(given[key])
-    return Sensing(**given)
-
-
 def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 

@@ -18,13 +18,14 @@ from torch import Tensor
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.config.settings import as_config
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -34,7 +35,7 @@ from sceniris_gym.vector.images import Images, as_shots
 from sceniris_gym.vector.observer import Observer, action_space
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
-from sceniris_gym.vector.sensing import Sensing, as_sensing
+from sceniris_gym.vector.sensing import Sensing
 from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
@@ -89,16 +90,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ResetRandomizer. Not with a layout_source.
         layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
             LayoutGenerator.
-        levels: Choose the next layout of each world by what earlier episodes gave: a `sceniris_gym.levels.Levels`.
-            `info` then has `layout_level`, the place of the layout in the buffer, -1 for a fresh one and -2 for one
-            from the bank.
+        curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
+            or a mapping of the fields of one. `info` then has `layout_level`: the layout's index in the level buffer,
+            -1 if it is fresh, and -2 if it comes from the bank.
         params: Names of parts of the scene file that `set_param` can change, or patterns such as "objects.*.region";
             see docs/levels.md. Not with a layout_source. `info` then has `layout_params`, their values by name.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
         sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
-            attributes, or None.
+            fields, or None.
         output: "torch" (tensors on `device`) or "numpy".
         copy: Never overwrite what was returned; if false, observations are valid until the next call.
         images: Pictures to observe, by the names of cameras: {"overview": {"size": (width, height), "data": kinds}},
@@ -135,7 +136,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         "scene",
         "overrides",
         "layout_source",
-        "levels",
+        "curriculum",
         "params",
         "prefetch",
         "graph",
@@ -159,7 +160,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         split: str = "train",
         prefetch: bool | None = None,
         layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
-        levels: Levels | None = None,
+        curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # episodes:
         max_episode_steps: int | None = None,
@@ -186,14 +187,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     ) -> None:
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {short(output)}.")
-        num_envs, wanted = as_count(num_envs, "num_envs"), as_sensing(sensing)
+        num_envs = as_count(num_envs, "num_envs")
+        wanted = None if sensing is None else as_config(Sensing, sensing, "sensing")
         every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
         groups, self.max_episode_steps = arguments.as_groups(observation_groups), max_episode_steps
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
-        self.output, self.copy = output, copy
         self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
-        self.render_mode, self.final_images = render_mode, final_images
+        self.output, self.copy, self.render_mode, self.final_images = output, copy, render_mode, final_images
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
@@ -203,8 +204,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
         source = arguments.as_layout_source(layout_source, self.compiled, num_envs)
-        words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch, "levels": levels}
-        words |= {"needs": self.task.needs, "fields": batch.fields, "graph": graph}
+        words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch}
+        words |= {"curriculum": curriculum, "needs": self.task.needs, "fields": batch.fields, "graph": graph}
         self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
         self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.redrawer.mask)

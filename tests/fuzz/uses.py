@@ -22,7 +22,7 @@ from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import read_table
-from sceniris_gym.levels import Levels, Ranges
+from sceniris_gym.levels import ADR, LevelReplay
 from sceniris_gym.scene.layout_table import COLUMNS
 from sceniris_gym.training.records import CONFIG, MODEL, read_config
 from sceniris_gym.vector.state import State
@@ -64,8 +64,9 @@ class _Watch(Task):
 
 @functools.cache
 def _envs(*, levels: bool) -> SceneVectorEnv:
-    ranges = Ranges({"objects.shelf.joints.slide": [0.02, 0.03]})
-    words: dict[str, Any] = {"levels": Levels("given", capacity=32, every=2, ranges=ranges)} if levels else {}
+    adr = ADR({"objects.shelf.joints.slide": [0.02, 0.03]})
+    replay = LevelReplay("custom", capacity=32, refresh_interval=2, adr=adr)
+    words: dict[str, Any] = {"curriculum": replay} if levels else {}
     return SceneVectorEnv(_Watch, NUM_ENVS, scene=compiled(), params="*", max_episode_steps=2, **words)
 
 
@@ -136,19 +137,20 @@ def _levels(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> N
     levels = envs.randomizer.levels
     assert levels is not None
     n = int(draws.integers(1, 9))
-    columns: list[Any] = [np.full(n, -1), np.arange(n), np.zeros(n, int), np.full(n, 0.5)]
-    i = int(draws.integers(4))
+    layouts: dict[str, Any] = {"level": np.full(n, -1), "seed": np.arange(n), "episode": np.zeros(n, int)}
+    name, scores = [*layouts, "scores"][int(draws.integers(4))], np.full(n, 0.5)
     match int(draws.integers(4)):
         case 0:
             levels.restore(spoiled(levels.state(), draws))
         case 1:
-            columns[i] = some_array(draws) if draws.random() < 0.5 else spoiled(columns[i], draws)
-            levels.update(*columns, params=spoiled(dict(PARAMS), draws) if draws.random() < 0.3 else None)
+            wrong = some_array(draws) if draws.random() < 0.5 else spoiled(layouts.get(name, scores), draws)
+            layouts |= {"params": spoiled(dict(PARAMS), draws)} if draws.random() < 0.3 else {}
+            worlds = some_array(draws) if draws.random() < 0.3 else None
+            levels.update(*((layouts, wrong) if name == "scores" else (layouts | {name: wrong}, scores)), worlds)
         case 2:
-            columns[i] = spoiled(columns[i], draws)
-            levels.insert(*columns[1:])
+            levels.insert(spoiled(layouts, draws), scores)
         case _:
-            levels.insert(*columns[1:])
+            levels.insert(layouts, scores)
             levels.sample(value(draws), value(draws) if draws.random() < 0.5 else 0)
     for _ in range(4):
         envs.reset()
@@ -199,9 +201,9 @@ def _names(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> No
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), params=wrong),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), nconmax=wrong if not isinstance(wrong, int) else -1),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), layout_source=wrong),
-        lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), levels=wrong),
-        lambda: Levels("given", capacity=wrong, every=value(draws)),
-        lambda: Ranges(wrong, step=value(draws)),
+        lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), curriculum=wrong),
+        lambda: LevelReplay("custom", capacity=wrong, refresh_interval=value(draws)),
+        lambda: ADR(wrong, delta=value(draws)),
     ]
     calls[int(draws.integers(len(calls)))]()
 

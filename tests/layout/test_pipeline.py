@@ -16,7 +16,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.pipeline import Chooser, LayoutPipeline
 from sceniris_gym.layout.seeds import launch_open
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import LevelReplay
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, prefetched
@@ -104,7 +104,7 @@ def test_a_key_is_opened_without_touching_what_is_served(mid: CompiledScene):
         (lambda maker, other: {"ahead": True}, "ahead should be a Ahead"),
         (lambda maker, other: {"ahead": Ahead(other)}, r"ahead should prefetch for this maker: Ahead\(maker\)"),
         (lambda maker, other: {"chooser": 3}, "chooser should be a Chooser"),
-        (lambda maker, other: {"chooser": LevelSampler(Levels(), other.layouts)}, "for the layouts of this maker"),
+        (lambda maker, other: {"chooser": LevelSampler(LevelReplay(), other.layouts)}, "for the layouts of this maker"),
         (lambda maker, other: {"split": "bogus"}, "split should be train, got 'bogus'"),
         (lambda maker, other: {"split": "eval"}, "split should be train, got 'eval'"),
     ],

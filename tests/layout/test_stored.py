@@ -18,7 +18,7 @@ from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table, read_table
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import LevelReplay
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -390,7 +390,7 @@ class Wrapped(LayoutSource):
 
 def _levels(source: LayoutSource) -> LayoutPipeline:
     """The layouts of a source, as levels."""
-    return LayoutPipeline(source, chooser=LevelSampler(Levels(capacity=4), source.layouts))
+    return LayoutPipeline(source, chooser=LevelSampler(LevelReplay(capacity=4), source.layouts))
 
 
 @pytest.mark.parametrize("wrap", [lambda s: s, _levels, Wrapped])

@@ -7,16 +7,16 @@ import warp as wp
 
 from sceniris_gym.layout.layouts import view_of
 from sceniris_gym.levels.buffer import Buffer, Episodes, create_buffer, launch_choose, launch_forget, launch_update
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import LevelReplay
 from sceniris_gym.levels.refresh import launch_refresh
 
 NWORLD = 500
 
 
-def created(levels: Levels, nworld: int, nparam: int = 0) -> Buffer:
-    """Return an empty buffer for so many worlds."""
+def created(replay: LevelReplay, nworld: int, nparam: int = 0) -> Buffer:
+    """Return an empty buffer for a number of worlds."""
     params = {"next_param": np.zeros((nworld, nparam)), "default_param": np.zeros(nparam)}
-    return create_buffer(levels, view_of(nworld, "cpu", {"next_episode": np.zeros(nworld), **params}))
+    return create_buffer(replay, view_of(nworld, "cpu", {"next_episode": np.zeros(nworld), **params}))
 
 
 def column(values: object, dtype: type) -> wp.array:
@@ -25,17 +25,17 @@ def column(values: object, dtype: type) -> wp.array:
 
 
 def tell(buffer: Buffer, level: object, seed: object, outcome: object) -> None:
-    """Tell the outcomes of episodes on levels."""
+    """Update levels by the outcomes of episodes."""
     episodes = np.zeros(len(np.asarray(seed)))
     columns = column(level, int), column(seed, wp.uint64), column(episodes, int), column(outcome, float)
     launch_update(buffer, Episodes(*columns))
 
 
-def filled(levels: Levels, scores: np.ndarray) -> Buffer:
+def filled(replay: LevelReplay, scores: np.ndarray) -> Buffer:
     """Return a buffer of one level for each score, with seeds 100, 101, ..."""
-    buffer = created(levels, NWORLD)
+    buffer = created(replay, NWORLD)
     tell(buffer, np.full(len(scores), -1), 100 + np.arange(len(scores)), scores)
-    launch_refresh(buffer, levels)
+    launch_refresh(buffer, replay)
     return buffer
 
 

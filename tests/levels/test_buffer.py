@@ -7,14 +7,14 @@ import pytest
 import warp as wp
 
 from sceniris_gym.levels.buffer import arrays_of, launch_choose, launch_forget
-from sceniris_gym.levels.choice import Levels
+from sceniris_gym.levels.curriculum import LevelReplay
 from sceniris_gym.levels.refresh import launch_refresh
 from tests.levels.filling import NWORLD, SCORES, chosen, column, created, filled, tell
 
 
 def test_the_share_of_replays_is_the_one_asked_for():
     """The rest are fresh levels, each with a seed of its own; without any level in the buffer all are fresh."""
-    levels = Levels("given", capacity=32)
+    levels = LevelReplay("custom", capacity=32)
     empty = created(levels, NWORLD)
     assert (chosen(empty, 2) == -1).all()
     buffer = filled(levels, SCORES)
@@ -33,7 +33,7 @@ def test_the_share_of_replays_is_the_one_asked_for():
 
 def test_choices_do_not_depend_on_which_worlds_choose_beside_them():
     """World by world: the same levels with a mask, in any order of masks."""
-    levels = Levels("given", capacity=32)
+    levels = LevelReplay("custom", capacity=32)
     whole, parts = filled(levels, SCORES), filled(levels, SCORES)
     mask = np.arange(NWORLD) % 3 == 0
     launch_forget(whole, column(np.arange(NWORLD), wp.uint64), None)
@@ -48,7 +48,7 @@ def test_choices_do_not_depend_on_which_worlds_choose_beside_them():
 @pytest.mark.parametrize(("score", "function"), [("learnability", lambda p: p * (1 - p)), ("failure", lambda p: 1 - p)])
 def test_successes_move_a_rate(score: str, function):
     """It begins at 0.5; a level that another one has replaced is not touched by what comes late."""
-    levels = Levels(score, rate=0.25, capacity=1)
+    levels = LevelReplay(score, alpha=0.25, capacity=1)
     buffer = created(levels, 4)
     tell(buffer, [-1], [5], [1.0])
     assert buffer.value.numpy()[0] == pytest.approx(0.625)
@@ -65,5 +65,5 @@ def test_successes_move_a_rate(score: str, function):
 
 def test_a_million_levels_take_little_memory():
     """At most 32 MB."""
-    buffer = created(Levels(capacity=1_000_000), 4096)
+    buffer = created(LevelReplay(capacity=1_000_000), 4096)
     assert sum(array.capacity for array in arrays_of(buffer).values()) <= 32e6

@@ -8,7 +8,7 @@ import torch
 from scipy.stats import chisquare, rankdata
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.levels.choice import Levels, Ranges
+from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.levels.refresh import launch_refresh
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.levels.filling import NWORLD, SCORES, chosen, created, filled, tell
@@ -20,7 +20,7 @@ from tests.vector.stepping import actions
 @pytest.mark.parametrize("priority", ["rank", "proportional", "uniform"])
 def test_levels_are_chosen_by_their_weights(priority: str, staleness: float):
     """rank^(-1/T) or score^(1/T), and a share by the time since a level was chosen last; p > 0.001."""
-    levels = Levels("given", priority=priority, temperature=0.7, staleness=staleness, capacity=32)
+    levels = LevelReplay("custom", prioritization=priority, temperature=0.7, staleness_coef=staleness, capacity=32)
     buffer = filled(levels, SCORES)
     ages = np.arange(len(SCORES))
     buffer.age.assign(np.append(ages, np.full(32 - len(ages), -1)))
@@ -48,7 +48,7 @@ def test_levels_are_chosen_by_their_weights(priority: str, staleness: float):
 @pytest.mark.parametrize("priority", ["rank", "proportional"])
 def test_many_levels_of_one_score_are_chosen_alike(priority: str):
     """However steep the choice is: their weights are no smaller than that of a single one."""
-    levels = Levels("given", priority=priority, temperature=0.02, staleness=0.0, capacity=1 << 16)
+    levels = LevelReplay("custom", prioritization=priority, temperature=0.02, staleness_coef=0.0, capacity=1 << 16)
     buffer = created(levels, NWORLD)
     buffer.value.fill_(1e-5)
     buffer.age.zero_()
@@ -61,7 +61,7 @@ def test_many_levels_of_one_score_are_chosen_alike(priority: str):
 
 def test_the_lowest_scores_make_room():
     """A full buffer keeps the best of all that it was given, whatever the order; empty places are filled first."""
-    levels, rng = Levels("given", capacity=64), np.random.default_rng(0)
+    levels, rng = LevelReplay("custom", capacity=64), np.random.default_rng(0)
     buffer = created(levels, 16)
     scores = rng.permutation(np.geomspace(0.001, 100.0, 640))
     for i, part in enumerate(np.split(np.arange(640), 40)):
@@ -89,8 +89,8 @@ class _Won(Reach):
 def test_ranges_widen_with_success_and_narrow_with_failure(reach_scene):  # noqa: F811
     """Up to the scene file's interval and back to the start; layouts lie within, and a state is restored."""
     start = {SLIDE: [0.1, 0.11]}
-    words = Levels(replay=0.0, ranges=Ranges(start, step=0.25, probe=1.0, episodes=8))
-    envs = SceneVectorEnv(_Won, 16, scene=reach_scene, max_episode_steps=1, levels=words)
+    words = LevelReplay(replay_prob=0.0, adr=ADR(start, delta=0.25, boundary_fraction=1.0, queue_length=8))
+    envs = SceneVectorEnv(_Won, 16, scene=reach_scene, max_episode_steps=1, curriculum=words)
     levels = envs.randomizer.levels
     assert levels is not None
     envs.reset(seed=1)
@@ -104,20 +104,22 @@ def test_ranges_widen_with_success_and_narrow_with_failure(reach_scene):  # noqa
     assert widths[-1] == pytest.approx(0.01)
     assert widths[:30] == sorted(widths[:30])
     kept = levels.state()
-    other = SceneVectorEnv(_Won, 16, scene=reach_scene, max_episode_steps=1, levels=words)
+    other = SceneVectorEnv(_Won, 16, scene=reach_scene, max_episode_steps=1, curriculum=words)
     other.reset(seed=9)
     resumed = other.randomizer.levels
     assert resumed is not None
     resumed.restore(kept)
     np.testing.assert_array_equal(resumed.ranges[SLIDE], levels.ranges[SLIDE])
-    with pytest.raises(ArgumentError, match="step should be above 0"):
-        Ranges(start, step=0.0)
+    with pytest.raises(ArgumentError, match="delta should be above 0"):
+        ADR(start, delta=0.0)
 
 
 def test_a_snapshot_keeps_levels_and_the_ends_that_they_are_at(reach_scene):  # noqa: F811
     """So that a restored episode counts for the level and the end that it is of."""
-    words = Levels(replay=0.5, every=1, capacity=64, ranges=Ranges({SLIDE: [0.1, 0.11]}, probe=0.8))
-    envs = SceneVectorEnv(_Won, 8, scene=reach_scene, max_episode_steps=1, levels=words)
+    words = LevelReplay(
+        replay_prob=0.5, refresh_interval=1, capacity=64, adr=ADR({SLIDE: [0.1, 0.11]}, boundary_fraction=0.8)
+    )
+    envs = SceneVectorEnv(_Won, 8, scene=reach_scene, max_episode_steps=1, curriculum=words)
     levels = envs.randomizer.levels
     assert levels is not None
     envs.reset(seed=1)
@@ -125,7 +127,7 @@ def test_a_snapshot_keeps_levels_and_the_ends_that_they_are_at(reach_scene):  # 
         info = envs.step(actions(8))[-1]
     kept, before = envs.snapshot(), levels.state()
     envs.step(actions(8))
-    assert (levels.state()["probe"] != before["probe"]).any()
+    assert (levels.state()["boundary"] != before["boundary"]).any()
     restored = envs.reset(options={"state": kept})[1]
     assert restored["layout_level"].tolist() == info["layout_level"].tolist()
-    assert levels.state()["probe"].tolist() == before["probe"].tolist()
+    assert levels.state()["boundary"].tolist() == before["boundary"].tolist()

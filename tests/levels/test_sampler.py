@@ -7,18 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.registration import EnvSpec
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, ScenirisError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.pipeline import LayoutPipeline
-from sceniris_gym.levels import Levels, Ranges
+from sceniris_gym.levels import ADR, LevelReplay
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from tests.vector.conftest import Reach, make_env, reach_scene  # noqa: F401, fixtures
 from tests.vector.stepping import actions, assert_equal
 
 SLIDE = "objects.cabinet.joints.slide"
-LEVELS = Levels("failure", replay=0.5, every=1, capacity=64)
+ONE = {"level": np.array([-1]), "seed": np.array([1]), "episode": np.array([0])}
+LEVELS = LevelReplay("failure", replay_prob=0.5, refresh_interval=1, capacity=64)
 
 
 def _play(envs, steps: int) -> list[dict]:
@@ -28,7 +30,7 @@ def _play(envs, steps: int) -> list[dict]:
 @pytest.mark.parametrize("prefetch", [False, True])
 def test_a_level_is_the_layout_of_its_id(make_env, prefetch):  # noqa: F811
     """With replays in between, and the next ones made ahead or not."""
-    envs, plain = make_env(3, max_episode_steps=3, levels=LEVELS, prefetch=prefetch), make_env(3)
+    envs, plain = make_env(3, max_episode_steps=3, curriculum=LEVELS, prefetch=prefetch), make_env(3)
     envs.reset(seed=5)
     replayed = 0
     for _ in range(24):
@@ -45,7 +47,7 @@ def test_levels_depend_on_seeds_and_outcomes_alone(make_env):  # noqa: F811
     """The same ones in a second run, and after a seed they begin anew."""
     runs = []
     for _ in range(2):
-        envs = make_env(4, max_episode_steps=3, levels=LEVELS)
+        envs = make_env(4, max_episode_steps=3, curriculum=LEVELS)
         envs.reset(seed=1)
         runs.append([info["layout_seed"].tolist() for info in _play(envs, 20)])
     assert runs[0] == runs[1]
@@ -54,8 +56,8 @@ def test_levels_depend_on_seeds_and_outcomes_alone(make_env):  # noqa: F811
 
 def test_a_sampler_goes_on_where_it_was(make_env):  # noqa: F811
     """From its state in another process's environment: the same levels follow, with weights refreshed as often."""
-    levels = replace(LEVELS, every=7)
-    first, second = (make_env(4, max_episode_steps=3, levels=levels) for _ in range(2))
+    levels = replace(LEVELS, refresh_interval=7)
+    first, second = (make_env(4, max_episode_steps=3, curriculum=levels) for _ in range(2))
     first.reset(seed=1)
     _play(first, 9)
     second.reset(seed=2)
@@ -72,7 +74,7 @@ def test_a_sampler_goes_on_where_it_was(make_env):  # noqa: F811
 
 def test_a_snapshot_goes_on_with_the_levels_of_its_step(make_env):  # noqa: F811
     """Of the episodes that follow, too, once the sampler was restored."""
-    envs = make_env(3, max_episode_steps=3, levels=LEVELS)
+    envs = make_env(3, max_episode_steps=3, curriculum=LEVELS)
     envs.reset(seed=1)
     _play(envs, 8)
     kept, levels, runs = envs.snapshot(), envs.randomizer.levels.state(), []
@@ -85,7 +87,7 @@ def test_a_snapshot_goes_on_with_the_levels_of_its_step(make_env):  # noqa: F811
 
 
 def test_a_sampler_in_a_pipeline_of_ones_own_comes_back_with_its_worlds(make_env):  # noqa: F811
-    """A snapshot has their levels, as with `levels=`."""
+    """A snapshot has their levels, as with `curriculum=`."""
     samplers = []
 
     def source(compiled: CompiledScene, num_envs: int) -> LayoutPipeline:
@@ -105,33 +107,36 @@ def test_a_sampler_in_a_pipeline_of_ones_own_comes_back_with_its_worlds(make_env
 
 def test_scores_can_be_given(make_env):  # noqa: F811
     """By infos of episodes that ended before, as torch tensors or NumPy arrays; wrong lengths are refused."""
-    envs = make_env(4, max_episode_steps=2, levels=Levels("given", replay=1.0, every=1))
+    envs = make_env(4, max_episode_steps=2, curriculum=LevelReplay("custom", replay_prob=1.0, refresh_interval=1))
     envs.reset(seed=2**63)
     for _ in range(4):
         info = envs.step(actions(4))[-1]
         last, done = info["final_info"], info["_final_info"]
-        columns = [last[f"layout_{name}"][done] for name in ("level", "seed", "episode")]
-        envs.randomizer.levels.update(*columns, torch.linspace(0.1, 1.0, int(done.sum())))
+        layouts = {name: last[f"layout_{name}"] for name in ("level", "seed", "episode")}
+        envs.randomizer.levels.update(layouts, torch.linspace(0.1, 1.0, 4), done)
     assert envs.randomizer.levels.size > 0
     assert (envs.reset()[1]["layout_level"] >= 0).all()
+    for seed in ([1, [2, 3]], None, "1"):
+        with pytest.raises(ArgumentError, match="one length"):
+            envs.randomizer.levels.insert({"seed": seed, "episode": [0]}, [0.5])
     with pytest.raises(ArgumentError, match="one length"):
-        envs.randomizer.levels.update(np.array([-1]), np.array([1]), np.array([0]), np.array([0.5, 0.5]))
+        envs.randomizer.levels.update(ONE, [0.5, 0.5])
     with pytest.raises(ArgumentError, match=r"shape \(n,\)"):
-        envs.randomizer.levels.update(np.int32(-1), 1, 0, 0.5)
+        envs.randomizer.levels.update({"level": np.int32(-1), "seed": 1, "episode": 0}, 0.5)
     for params in (np.ones(2), [1], 3):
         with pytest.raises(ScenirisError, match="params"):
-            envs.randomizer.levels.update(*(np.array([number]) for number in (-1, 1, 0, 0.5)), params=params)
+            envs.randomizer.levels.update(ONE | {"params": params}, [0.5])
         with pytest.raises(ScenirisError, match="params"):
             envs.reset(options={"params": params})
-    with pytest.raises(ArgumentTypeError, match="should be a Levels"):
-        make_env(2, levels="learnability")
+    with pytest.raises(ArgumentTypeError, match="curriculum should be a LevelReplay"):
+        make_env(2, curriculum="learnability")
 
 
 def test_many_levels_are_inserted_at_once(make_env):  # noqa: F811
     """More than there are worlds: all of them while there is room, and they are drawn without a reset."""
-    levels = make_env(2, levels=Levels("given", capacity=64)).randomizer.levels
+    levels = make_env(2, curriculum=LevelReplay("custom", capacity=64)).randomizer.levels
     seeds = np.arange(50, dtype=np.uint64) + 7
-    levels.insert(seeds, np.arange(50), np.linspace(0.5, 1.0, 50))
+    levels.insert({"seed": seeds, "episode": np.arange(50)}, np.linspace(0.5, 1.0, 50))
     kept = levels.state()
     assert sorted(kept["seed"][kept["age"] >= 0]) == seeds.tolist()
     assert (kept["seed"] == kept["episode"] + np.uint64(7))[kept["age"] >= 0].all()
@@ -140,34 +145,47 @@ def test_many_levels_are_inserted_at_once(make_env):  # noqa: F811
 
 def test_levels_of_no_episode_are_left_out(make_env):  # noqa: F811
     """Worlds would play the next episode of their seed in their place, under a wrong name."""
-    levels = make_env(2, levels=Levels("given", capacity=8)).randomizer.levels
-    levels.insert(np.array([5, 6, 7]), np.array([0, -1, 3]), np.full(3, 0.5))
+    levels = make_env(2, curriculum=LevelReplay("custom", capacity=8)).randomizer.levels
+    levels.insert({"seed": np.array([5, 6, 7]), "episode": np.array([0, -1, 3])}, np.full(3, 0.5))
     kept = levels.state()
     assert sorted(kept["seed"][kept["age"] >= 0]) == [5, 7]
 
 
 def test_scores_that_are_none_do_not_count(make_env):  # noqa: F811
     """Nor do episodes beyond the last; a state that is kept can be restored. Numbers in between are refused."""
-    levels = make_env(2, levels=Levels("given", capacity=8)).randomizer.levels
-    levels.insert([1, 2, 3, 4, 5], np.array([0, 0, 0, 0, 2**32 + 3]), [0.5, np.nan, -1.0, np.inf, 0.5])
+    levels = make_env(2, curriculum=LevelReplay("custom", capacity=8)).randomizer.levels
+    episodes = np.array([0, 0, 0, 0, 2**32 + 3])
+    levels.insert({"seed": [1, 2, 3, 4, 5], "episode": episodes}, [0.5, np.nan, -1.0, np.inf, 0.5])
     kept = levels.state()
     assert kept["seed"][kept["age"] >= 0].tolist() == [1]
     levels.restore(kept)
     for seed, episode in (([1.5], [0]), ([1], [0.7])):
         with pytest.raises(ArgumentError, match="levels, seeds and episodes should be integers"):
-            levels.insert(seed, episode, [0.1])
+            levels.insert({"seed": seed, "episode": episode}, [0.1])
 
 
 def test_a_level_beyond_the_buffer_is_inserted(make_env):  # noqa: F811
     """No memory beyond the buffer is read."""
-    levels = make_env(2, levels=Levels("given", capacity=64)).randomizer.levels
-    levels.update(np.array([1 << 29]), np.array([3]), np.array([0]), np.array([1.0]))
+    levels = make_env(2, curriculum=LevelReplay("custom", capacity=64)).randomizer.levels
+    levels.update({"level": [1 << 29], "seed": [3], "episode": [0]}, [1.0])
     assert levels.size == 1
 
 
 OUTSIDE = {
-    **{"vacant": (64, 10**8, -2), "level": (64,), "next_level": (10**8, -2), "probe": (2, -2), "next_probe": (10**6,)},
-    **{"column": (10**6, -1), "other": (5,), "step": (0.5,), "present": (5.0, np.nan), "inserted": (-1, 17, 2**31 - 1)},
+    **{
+        "vacant": (64, 10**8, -2),
+        "level": (64,),
+        "next_level": (10**8, -2),
+        "boundary": (2, -2),
+        "next_boundary": (10**6,),
+    },
+    **{
+        "column": (10**6, -1),
+        "other": (5,),
+        "delta": (0.5,),
+        "present": (5.0, np.nan),
+        "inserted": (-1, 17, 2**31 - 1),
+    },
     **{
         "age": (-(2**31),),
         "value": (np.nan, np.inf),
@@ -181,9 +199,9 @@ OUTSIDE = {
 
 def test_a_state_with_a_number_out_of_range_is_refused(make_env):  # noqa: F811
     """By the array's name, before anything is written; so are other types, falling sums, and what is no array."""
-    words = Levels("failure", capacity=64, every=1, ranges=Ranges({SLIDE: [0.1, 0.11]}))
-    levels = make_env(4, levels=words).randomizer.levels
-    levels.insert(np.arange(40), np.zeros(40, int), np.full(40, 0.5))
+    words = LevelReplay("failure", capacity=64, refresh_interval=1, adr=ADR({SLIDE: [0.1, 0.11]}))
+    levels = make_env(4, curriculum=words).randomizer.levels
+    levels.insert({"seed": np.arange(40), "episode": np.zeros(40, int)}, np.full(40, 0.5))
     before = levels.state()
     wrong = [(name, value) for name, values in OUTSIDE.items() for value in values]
     for name, value in wrong:
@@ -204,11 +222,67 @@ def test_a_state_with_a_number_out_of_range_is_refused(make_env):  # noqa: F811
 
 def test_a_state_of_another_scene_split_or_params_is_refused(make_env):  # noqa: F811
     """Its levels would be other layouts under the same seeds."""
-    levels = make_env(4, levels=LEVELS, params=SLIDE).randomizer.levels
+    levels = make_env(4, curriculum=LEVELS, params=SLIDE).randomizer.levels
     for words in ({"split": "eval", "params": SLIDE}, {"params": ()}):
-        other = make_env(4, levels=LEVELS, **words).randomizer.levels.state()
+        other = make_env(4, curriculum=LEVELS, **words).randomizer.levels.state()
         with pytest.raises(SceneMismatchError, match=rf"\['{levels.layouts.compiled.hash}', 'train', '{SLIDE}'\]"):
             levels.restore(other)
     for source in (None, [["a"], ["b", "c"]], np.array(["0" * 16, "train", SLIDE])):
         with pytest.raises(SceneMismatchError, match="Give the state of a sampler of this scene"):
             levels.restore(levels.state() | {"source": source})
+
+
+def test_layouts_are_inserted_and_updated_by_their_ids(make_env):  # noqa: F811
+    """One id or several, with their params; other layouts and other scenes are refused."""
+    envs = make_env(2, curriculum=LevelReplay("custom", capacity=8), params=SLIDE)
+    levels = envs.randomizer.levels
+    envs.set_param(SLIDE, [0.1, 0.11])
+    envs.reset(seed=2**63)
+    ids = envs.layout_ids()
+    levels.insert(ids, [0.25, 0.5])
+    levels.update(ids[0].rpartition(":")[0], [1.0])
+    kept, slide = levels.state(), np.array([0.1, 0.11], np.float32)
+    assert kept["seed"][:3].tolist() == [2**63, 2**63 + 1, 2**63]
+    assert kept["value"][:3].tolist() == [0.25, 0.5, 1.0]
+    np.testing.assert_array_equal(kept["param"][:3], [slide, slide, levels.layouts.params.default])
+    with pytest.raises(SceneMismatchError, match="scene"):
+        levels.insert("0" * 16 + ids[0][16:], [0.5])
+    with pytest.raises(ArgumentTypeError, match=r"LevelSampler.insert: layouts should be ids, or a mapping"):
+        levels.insert(3, [0.5])
+    with pytest.raises(ArgumentError, match=r"should have the keys 'seed' and 'episode', got \['seed'\]"):
+        levels.update({"seed": [1]}, [0.5])
+    assert levels.size == 3
+
+
+@pytest.mark.parametrize(
+    "worlds", [[False, False, True, True], torch.arange(4) > 1, [2, 3], slice(2, None), np.array([3, 2])]
+)
+def test_worlds_choose_the_rows_that_count(make_env, worlds):  # noqa: F811
+    """As booleans, ids or a slice, where layouts and scores have a row for each world."""
+    levels = make_env(4, curriculum=LevelReplay("custom", capacity=64)).randomizer.levels
+    layouts = {"seed": np.arange(10, 14), "episode": np.zeros(4, int)}
+    levels.update(layouts, np.full(4, 0.5), worlds)
+    kept = levels.state()
+    assert sorted(kept["seed"][kept["age"] >= 0]) == [12, 13]
+    with pytest.raises(ArgumentError, match="a row for each of 4 worlds, got 1"):
+        levels.update(ONE, [0.5], worlds)
+
+
+def test_a_level_from_the_bank_is_not_inserted(make_env):  # noqa: F811
+    """By the `level` of an info, whose other numbers do not matter to `insert`."""
+    levels = make_env(3, curriculum=LevelReplay("custom", capacity=64)).randomizer.levels
+    levels.insert({"level": [-2, -1, 40], "seed": [1, 2, 3], "episode": [0, 0, 0]}, [0.5, 0.5, 0.5])
+    kept = levels.state()
+    assert sorted(kept["seed"][kept["age"] >= 0]) == [2, 3]
+
+
+@pytest.mark.parametrize(
+    "curriculum", [LevelReplay("failure", adr=ADR({SLIDE: [0.1, 0.11]})), ADR({SLIDE: [0.1, 0.11]})]
+)
+def test_a_curriculum_survives_gymnasiums_json(make_env, curriculum):  # noqa: F811
+    """EnvSpec's JSON has mappings for dataclasses."""
+    spec = EnvSpec("Levels-v0", kwargs={"curriculum": curriculum})
+    read = EnvSpec.from_json(spec.to_json()).kwargs["curriculum"]
+    found, wanted = (make_env(2, curriculum=each).randomizer.levels for each in (read, curriculum))
+    assert found.replay == wanted.replay
+    assert found.ranges.keys() == {SLIDE}

@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.pipeline import Chooser, LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.sim.conftest import SMALL_ARM
@@ -67,10 +67,10 @@ def test_a_pipeline_takes_the_split_of_its_randomizer(make_randomizer, small_sce
     randomizer = ResetRandomizer(small_scene, model, data, layout_source=pipeline, split="eval")
     assert (randomizer.split, randomizer.pipeline.split) == ("eval", "eval")
     with pytest.raises(ArgumentTypeError, match="layout_source should be a LayoutSource"):
-        ResetRandomizer(small_scene, model, data, layout_source=3, levels=Levels())  # type: ignore[arg-type]
+        ResetRandomizer(small_scene, model, data, layout_source=3, curriculum=LevelReplay())  # type: ignore[arg-type]
     pipeline = LayoutPipeline(Own(small_scene), chooser=Chooser())
-    with pytest.raises(ArgumentError, match="levels choose layouts, and so does the layout_source"):
-        ResetRandomizer(small_scene, model, data, layout_source=pipeline, levels=Levels())
+    with pytest.raises(ArgumentError, match="both curriculum and layout_source choose layouts"):
+        ResetRandomizer(small_scene, model, data, layout_source=pipeline, curriculum=LevelReplay())
 
 
 def test_layouts_of_another_scene_are_refused(make_randomizer, small_scene):

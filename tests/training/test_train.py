@@ -131,7 +131,7 @@ def test_levels_go_on_with_a_training(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(train, "judges_of", lambda *_: {})
     compiled = reach_scene()
     monkeypatch.setattr(train, "compile_scene", lambda *_: compiled)
-    common: dict[str, Any] = {"num_envs": 3, "out": tmp_path, "every": 1, "device": "cpu", "levels": "failure"}
+    common: dict[str, Any] = {"num_envs": 3, "out": tmp_path, "every": 1, "device": "cpu", "curriculum": "failure"}
     options = Options("TabletopReach-v0", **common, changes=("steps=4", "hidden=(8,)", "epochs=1"), million_steps=48e-6)
     run = train.Run(options)
     monkeypatch.setattr(run, "_judge", lambda: None)

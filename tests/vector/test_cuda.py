@@ -10,7 +10,7 @@ import torch
 import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.levels import Levels, Ranges
+from sceniris_gym.levels import ADR, LevelReplay
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import Reach
@@ -106,8 +106,10 @@ def test_torch_waits_for_nothing_in_a_step(cuda_scene, mode):
 def test_levels_with_params_are_the_layouts_of_their_ids(cuda_scene):
     """Fresh and replayed, made ahead; torch waits for nothing while they are chosen."""
     words: dict[str, Any] = {"scene": cuda_scene, "params": "*", "max_episode_steps": 3}
-    levels = Levels("failure", replay=0.5, every=1, capacity=64, ranges=Ranges({SLIDE: [0.05, 0.06]}, episodes=4))
-    envs, plain = SceneVectorEnv(Hold, 4, **words, levels=levels), SceneVectorEnv(Hold, 4, **words)
+    levels = LevelReplay(
+        "failure", replay_prob=0.5, refresh_interval=1, capacity=64, adr=ADR({SLIDE: [0.05, 0.06]}, queue_length=4)
+    )
+    envs, plain = SceneVectorEnv(Hold, 4, **words, curriculum=levels), SceneVectorEnv(Hold, 4, **words)
     envs.reset(seed=5)
     action, seen = torch.zeros(4, 5, device=envs.device), []
     for _ in range(3):

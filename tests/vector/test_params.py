@@ -8,7 +8,7 @@ import pytest
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import LevelReplay
 from sceniris_gym.vector.single_env import SceneEnv
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach, make_env, reach_scene  # noqa: F401, fixtures
@@ -111,8 +111,8 @@ def test_draws_of_physics_follow_their_params(prefetch: bool):
 
 def test_levels_are_replayed_with_their_params(make_env):  # noqa: F811
     """A replayed level is the layout of its id, params and all, whatever the params are by then."""
-    levels = Levels("failure", replay=0.6, every=1, capacity=64)
-    envs, plain = make_env(4, max_episode_steps=2, levels=levels, params="*"), make_env(4, params="*")
+    levels = LevelReplay("failure", replay_prob=0.6, refresh_interval=1, capacity=64)
+    envs, plain = make_env(4, max_episode_steps=2, curriculum=levels, params="*"), make_env(4, params="*")
     envs.reset(seed=5)
     replayed, seen = 0, set()
     for step in range(40):
@@ -128,20 +128,20 @@ def test_levels_are_replayed_with_their_params(make_env):  # noqa: F811
     assert len(seen) > 3
     drawn = envs.randomizer.levels.sample(100)
     assert {tuple(row) for row in drawn["params"][SLIDE].tolist()} <= seen | {tuple(map(float, row)) for row in seen}
-    envs.randomizer.levels.insert(np.array([77]), np.array([1]), np.array([0.0]), {SLIDE: [0.1, 0.12]})
+    envs.randomizer.levels.insert({"seed": [77], "episode": [1], "params": {SLIDE: [0.1, 0.12]}}, [0.0])
 
 
-@pytest.mark.parametrize("score", ["failure", "given"])
+@pytest.mark.parametrize("score", ["failure", "custom"])
 def test_layouts_from_the_bank_are_no_levels(make_env, score: str):  # noqa: F811
     """Their outcomes count nowhere, nor do scores that are given for them."""
-    envs = make_env(4, max_episode_steps=1, levels=Levels(score, replay=0.0, every=1))
+    envs = make_env(4, max_episode_steps=1, curriculum=LevelReplay(score, replay_prob=0.0, refresh_interval=1))
     envs.reset(seed=0)
     envs.state.layout_status.fill_(int(Status.FALLBACK))
     for size in (0, 4):
         last = envs.step(actions(4))[-1]["final_info"]
-        if score == "given":
-            columns = (last[f"layout_{name}"] for name in ("level", "seed", "episode"))
-            envs.randomizer.levels.update(*columns, np.ones(4))
+        if score == "custom":
+            layouts = {name: last[f"layout_{name}"] for name in ("level", "seed", "episode")}
+            envs.randomizer.levels.update(layouts, np.ones(4))
         assert envs.randomizer.levels.size == size
 
 

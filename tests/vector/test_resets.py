@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.levels import Levels
+from sceniris_gym.levels import LevelReplay
 from tests.vector.stepping import actions, assert_equal, state
 
 
@@ -168,10 +168,10 @@ def test_chosen_layouts_are_those_of_their_ids(make_env, prefetch):
     assert info["layout_seed"].tolist() == [9, 9, 9]
 
 
-@pytest.mark.parametrize("levels", [None, Levels(replay=0.0)])
+@pytest.mark.parametrize("levels", [None, LevelReplay(replay_prob=0.0)])
 def test_the_split_is_that_of_the_source_of_layouts(make_env, levels):
     """Ids name it, and give the layouts and the draws of an environment of that split again."""
-    envs = make_env(2, layout_source=lambda compiled, n: LayoutGenerator(compiled, n, split="eval"), levels=levels)
+    envs = make_env(2, layout_source=lambda compiled, n: LayoutGenerator(compiled, n, split="eval"), curriculum=levels)
     plain = make_env(2, split="eval")
     envs.reset(seed=3)
     ids = envs.layout_ids()

@@ -8,8 +8,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from sceniris_gym.config.settings import as_config
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
-from sceniris_gym.vector.sensing import Sensing, as_sensing
+from sceniris_gym.vector.sensing import Sensing
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -127,7 +128,7 @@ def test_wrong_values_are_named():
         ({"dropout": 1.0}, r"\[0, 1\)"),
     ):
         with pytest.raises(ArgumentError, match=text):
-            as_sensing(value)
+            as_config(Sensing, value, "sensing")
     for other, text in (
         (0.1, "a Sensing, a mapping"),
         ({"noise": 0.01}, "noise should map names to numbers"),
@@ -137,9 +138,9 @@ def test_wrong_values_are_named():
         ({"late": "time"}, "late should be a list of names"),
     ):
         with pytest.raises(ArgumentTypeError, match=text):
-            as_sensing(other)
-    with pytest.raises(UnknownNameError, match="unknown attribute 'delays'"):
-        as_sensing({"delays": (0, 1)})
+            as_config(Sensing, other, "sensing")
+    with pytest.raises(UnknownNameError, match="unknown field 'delays'"):
+        as_config(Sensing, {"delays": (0, 1)}, "sensing")
     with pytest.raises(UnknownNameError, match="unknown observation 'tim'"):
         make({"noise": {"tim": 0.1}}, 1)
 

@@ -1,10 +1,10 @@
-"""Ranges that follow success: a scripted player makes the region of the things as wide as it can cope with."""
+"""Automatic domain randomisation: the region of a cube grows as far as a scripted player succeeds."""
 
 import mujoco
 import tyro
 
 import sceniris_gym
-from sceniris_gym.levels import Levels, Ranges
+from sceniris_gym.levels import ADR
 
 NAME = "objects.cube.region"
 MJCF = """
@@ -41,16 +41,16 @@ class Near(sceniris_gym.Task):
 def main(num_envs: int = 256, steps: int = 200, device: str | None = None) -> None:
     """Let the region grow."""
     scene = {"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}
-    ranges = Ranges({NAME: [[-0.05, -0.05], [0.05, 0.05]]}, step=0.05, probe=1.0, episodes=64)
-    words = {"scene": scene, "device": device, "max_episode_steps": 2, "levels": Levels(replay=0.0, ranges=ranges)}
-    envs = sceniris_gym.SceneVectorEnv(Near, num_envs, **words)
-    levels = envs.randomizer.levels
-    assert levels is not None
+    adr = ADR({NAME: [[-0.05, -0.05], [0.05, 0.05]]}, delta=0.05, boundary_fraction=1.0, queue_length=64)
+    kwargs = {"scene": scene, "device": device, "max_episode_steps": 2, "curriculum": adr}
+    envs = sceniris_gym.SceneVectorEnv(Near, num_envs, **kwargs)
+    sampler = envs.randomizer.levels
+    assert sampler is not None
     envs.reset(seed=0)
     for step in range(steps):
         envs.step(envs.action_space.sample())
         if step % (steps // 4) == 0 or step == steps - 1:
-            low_x, low_y, high_x, high_y = levels.ranges[NAME]
+            low_x, low_y, high_x, high_y = sampler.ranges[NAME]
             print(f"step {step}: x from {low_x:.2f} to {high_x:.2f} m, y from {low_y:.2f} to {high_y:.2f} m")
 
 

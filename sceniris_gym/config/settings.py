@@ -1,0 +1,41 @@
+"""`as_config`: settings that a user passes as a dataclass, or as a mapping of its fields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from typing import Any, TypeVar
+
+from sceniris_gym.config.fields import short
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
+
+_Config = TypeVar("_Config")
+
+
+def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
+    """Return an instance of a dataclass, given as an instance or as a mapping of its fields.
+
+    Gymnasium's `EnvSpec.from_json` returns dataclasses as mappings, and tuples as lists. So a list in a field becomes a
+    tuple.
+
+    Args:
+        cls: A dataclass, such as Sensing. Its `__post_init__` checks the values.
+        value: The user's argument. The caller handles None first.
+        where: Name of the argument in error messages.
+
+    Raises:
+        ArgumentTypeError: Any other value.
+        UnknownNameError: A key that is not a field. The message has the nearest valid name.
+        ArgumentError: A field without a default is missing.
+    """
+    if isinstance(value, cls):
+        return value
+    if not isinstance(value, Mapping):
+        name = cls.__name__
+        raise ArgumentTypeError(f"{where} should be a {name}, a mapping of its fields, or None, got {short(value)}.")
+    known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
+    check_names("field", value, where, known)
+    for name, field in known.items():
+        if field.default is MISSING and field.default_factory is MISSING and name not in value:
+            raise ArgumentError(f"{where} should have the field '{name}', got {short(list(value))}.")
+    return cls(**{name: tuple(given) if isinstance(given, list) else given for name, given in value.items()})
