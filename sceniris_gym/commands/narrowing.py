@@ -181,7 +181,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
     target = reaching.targets[reaching.names.index(name)]
     one = reaching.arm_of(target)
     placed = compiled.plan.objects[target.number]
-    ups = np.array([matrix(v.quat)[2] for v in placed.variants])  # world's z in the root's frame
+    ups = np.array([matrix(v.quat)[2] for v in placed.stable_poses])  # world's z in the root's frame
     rows = np.flatnonzero(table.present[:, plain.slots.index(name)] & table.valid)
     poses, of = [], []
     for row in rows.tolist():

@@ -44,7 +44,7 @@ _ROUND = (1.0e-7, 1.0e-6, 1.0e-5, 1.0e-4)
 
 
 @dataclass(frozen=True)
-class Variant:
+class StablePose:
     """One pose of an object, turned about the vertical so that its heading is 0.
 
     Attributes:
@@ -83,18 +83,18 @@ class HomeShape:
         self._at = [back @ (home.xpos[p.body] - home.xpos[root]) for p in pieces]
         self.center_of_mass = back @ (_center_of_weight(home, root) - home.xpos[root])
 
-    def variant(self, quat: np.ndarray, probability: float = 1.0) -> Variant:
+    def stable_pose(self, quat: np.ndarray, probability: float = 1.0) -> StablePose:
         """Return the pose with the root's orientation `quat` (of heading 0)."""
         turn = matrix(quat)
         if not self._pieces:
-            return Variant(quat, np.zeros(3), np.zeros(4), probability)
+            return StablePose(quat, np.zeros(3), np.zeros(4), probability)
         lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
         for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True):
             low, high = p.extents(turn @ mat)
             lower, upper = np.minimum(lower, low + turn @ at), np.maximum(upper, high + turn @ at)
         bottom = np.array([*0.5 * (lower + upper)[:2], lower[2]])
         half = 0.5 * (upper - lower)[:2]
-        return Variant(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
+        return StablePose(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
 
     def inner_radius(self) -> float:
         """Return the radius [m] of a ball inside the hull; the bounds are at least twice as wide in any orientation."""

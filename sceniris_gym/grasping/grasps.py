@@ -20,7 +20,7 @@ from sceniris_gym.config.stored_arrays import Array
 from sceniris_gym.errors import GraspError, UnknownNameError
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import ranges
-from sceniris_gym.geometry.resting_poses import Variant
+from sceniris_gym.geometry.resting_poses import StablePose
 from sceniris_gym.geometry.rotations import matrix, product, quaternion
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.scene.model import SceneModel
@@ -70,7 +70,7 @@ class GraspSet:
 
     Attributes:
         grasps: In the order in which they are tried.
-        spans: (first, number) for each variant of the object.
+        spans: (first, number) for each stable pose of the object.
     """
 
     grasps: tuple[Grasp, ...]
@@ -101,12 +101,12 @@ class Graspable:
         self.center = self._to_root(0, home.subtree_com[self.root][None])[0]
 
     def grasp_set(
-        self, variants: list[Variant], any_turn: bool, gripper: Gripper, pattern: str | None = None
+        self, poses: list[StablePose], any_turn: bool, gripper: Gripper, pattern: str | None = None
     ) -> GraspSet:
         """Return the grasps that fit the gripper: the asset's own, or those made from its geometry.
 
         Args:
-            variants: Poses that the object's orientation is drawn from.
+            poses: Poses that the object's orientation is drawn from.
             any_turn: Whether any orientation may be drawn, so that any side may be up.
             gripper: The gripper.
             pattern: A glob that the names of grasps match, those of sites with or without 'grasp_'. All count if None.
@@ -118,7 +118,7 @@ class Graspable:
             GraspError: None of them fits the gripper.
         """
         own = self._sites(gripper)
-        groups = [own] if own else [self._made(v, any_turn, gripper) for v in variants]
+        groups = [own] if own else [self._made(pose, any_turn, gripper) for pose in poses]
         if pattern is not None:
             groups = self._named(groups, pattern)
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
@@ -135,7 +135,7 @@ class Graspable:
                 gripper.opening,
             )
         if own:
-            return GraspSet(tuple(kept[0]), ((0, len(kept[0])),) * len(variants))
+            return GraspSet(tuple(kept[0]), ((0, len(kept[0])),) * len(poses))
         grasps, adr, num = ranges(kept)
         return GraspSet(tuple(grasps), tuple(zip(adr.tolist(), num.tolist(), strict=True)))
 
@@ -163,11 +163,11 @@ class Graspable:
         turn = np.array([0.0, 0.0, 0.0, 1.0])
         return found + [replace(g, name=f"{g.name}{_ROLLED}", quat=product(g.quat, turn)) for g in found]
 
-    def _made(self, variant: Variant, any_turn: bool, gripper: Gripper) -> list[Grasp]:
+    def _made(self, pose: StablePose, any_turn: bool, gripper: Gripper) -> list[Grasp]:
         if any_turn:
             ups = [matrix(np.array(up) / np.linalg.norm(up)) for up in _UPS]
             return [g for up in ups for g in self._from_above(up, (0.0,), gripper)]
-        turn = matrix(variant.quat)
+        turn = matrix(pose.quat)
         found = self._from_above(turn, TILTS, gripper)
         low, high = _extents(self.triangles @ turn.T)
         if high[2] - low[2] > max(high[:2] - low[:2]):

@@ -76,7 +76,7 @@ class LayoutsView:
     default_param: wp.array[float]
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
-    variant: wp.array2d[int]
+    stable: wp.array2d[int]
     # Places
     place: wp.array2d[wp.vec4]
     bounds: wp.array2d[wp.vec4]
@@ -348,7 +348,7 @@ class Layouts(StaysHere):
             counts = max(len(compiled.placed), 1), len(Cause)
             zeros(counts, "rejections")
             zeros((nrow, *counts), "row_rejections")
-            zeros((nrow, nreach), "variant")
+            zeros((nrow, nreach), "stable")
             for name, (_, shape) in row_types(compiled, njoint=MAX_JOINTS).items():
                 if name in columns("pose", "grasp") and name not in ("qpos", "mocap_pos", "mocap_quat"):
                     full, dtype = (nworld if 0 in shape else nrow, *shape), LayoutsView.vars[name].type.dtype

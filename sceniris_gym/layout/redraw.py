@@ -78,14 +78,14 @@ def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int,
 
 
 @wp.func
-def _variant_of(program: Program, obj: int, quat: wp.vec4) -> int:
+def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
     """Return the pose of an object that is nearest to an orientation."""
-    variant = program.obj_variantadr[obj]
+    stable = program.obj_stableadr[obj]
     flat = mul_quat(quat_z(-heading_of(quat)), quat)
-    for v in range(variant, program.obj_variantadr[obj] + program.obj_variantnum[obj]):
-        if wp.abs(wp.dot(program.variant_quat[v], flat)) > wp.abs(wp.dot(program.variant_quat[variant], flat)):
-            variant = v
-    return variant
+    for v in range(stable, program.obj_stableadr[obj] + program.obj_stablenum[obj]):
+        if wp.abs(wp.dot(program.stable_quat[v], flat)) > wp.abs(wp.dot(program.stable_quat[stable], flat)):
+            stable = v
+    return stable
 
 
 @wp.func
@@ -94,10 +94,10 @@ def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
     root = program.obj_body[obj]
     quat = layouts.body_quat[row, root]
     place = layouts.place[row, program.obj_place[obj]]
-    if program.obj_variantnum[obj] > 0:
+    if program.obj_stablenum[obj] > 0:
         heading = heading_of(quat)
-        variant = _variant_of(program, obj, quat)
-        at = layouts.body_pos[row, root] + quat_mat(quat) * program.variant_pivot[variant]
+        stable = _stable_of(program, obj, quat)
+        at = layouts.body_pos[row, root] + quat_mat(quat) * program.stable_pivot[stable]
         place = wp.vec4(at[0], at[1], at[2], heading)
     bounds = wp.vec4(0.0)
     if program.obj_piecenum[obj] > 0:
@@ -176,15 +176,15 @@ def _find_carriers(
     ground = program.obj_ground[obj]
     if not mask[worldid] or ground < 0:
         return
-    variant = _variant_of(program, obj, layouts.body_quat[worldid, program.obj_body[obj]])
-    search.row_variant[worldid, obj] = variant
+    stable = _stable_of(program, obj, layouts.body_quat[worldid, program.obj_body[obj]])
+    search.row_stable[worldid, obj] = stable
     place = layouts.place[worldid, program.obj_place[obj]]
     at = wp.vec3(place[0], place[1], place[2]) - layouts.body_pos[worldid, ground]
     height = wp.dot(at, quat_mat(layouts.body_quat[worldid, ground]) * wp.vec3(0.0, 0.0, 1.0))
     nearest = float(_LIFTED)
     search.row_surface[worldid, obj] = -1
-    for i in range(program.variant_trinum[variant]):
-        surface = program.tri_surface[program.variant_triadr[variant] + i]
+    for i in range(program.stable_trinum[stable]):
+        surface = program.tri_surface[program.stable_triadr[stable] + i]
         distance = wp.abs(program.surface_height[surface] - height)
         if distance < nearest:
             nearest = distance

@@ -165,9 +165,9 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the boxes around the regions of objects."""
     program = compiled.program
     cuts, heaps = program.obj_cutnum.numpy(), program.obj_heap.numpy()[:, 0]
-    first, number = program.obj_variantadr.numpy(), program.obj_variantnum.numpy()
+    first, number = program.obj_stableadr.numpy(), program.obj_stablenum.numpy()
     triangles = np.concatenate([[getattr(program, f"tri_{name}").numpy()] for name in "abc"])
-    triadr, trinum = program.variant_triadr.numpy(), program.variant_trinum.numpy()
+    triadr, trinum = program.stable_triadr.numpy(), program.stable_trinum.numpy()
     for i, owner in enumerate(compiled.placed):
         name, part = f"{compiled.config.key(owner)}.region", compiled.config.parts.get(owner)
         if part is None or not part.is_placed:

@@ -40,11 +40,11 @@ def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec
 
 @wp.func
 def first_accepted(
-    reach: Reach, column: int, variant: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
+    reach: Reach, column: int, stable: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> int:
-    """Return the first grasp of a variant that passes the map, counted from the target's first grasp; -1 for none."""
-    adr = reach.variant_graspadr[variant]
-    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+    """Return the first grasp of a stable pose that passes the map, counted from the target's first; -1 for none."""
+    adr = reach.stable_graspadr[stable]
+    for grasp in range(adr, adr + reach.stable_graspnum[stable]):
         if passes_map(reach, column, grasp, base, body_pos, body_quat):
             return grasp - reach.reach_graspadr[column]
     return -1

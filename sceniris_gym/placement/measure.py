@@ -22,14 +22,14 @@ _TWO_PI = wp.constant(2.0 * math.pi)
 
 
 @wp.struct
-class DrawnVariant:
+class StableDraw:
     """A drawn orientation of heading 0, its yaw [rad], and the pivot and bounds that an object has in it.
 
-    `variant` is the number of the pose in `Program` from which it was drawn. `pivot` is in the root's frame [m].
+    `stable` is the number of its stable pose in `Program`. `pivot` is in the root's frame [m].
     `bounds` is (low x, low y, high x, high y) around the pivot [m].
     """
 
-    variant: int
+    stable: int
     quat: wp.vec4
     yaw: float
     pivot: wp.vec3
@@ -56,19 +56,19 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 
 @wp.func
-def draw_variant(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> DrawnVariant:
+def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDraw:
     """Draw an orientation from two draws of uniform numbers; of `u` only the first number is used."""
-    variant = program.obj_variantadr[obj]
-    last = variant + program.obj_variantnum[obj] - 1
-    while variant < last and w[3] >= program.variant_cdf[variant]:
-        variant += 1
-    quat = program.variant_quat[variant]
+    stable = program.obj_stableadr[obj]
+    last = stable + program.obj_stablenum[obj] - 1
+    while stable < last and w[3] >= program.stable_cdf[stable]:
+        stable += 1
+    quat = program.stable_quat[stable]
     yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
     if program.obj_orientation[obj] == OrientationType.ANY:
-        turn = _any_quat(w)
-        yaw = heading_of(turn)
-        quat = mul_quat(quat_z(-yaw), turn)
-    return DrawnVariant(variant, quat, yaw, program.variant_pivot[variant], program.variant_bounds[variant])
+        rotation = _any_quat(w)
+        yaw = heading_of(rotation)
+        quat = mul_quat(quat_z(-yaw), rotation)
+    return StableDraw(stable, quat, yaw, program.stable_pivot[stable], program.stable_bounds[stable])
 
 
 @wp.func
@@ -112,11 +112,11 @@ def _extents(
 def measure(
     program: Program,
     obj: int,
-    drawn: DrawnVariant,
+    drawn: StableDraw,
     qpos: wp.array[float],
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
-) -> DrawnVariant:
+) -> StableDraw:
     """Return `drawn` with its pivot at the lowest point and, if need be, its bounds in the drawn joint state.
 
     Leaves the bodies posed with the root at the origin, heading 0. Sideways the pivot stays the centre of the bounds in

@@ -96,7 +96,7 @@ def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
 
 
 @wp.func
-def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, surface: int, ground: Pose) -> bool:
+def lies_on_a_part(statics: Statics, stable: int, at: wp.vec2, surface: int, ground: Pose) -> bool:
     """Return True if the circle around a foot is on one convex part of a surface; see `find_patch`."""
     for i in range(statics.surface_partnum[surface]):
         part = statics.surface_partadr[surface] + i
@@ -104,7 +104,7 @@ def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, surface: int, gr
         for s in range(statics.part_sidenum[part]):
             side = _side(statics, statics.part_sideadr[part] + s, ground)
             nearest = wp.min(nearest, wp.dot(wp.normalize(side.normal), side.origin - at))
-        if nearest > statics.variant_radius[variant]:
+        if nearest > statics.stable_radius[stable]:
             return True
     return False
 
@@ -112,7 +112,7 @@ def lies_on_a_part(statics: Statics, variant: int, at: wp.vec2, surface: int, gr
 @wp.func
 def find_patch(
     statics: Statics,
-    variant: int,
+    stable: int,
     at: wp.vec2,
     heading: float,
     surface: int,
@@ -123,7 +123,7 @@ def find_patch(
 
     Args:
         statics: The feet and contacts of all objects.
-        variant: The object's variant.
+        stable: The number of its stable pose.
         at: The place of its pivot [m].
         heading: Its heading [rad].
         surface: The surface that it stands on.
@@ -136,9 +136,9 @@ def find_patch(
         best[i] = -1.0e30
     x = unit_circle(heading)
     parts = statics.surface_partnum[surface]
-    feet = statics.variant_footnum[variant]
+    feet = statics.stable_footnum[stable]
     for i in range(feet * parts):
-        foot = statics.variant_footadr[variant] + i // parts
+        foot = statics.stable_footadr[stable] + i // parts
         part = statics.surface_partadr[surface] + i % parts
         num = int(statics.foot_cornernum[foot])
         for k in range(num):
@@ -147,7 +147,7 @@ def find_patch(
         least = float(0.0)
         if feet > 1:
             least = _SLIVER * area(points, num)
-        elif statics.variant_law[variant][5] > 0.0:
+        elif statics.stable_law[stable][5] > 0.0:
             least = _ALL * area(points, num)
         for s in range(statics.part_sidenum[part]):
             num = clip(points, num, _side(statics, statics.part_sideadr[part] + s, ground))

@@ -133,20 +133,20 @@ class Program:
     obj_follownum: wp.array[int]
     body_list: wp.array[int]
 
-    # Objects: orientation, and the poses (variants) that it is drawn from, each at heading 0.
+    # Objects: orientation, and the stable poses that it is drawn from, each at heading 0.
     obj_orientation: wp.array[int]  # an OrientationType
     obj_target: wp.array[int]  # slot of the object that it faces
     obj_yaw: wp.array[wp.vec2]  # interval
     obj_beside: wp.array[int]  # slot whose heading replaces that of the support as origin of the yaw, or -1
-    obj_variantadr: wp.array[int]
-    obj_variantnum: wp.array[int]
+    obj_stableadr: wp.array[int]
+    obj_stablenum: wp.array[int]
     obj_measured: wp.array[int]  # a Measure
-    variant_quat: wp.array[wp.vec4]
-    variant_pivot: wp.array[wp.vec3]  # in the root's frame
-    variant_bounds: wp.array[wp.vec4]  # low x, low y, high x, high y around the pivot
-    variant_cdf: wp.array[float]
-    variant_triadr: wp.array[int]  # of the region of that pose
-    variant_trinum: wp.array[int]
+    stable_quat: wp.array[wp.vec4]
+    stable_pivot: wp.array[wp.vec3]  # in the root's frame
+    stable_bounds: wp.array[wp.vec4]  # low x, low y, high x, high y around the pivot
+    stable_cdf: wp.array[float]
+    stable_triadr: wp.array[int]  # of the region of that pose
+    stable_trinum: wp.array[int]
 
     # Objects: support, and the region that they are drawn in.
     obj_ground: wp.array[int]  # body of the support, or -1

@@ -45,10 +45,10 @@ class Reach:
     follow_qposadr: wp.array[int]
     follow_coef: wp.array2d[wp.float64]
 
-    # Objects in placement order, and the variants of `Program`.
+    # Objects in placement order, and the stable poses of `Program`.
     obj_reach: wp.array[int]  # its reach target, or UNASKED, or BASE for `base_obj`
-    variant_graspadr: wp.array[int]
-    variant_graspnum: wp.array[int]
+    stable_graspadr: wp.array[int]
+    stable_graspnum: wp.array[int]
 
     # Reach targets.
     reach_obj: wp.array[int]

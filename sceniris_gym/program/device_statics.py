@@ -27,19 +27,19 @@ class Statics:
 
     direction: wp.array[wp.vec2]  # `DIRECTIONS`, counter-clockwise
 
-    # Objects in placement order, and the variants of `Program`.
+    # Objects in placement order, and the stable poses of `Program`.
     obj_leveladr: wp.array[int]
     obj_levelnum: wp.array[int]  # 0: it needs no test
     obj_give: wp.array[float]  # sink for each kilogram of load [m/kg], where masses are drawn
     obj_tilt: wp.array[float]  # tangent of the angle by which it may be pulled away from straight down
     obj_touch: wp.array[float]  # distance from which on its support carries it [m]
-    variant_footadr: wp.array[int]
-    variant_footnum: wp.array[int]
-    variant_law: wp.array[LawVector]  # see `Law`
-    variant_center: wp.array[wp.vec2]  # around the pivot, at heading 0; see `Roll`
-    variant_axis: wp.array[wp.vec2]
-    variant_reach: wp.array[wp.vec2]
-    variant_radius: wp.array[float]  # of its foot around its pivot; 1e30 if that does not hold it by itself
+    stable_footadr: wp.array[int]
+    stable_footnum: wp.array[int]
+    stable_law: wp.array[LawVector]  # see `Law`
+    stable_center: wp.array[wp.vec2]  # around the pivot, at heading 0; see `Roll`
+    stable_axis: wp.array[wp.vec2]
+    stable_reach: wp.array[wp.vec2]
+    stable_radius: wp.array[float]  # of its foot around its pivot; 1e30 if that does not hold it by itself
     foot_corneradr: wp.array[int]  # a foot has convex parts
     foot_cornernum: wp.array[int]
     corner: wp.array[wp.vec2]  # around the pivot, at heading 0, counter-clockwise

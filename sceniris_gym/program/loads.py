@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.geometry.pieces import ROUND, Piece, PieceType
-from sceniris_gym.geometry.resting_poses import HomeShape, Variant, weights
+from sceniris_gym.geometry.resting_poses import HomeShape, StablePose, weights
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.scene.model import SceneModel
@@ -74,7 +74,7 @@ def contact_of(scene: SceneModel, a: int, b: int) -> Contact:
     return Contact(own, below, tuple(ref.tolist()), ends, cone, float(frictions[0]) if dim > 1 else 0.0)
 
 
-def contact_heights(pieces: list[Piece], shape: HomeShape, pose: Variant) -> np.ndarray:
+def contact_heights(pieces: list[Piece], shape: HomeShape, pose: StablePose) -> np.ndarray:
     """Return the heights over the lowest point [m] at which pieces touch level ground that gives way.
 
     Args:

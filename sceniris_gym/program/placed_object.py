@@ -15,7 +15,7 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
-from sceniris_gym.geometry.resting_poses import Variant
+from sceniris_gym.geometry.resting_poses import StablePose
 from sceniris_gym.geometry.supports import SupportSurface
 from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.scene.couplings import Coupling
@@ -58,13 +58,13 @@ class PlacedObject:
         followers: Couplings of joints that follow drawn ones, drivers before their followers.
         footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole; with
             a single piece, or where joints are drawn, None, as each piece is its own footprint.
-        variants: Poses that its orientation is drawn from; empty for STATIC.
+        stable_poses: Poses that its orientation is drawn from; empty for STATIC.
         support: The support that carries it; None in a box in space or for STATIC.
         tilts: Whether the support may lean in the states that are drawn.
-        surfaces: The surfaces that it may stand on with their regions, a list for each variant. In space these are the
-            points, or the box seen from above if it has relations. Variants with equal regions share one list.
+        surfaces: The surfaces that it may stand on with their regions, a list for each stable pose. In space these are
+            the points, or the box seen from above if it has relations. Stable poses with equal regions share one list.
         erosion: Distance that its pivot keeps from the outlines, as a share of the shorter edge of the drawn bounds,
-            where that edge varies within a variant; else 0, as the regions are eroded already.
+            where that edge varies within a stable pose; else 0, as the regions are eroded already.
         heap: The settled poses that it is drawn from, if it is part of a heap.
     """
 
@@ -76,7 +76,7 @@ class PlacedObject:
     joint_ranges: list[JointRange] = field(default_factory=list)
     followers: tuple[Coupling, ...] = ()
     footprint: Piece | None = None
-    variants: list[Variant] = field(default_factory=list)
+    stable_poses: list[StablePose] = field(default_factory=list)
     support: Support | None = None
     tilts: bool = False
     surfaces: list[list[SupportSurface]] = field(default_factory=list)
@@ -146,13 +146,13 @@ def obstacles(scene: SceneModel) -> list[Piece]:
 def surfaces_of(
     scene: SceneModel, o: PlacedObject, pieces: list[Piece], edges: list[float]
 ) -> list[list[SupportSurface]]:
-    """Return the surfaces that an object may stand on, a list for each of its variants.
+    """Return the surfaces that an object may stand on, a list for each of its stable poses.
 
     Args:
         scene: The scene.
         o: The object, or a robot whose base is drawn, without its surfaces.
         pieces: All obstacles.
-        edges: The least shorter edge of the bounds [m] for each variant, which `ratio_on_support` erodes by.
+        edges: The least shorter edge of the bounds [m] for each stable pose, which `ratio_on_support` erodes by.
 
     Raises:
         SceneKeyError: A support without any level surface, or nothing is left of it after its erosion and region.

@@ -16,7 +16,7 @@ from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import in_a_cycle
 from sceniris_gym.geometry.pieces import Piece, PieceType
-from sceniris_gym.geometry.resting_poses import HomeShape, Variant, heading_of, of_heading_zero
+from sceniris_gym.geometry.resting_poses import HomeShape, StablePose, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import JointRange, PlacedObject, may_lean, obstacles, surfaces_of
@@ -131,10 +131,10 @@ def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.nda
     root, home = scene.bodies[name], scene.home
     shape = HomeShape(home, root, _solid(pieces, scene.subtree(name)))
     mat = home.xmat[root].reshape(3, 3)
-    variant, heading = shape.variant(of_heading_zero(mat)), heading_of(mat)
+    pose, heading = shape.stable_pose(of_heading_zero(mat)), heading_of(mat)
     if name in scene.config.all_robots:
-        return np.array([*home.xpos[root], heading]), _around_base(variant).bounds
-    return np.array([*home.xpos[root] + mat @ variant.pivot, heading]), variant.bounds
+        return np.array([*home.xpos[root], heading]), _around_base(pose).bounds
+    return np.array([*home.xpos[root] + mat @ pose.pivot, heading]), pose.bounds
 
 
 def _solid(pieces: list[Piece], bodies: list[int]) -> list[Piece]:
@@ -142,11 +142,11 @@ def _solid(pieces: list[Piece], bodies: list[int]) -> list[Piece]:
     return [p for p in pieces if p.body in bodies and p.type != PieceType.PLANE]
 
 
-def _around_base(variant: Variant) -> Variant:
+def _around_base(pose: StablePose) -> StablePose:
     """Return a robot's pose with its base as the pivot, wherever its arm reaches; it stands on its lowest point."""
-    turn = matrix(variant.quat)
-    at = turn @ variant.pivot
-    return replace(variant, pivot=turn.T @ np.array([0.0, 0.0, at[2]]), bounds=variant.bounds + np.tile(at[:2], 2))
+    rotation = matrix(pose.quat)
+    at = rotation @ pose.pivot
+    return replace(pose, pivot=rotation.T @ np.array([0.0, 0.0, at[2]]), bounds=pose.bounds + np.tile(at[:2], 2))
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
@@ -167,28 +167,28 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: Heap
     poses = [(of_heading_zero(matrix(scene.mjm.body_quat[bodies[0]])), 1.0)]
     step = replace(step, kind=ObjectKind[config.kind.upper()])
     if heap is not None:
-        variants = [shape.variant(*pose) for pose in poses]
-        return replace(step, variants=variants, support=heap.support, surfaces=[[heap.surface]], heap=heap)
+        resting = [shape.stable_pose(*pose) for pose in poses]
+        return replace(step, stable_poses=resting, support=heap.support, surfaces=[[heap.surface]], heap=heap)
     word, orientation = config.support, config.drawn_orientation.kind
     where = f"{scene.config.where}: {scene.config.key(name)}"
     support = None if word is None else scene.support(word.parent, f"{where}.{word.word}")
     step = replace(step, support=support, tilts=support is not None and may_lean(scene, support))
     if orientation == "stable":
         poses = stable_poses(scene, step, own)
-    variants = [shape.variant(*pose) for pose in poses]
+    resting = [shape.stable_pose(*pose) for pose in poses]
     if name in scene.config.all_robots:
-        variants = [_around_base(variant) for variant in variants]
+        resting = [_around_base(pose) for pose in resting]
     moves = any(d.choice or not d.low == d.high == home.qpos[d.qposadr] for d in drawn)
     varies = config.ratio_on_support > 0.0 and bool(own) and (moves or orientation == "any")
     rigid = HomeShape(home, bodies[0], [p for p in own if p.body == bodies[0]]) if varies else shape
     if orientation == "any":
         edges = [2.0 * rigid.inner_radius()]
     else:
-        edges = [rigid.variant(v.quat).short_edge for v in variants]
+        edges = [rigid.stable_pose(v.quat).short_edge for v in resting]
     return replace(
         step,
         footprint=shape.hull(bodies[0]) if len(own) > 1 and not drawn and config.ratio_on_support == 1.0 else None,
-        variants=variants,
+        stable_poses=resting,
         surfaces=surfaces_of(scene, step, pieces, edges),
         erosion=0.5 * config.ratio_on_support if varies else 0.0,
     )

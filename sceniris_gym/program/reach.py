@@ -129,7 +129,7 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
             tier = Tier.MAP if words.reachable is True else Tier.of(str(words.reachable))
             tier = tier if default.needs_map or not tier.needs_map else default
             shape = Graspable(scene, o.name, pieces, scene.home)
-            grasps = shape.grasp_set(o.variants, words.drawn_orientation.kind == "any", gripper, words.grasp)
+            grasps = shape.grasp_set(o.stable_poses, words.drawn_orientation.kind == "any", gripper, words.grasp)
             early = tier == Tier.CLEAR and drawn < i < len(objects) - 1
             targets.append(ReachTarget(o.name, i, len(arms), i < base, early, tier, grasps))
         arms.append(ReachingArm(robot, arm, gripper, reach_map))

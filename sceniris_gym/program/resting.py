@@ -34,7 +34,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
 
     Args:
         scene: The scene.
-        o: The object, without its variants.
+        o: The object, without its stable poses.
         own: Its pieces, taken where it has no collision geometry.
 
     Raises:

@@ -14,7 +14,7 @@ from shapely.geometry import MultiPoint, Polygon
 from sceniris_gym.config.bounds import MAX_FOOT
 from sceniris_gym.geometry.feet import around, curved_foot, flat_foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
-from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, Variant, weights
+from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, StablePose, weights
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
 from sceniris_gym.program.device import ObjectKind
@@ -107,7 +107,7 @@ _NO_ROLL = Roll()
 
 @dataclass(frozen=True)
 class Foot:
-    """The foot of an object in one of its variants, seen from above around its pivot at heading 0.
+    """The foot of an object in one of its stable poses, seen from above around its pivot at heading 0.
 
     Attributes:
         parts: Corners [m] of its convex parts; see `geometry.feet.foot`.
@@ -139,7 +139,7 @@ class Stance:
     Attributes:
         levels: Itself, the free object that carries it, and so on down to one on what cannot move, as their numbers in
             `Plan.objects`.
-        feet: Its foot in each of its variants; none if it does not collide with its support.
+        feet: Its foot in each of its stable poses; none if it does not collide with its support.
         load: The greatest weight [kg] of it and of all that is on it at a time.
         depth: The greatest depth to which it may sink into its support [m].
         touch: The distance from which on its support carries it [m]: 0 without contact margins.
@@ -290,8 +290,8 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     is_exact = {p.type for p in below} == {PieceType.PLANE} or {p.type for p in own} <= _BALLS
     steady = 0.0 if is_exact and not mjm.body_weldid[support.body] else _STEADY
     takes_edges = not any(p.type == PieceType.CYLINDER for p in below)
-    feet = [_foot(shapes, v, law, lower, is_shifted, takes_edges, steady) for v in o.variants]
-    heights = [contact_heights(own, shapes[0][0], v) for v in o.variants]
+    feet = [_foot(shapes, v, law, lower, is_shifted, takes_edges, steady) for v in o.stable_poses]
+    heights = [contact_heights(own, shapes[0][0], v) for v in o.stable_poses]
     rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
     each = np.array(list(loads.values())) / CONTACTS
     deep = np.max([depth_of(scene, c, each, light[[c.own, c.below]].sum()) for c in rough], axis=0)
@@ -311,7 +311,7 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
 
 def _foot(
     shapes: list[list[HomeShape]],
-    variant: Variant,
+    pose: StablePose,
     law: Law,
     lower: float,
     is_shifted: bool,
@@ -323,17 +323,17 @@ def _foot(
     Args:
         shapes: In each state of its joints: all that its support carries, the part of it that no drawn joint moves,
             which makes the foot, all that it is placed by and no drawn joint moves, and what they move.
-        variant: The pose.
+        pose: The pose.
         law: The law.
         lower: Height [m] of the support that it is placed by over the support that it collides with.
         is_shifted: Whether draws of masses move its centre of mass.
         takes_edges: Whether the support carries edges and corners of pieces; otherwise no such foot holds.
         steady: What `Law.steady` is on a curved foot.
     """
-    turn, quat, (whole, standing, fixed, _) = matrix(variant.quat).T, variant.quat, shapes[0]
+    turn, quat, (whole, standing, fixed, _) = matrix(pose.quat).T, pose.quat, shapes[0]
     shape = standing if standing.points() else whole
-    ends = np.array([(own.center_of_mass - variant.pivot) @ turn for own, *_ in shapes])
-    parts = flat_foot([(points - variant.pivot) @ turn for points in shape.points()])
+    ends = np.array([(own.center_of_mass - pose.pivot) @ turn for own, *_ in shapes])
+    parts = flat_foot([(points - pose.pivot) @ turn for points in shape.points()])
     if len(parts) == 1 and len(parts[0]) > _FEW_CORNERS:
         law = ROUND
     elif any(len(part) > _FOUR for part in parts):
@@ -344,7 +344,7 @@ def _foot(
     hangs = max(bottom - moving.bottom(quat) for *_, moving in shapes)
     drop = whole.bottom(quat) - bottom + lower
     found = []
-    curved = (_rolling(shape, variant, np.radians(a), steady) for a in _LEANS)
+    curved = (_rolling(shape, pose, np.radians(a), steady) for a in _LEANS)
     for corners, its_law, roll in [(parts, law, _NO_ROLL)] if parts else curved:
         hull, at = MultiPoint(np.concatenate(corners)).convex_hull, shapely.points(ends[:, :2])
         margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at)) - its_law.tip * ends[:, 2]
@@ -356,10 +356,10 @@ def _foot(
     return next((f for f in found if f.margin > 0.0), max(found, key=lambda f: f.most))
 
 
-def _rolling(shape: HomeShape, variant: Variant, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
+def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
     """Return the curved foot of an object that is to come back from a lean [rad], its law, and how it rolls."""
-    turn = matrix(variant.quat)
-    corners = curved_foot(lambda up: shape.lowest(up @ turn) - up @ turn @ variant.pivot, lean)
+    turn = matrix(pose.quat)
+    corners = curved_foot(lambda up: shape.lowest(up @ turn) - up @ turn @ pose.pivot, lean)
     box = shapely.get_coordinates(MultiPoint(corners).minimum_rotated_rectangle)[:3]
     sides = 0.5 * np.diff(box, axis=0)
     reach = np.linalg.norm(sides, axis=1)

@@ -82,7 +82,7 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
     """Return where down is in the frame of an object, for each pose in which a grasp of it is tried, shape (n, 3)."""
     if placed.orientation == "any":
         return _ALL_WAYS
-    spans = zip(placed.variants, target.grasp_set.spans, strict=True)
+    spans = zip(placed.stable_poses, target.grasp_set.spans, strict=True)
     return np.array([-matrix(v.quat)[2] for v, (first, num) in spans if first <= grasp < first + num])
 
 

@@ -70,15 +70,17 @@ class ShownWorld:
         slot = plan.places.index(self.compiled.config.owners.get(name, name))
         if self.stands is not None:
             return self.stands[0][slot], self.stands[1][slot]
-        variants = self.placed(name).variants if name in self.compiled.placed else []
-        if not variants:
+        poses = self.placed(name).stable_poses if name in self.compiled.placed else []
+        if not poses:
             return plan.place[slot], plan.bounds[slot]
         root = self.compiled.scene.bodies[name]
         mat = self.data.xmat[root].reshape(3, 3)
-        turns = [mat @ matrix(variant.quat).T for variant in variants]
-        best = int(np.argmax([turn[2, 2] for turn in turns]))  # the one that turns it about the vertical alone
-        heading = np.arctan2(turns[best][1, 0], turns[best][0, 0])
-        return np.array([*self.data.xpos[root] + mat @ variants[best].pivot, heading]), variants[best].bounds
+        rotations = [mat @ matrix(pose.quat).T for pose in poses]
+        best = int(
+            np.argmax([rotation[2, 2] for rotation in rotations])
+        )  # the one that turns it about the vertical alone
+        heading = np.arctan2(rotations[best][1, 0], rotations[best][0, 0])
+        return np.array([*self.data.xpos[root] + mat @ poses[best].pivot, heading]), poses[best].bounds
 
     def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Return the corners [m] of the upright box around an object, or around its root body alone."""

@@ -17,7 +17,7 @@ from sceniris_gym.geometry.pieces import convex_hull, extract_pieces
 from sceniris_gym.geometry.resting_poses import (
     STABLE_TILT,
     HomeShape,
-    Variant,
+    StablePose,
     _closed_hull,
     heading_of,
     of_heading_zero,
@@ -41,12 +41,12 @@ def model_of(asset: str, geometry: str = "physics") -> SceneModel:
     return build_model(config)
 
 
-def stable_poses(asset: str, geometry: str = "physics") -> list[Variant]:
+def stable_poses(asset: str, geometry: str = "physics") -> list[StablePose]:
     """The stable poses of an asset."""
-    return build_plan(model_of(asset, geometry)).objects[0].variants
+    return build_plan(model_of(asset, geometry)).objects[0].stable_poses
 
 
-def moved(model: SceneModel, pose: Variant, yaw: float) -> float:
+def moved(model: SceneModel, pose: StablePose, yaw: float) -> float:
     """Put the thing on the floor in a pose as resets do; return how far [m] it moves in half a second of MuJoCo C."""
     mjm, data = model.mjm, mujoco.MjData(model.mjm)
     quat = np.empty(4)
@@ -96,7 +96,7 @@ def test_a_round_thing_lies_on_most_of_its_faces():
 def test_what_is_put_down_in_a_stable_pose_stays_there(asset: str):
     """In each of its poses, turned any way: nothing tips over, and nothing rolls."""
     model, rng = model_of(asset), np.random.default_rng(0)
-    poses = build_plan(model).objects[0].variants
+    poses = build_plan(model).objects[0].stable_poses
     yaws = rng.uniform(-np.pi, np.pi, (len(poses), max(1, 16 // len(poses))))
     far = [[moved(model, pose, yaw) for yaw in turns] for pose, turns in zip(poses, yaws, strict=True)]
     assert np.max(far) < 0.01
@@ -106,7 +106,7 @@ def test_what_is_put_down_in_a_stable_pose_stays_there(asset: str):
 def test_what_lands_on_many_corners_stays_whatever_its_heading(asset: str, up: tuple):
     """A book on its spine, and a glass on its rim: the solver finds the forces that carry them."""
     model = model_of(asset)
-    (pose,) = (p for p in build_plan(model).objects[0].variants if matrix(p.quat)[2] @ up > 0.999)
+    (pose,) = (p for p in build_plan(model).objects[0].stable_poses if matrix(p.quat)[2] @ up > 0.999)
     assert max(moved(model, pose, yaw) for yaw in np.linspace(-np.pi, np.pi, 100)) < 0.01
 
 
@@ -277,12 +277,12 @@ def test_the_bounds_of_a_turned_thing_are_those_of_its_vertices(tmp_path: Path):
         ]
     )
     for turn in Rotation.random(20, rng=np.random.default_rng(0)):
-        variant = shape.variant(turn.as_quat(scalar_first=True))
+        pose = shape.stable_pose(turn.as_quat(scalar_first=True))
         turned = turn.apply(corners)
         low, high = turned.min(0), turned.max(0)
-        np.testing.assert_allclose(turn.apply(variant.pivot), [*0.5 * (low + high)[:2], low[2]], atol=1e-9)
-        np.testing.assert_allclose(variant.bounds, 0.5 * np.array([*(low - high)[:2], *(high - low)[:2]]), atol=1e-9)
-        assert 0.01 < shape.inner_radius() <= 0.5 * variant.short_edge
+        np.testing.assert_allclose(turn.apply(pose.pivot), [*0.5 * (low + high)[:2], low[2]], atol=1e-9)
+        np.testing.assert_allclose(pose.bounds, 0.5 * np.array([*(low - high)[:2], *(high - low)[:2]]), atol=1e-9)
+        assert 0.01 < shape.inner_radius() <= 0.5 * pose.short_edge
 
 
 def test_the_hull_of_a_thing_is_that_of_all_its_pieces(tmp_path: Path):

@@ -31,7 +31,7 @@ class Scene:
         """The grasps of the object."""
         placed = next(o for o in self.plan.objects if o.name == "thing")
         assert placed.config is not None
-        return self.thing.grasp_set(placed.variants, placed.config.drawn_orientation.kind == "any", self.gripper)
+        return self.thing.grasp_set(placed.stable_poses, placed.config.drawn_orientation.kind == "any", self.gripper)
 
 
 def rotation(quat: np.ndarray) -> np.ndarray:

@@ -165,10 +165,10 @@ def test_every_stable_pose_has_grasps_of_its_own(tmp_path: Path):
     s = Scene(box_mjcf(tmp_path, "flat", 0.2, 0.15, 0.05), orientation="stable")
     placed = next(o for o in s.plan.objects if o.name == "thing")
     found = s.grasp_set()
-    assert len(found.spans) == len(placed.variants)
+    assert len(found.spans) == len(placed.stable_poses)
     nums = []
-    for variant, (first, num) in zip(placed.variants, found.spans, strict=True):
-        turn = rotation(variant.quat)
+    for pose, (first, num) in zip(placed.stable_poses, found.spans, strict=True):
+        turn = rotation(pose.quat)
         tops = [g for g in found.grasps[first : first + num] if g.name.startswith("top")]
         assert all((turn @ rotation(g.quat))[2, 2] == pytest.approx(-1.0) for g in tops)
         nums.append((num > 0, bool(abs(turn[2, 2]) > 0.9)))

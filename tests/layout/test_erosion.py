@@ -76,8 +76,8 @@ def test_a_stable_pose_is_kept_from_the_edge_by_its_own_shorter_edge(related: bo
     assert (reach >= 0.45 * short - 1e-5).all()
     flat = np.asarray(short > 0.09)
     assert 0.5 < flat.mean() < 0.95
-    variants = compiled.plan.objects[0].variants
-    expected = sum(v.probability for v in variants if v.short_edge > 0.09)
+    poses = compiled.plan.objects[0].stable_poses
+    expected = sum(v.probability for v in poses if v.short_edge > 0.09)
     assert stats.binomtest(int(flat.sum()), len(flat), expected).pvalue > 0.001
     for some in (flat, ~flat):
         assert spread_p_value(points[some], _eroded(SHAPE, 0.45 * short[some])) > 0.001

@@ -66,8 +66,8 @@ def test_grasps_pass_by_the_map_and_by_their_approach(mapped: bool, stands: bool
         "reach_below": np.array([stands]),
         "reach_least": np.array([Verdict.MIXED_YES]),
         "reach_graspadr": np.array([10]),
-        "variant_graspadr": np.array([10, 25]),
-        "variant_graspnum": np.array([15, 4]),
+        "stable_graspadr": np.array([10, 25]),
+        "stable_graspnum": np.array([15, 4]),
     }
     fill_struct(Reach, reach, arrays, "cpu")
     body_pos = rng.uniform([-0.8, -0.8, -0.5], [0.8, 0.8, 1.0], (WORLDS, BODIES, 3))

@@ -17,7 +17,7 @@ from sceniris_gym.audit.geometry import poses_of
 from sceniris_gym.audit.scene import Outline
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.rotations import matrix
-from sceniris_gym.placement.measure import DrawnVariant, bounds_of, measure
+from sceniris_gym.placement.measure import StableDraw, bounds_of, measure
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.build import build_model
@@ -46,10 +46,10 @@ def _measure(
 ):
     """Measure object 0 in an orientation of heading 0, and its bounds around another pivot in another heading."""
     i = wp.tid()
-    drawn = DrawnVariant()
+    drawn = StableDraw()
     drawn.quat = quat[i]
-    drawn.pivot = program.variant_pivot[0]
-    drawn.bounds = program.variant_bounds[0]
+    drawn.pivot = program.stable_pivot[0]
+    drawn.bounds = program.stable_bounds[0]
     drawn = measure(program, 0, drawn, qpos[i], body_pos[i], body_quat[i])
     pivot[i] = drawn.pivot
     bounds[i] = drawn.bounds
@@ -84,7 +84,7 @@ def test_pivot_and_bounds_are_those_of_the_drawn_state(orientation: Any, geometr
     out = [wp.zeros(N, dtype=kind, device="cpu") for kind in (wp.vec3, wp.vec4, wp.vec4)]
     wp.launch(_measure, dim=N, inputs=inputs, outputs=[*poses, *out], device="cpu")
     pivot, bounds, around = (a.numpy() for a in out)
-    home = program.variant_pivot.numpy()[0]
+    home = program.stable_pivot.numpy()[0]
     for i in range(N):
         data.qpos[:] = qpos[i]
         data.qpos[free : free + 7] = [0.0, 0.0, 0.0, *quat[i]]
@@ -160,7 +160,7 @@ def test_stable_poses_are_drawn_by_their_probabilities(asset: str, geometry: str
     """Each drawn orientation is one of them, turned about the vertical by any angle."""
     thing = {"asset": getattr(shapes, asset, asset), "on": "floor", "orientation": "stable"}
     compiled, table, seen = drawn({"thing": thing}, 4000, geometry=geometry)
-    poses = compiled.plan.objects[0].variants
+    poses = compiled.plan.objects[0].stable_poses
     ups = np.array([matrix(p.quat)[2] for p in poses])
     cosines = rotations(compiled, table, "thing").as_matrix()[:, 2] @ ups.T
     assert cosines.max(1).min() > 1 - 1e-6

@@ -55,9 +55,9 @@ def test_every_list_of_the_program_is_in_the_array_that_it_addresses(geometry: s
     a = {name: value.numpy() for name, value in held.items() if isinstance(value, wp.array)}
     pieces, bodies = len(a["piece_type"]), compiled.mjm.nbody
     lists = {
-        "obj_draw": "draw_qposadr", "draw_choice": "choice", "obj_variant": "variant_cdf", "obj_body": "body_list",
+        "obj_draw": "draw_qposadr", "draw_choice": "choice", "obj_stable": "stable_cdf", "obj_body": "body_list",
         "obj_piece": "piece_list", "obj_shadow": "shadow_list", "obj_overhead": "overhead_list", "obj_rel": "rel_type",
-        "obj_pair": "pair_a", "obj_broad": "broad_pair", "variant_tri": "tri_cdf", "rel_anchor": "rel_anchor",
+        "obj_pair": "pair_a", "obj_broad": "broad_pair", "stable_tri": "tri_cdf", "rel_anchor": "rel_anchor",
         "surface_edge": "edge_a", "piece_vert": "vert", "collider_point": "point",
         "body_jnt": "jnt_axis",
     }  # fmt: skip

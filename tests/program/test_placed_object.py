@@ -52,7 +52,7 @@ def test_what_only_draws_joints_stands_on_nothing(folder: Path):
     gadget = {"asset": str(folder / "gadget.xml"), "kind": "static", "joints": {"slide": {"value": 0.1}}}
     (step,) = build_plan(scene_of({"gadget": gadget})).objects
     assert (step.kind, step.ground, step.cover) == (ObjectKind.STATIC, None, Cover.EITHER)
-    assert (step.variants, step.surfaces) == ([], [])
+    assert (step.stable_poses, step.surfaces) == ([], [])
 
 
 def test_a_support_leans_with_a_joint_that_follows(tmp_path: Path):

@@ -85,8 +85,8 @@ def test_a_pivot_is_the_bottom_centre_of_the_bounds_at_home(folder: Path):
             }
         )
     )
-    np.testing.assert_allclose(plan.objects[0].variants[0].pivot, [0.3, 0.0, 0.3], atol=1e-9)
-    np.testing.assert_allclose(plan.objects[1].variants[0].pivot, [0.0, 0.0, -0.02], atol=1e-9)
+    np.testing.assert_allclose(plan.objects[0].stable_poses[0].pivot, [0.3, 0.0, 0.3], atol=1e-9)
+    np.testing.assert_allclose(plan.objects[1].stable_poses[0].pivot, [0.0, 0.0, -0.02], atol=1e-9)
 
 
 def test_home_is_the_state_of_mujoco_at_the_start_pose(folder: Path):

@@ -20,7 +20,7 @@ def poses(folder: Path, body: str, joints: dict[str, Any] | None = None, rest: s
     path.write_text(f"<mujoco><worldbody>{body}</worldbody>{rest}</mujoco>")
     thing = {"asset": str(path), "on": "floor", "orientation": "stable", **words}
     scene = scene_of({"thing": thing | ({"joints": joints} if joints else {})})
-    return np.array([matrix(v.quat)[2] for v in build_plan(scene).objects[-1].variants])
+    return np.array([matrix(v.quat)[2] for v in build_plan(scene).objects[-1].stable_poses])
 
 
 def thing(inside: str, gravcomp: float = 0.0) -> str:

@@ -233,7 +233,7 @@ class Places:
         root = self._mjm.body(name).id
         inside = subtree(self._mjm, root)
         shape = HomeShape(self._data, root, [p for p in self._pieces if p.body in inside])
-        x, y = shape.variant(np.array([1.0, 0.0, 0.0, 0.0])).pivot[:2]
+        x, y = shape.stable_pose(np.array([1.0, 0.0, 0.0, 0.0])).pivot[:2]
         angle = math.radians(yaw.mean())
         return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
 

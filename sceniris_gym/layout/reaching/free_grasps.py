@@ -59,9 +59,9 @@ def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, co
 
 @wp.func
 def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, column: int, grasp: int) -> bool:
-    """Return True if a candidate of the target has a grasp in its variant, and the map accepts it."""
-    number = grasp - reach.variant_graspadr[search.turn[c].variant]
-    if number < 0 or number >= reach.variant_graspnum[search.turn[c].variant]:
+    """Return True if a candidate of the target has a grasp in its stable pose, and the map accepts it."""
+    number = grasp - reach.stable_graspadr[search.stable_draw[c].stable]
+    if number < 0 or number >= reach.stable_graspnum[search.stable_draw[c].stable]:
         return False
     row = search.row[c]
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
@@ -115,7 +115,7 @@ def _queue_hands(
     reach: Reach,
     # Layouts in: present, bodies*
     layouts: LayoutsView,
-    # Search in: row_free, candidates, row, obj, cause, turn, body_pos, body_quat; out: free, hand; both: hands
+    # Search in: row_free, candidates, row, obj, cause, stable_draw, body_pos, body_quat; out: free, hand; both: hands
     search: Search,
     # ReachSearch in: hand_pos, hand_quat
     reach_search: ReachSearch,

@@ -79,15 +79,15 @@ def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, gra
 
 
 @wp.func
-def _drawn_grasp(reach: Reach, starts: Starts, kind: int, variant: int, u: float) -> int:
-    """Draw one of the grasps of a variant that count; each is as likely as any other."""
-    adr = reach.variant_graspadr[variant]
+def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float) -> int:
+    """Draw one of the grasps of a stable pose that count; each is as likely as any other."""
+    adr = reach.stable_graspadr[stable]
     num = int(0)
-    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+    for grasp in range(adr, adr + reach.stable_graspnum[stable]):
         num += int(starts.grasp[kind, grasp])
     number = wp.min(int(u * float(num)), num - 1)
     found = int(-1)
-    for grasp in range(adr, adr + reach.variant_graspnum[variant]):
+    for grasp in range(adr, adr + reach.stable_graspnum[stable]):
         if starts.grasp[kind, grasp]:
             if number == 0:
                 found = grasp
@@ -128,7 +128,7 @@ def _pose(
     reach: Reach,
     starts: Starts,
     split: wp.uint32,
-    # Layouts in: qpos, start, grasps*, pending*, variant, bodies*
+    # Layouts in: qpos, start, grasps*, pending*, stable, bodies*
     layouts: LayoutsView,
     # Search in: restarts*
     search: Search,
@@ -157,7 +157,7 @@ def _pose(
             open_gripper(reach, grasp, qpos)
         elif pose == StartPose.HELD:
             u = _uniform(layouts, search, split, row, trial, wp.static(_GRASP))
-            grasp = _drawn_grasp(reach, starts, kind, layouts.variant[row, column], u)
+            grasp = _drawn_grasp(reach, starts, kind, layouts.stable[row, column], u)
             for i in range(MAX_JOINTS):
                 if i < reach.arm.njoint:
                     interval = starts.arm_range[kind, i]

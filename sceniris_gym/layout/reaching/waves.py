@@ -37,7 +37,7 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: in
     body_pos = layouts.body_pos[row]
     body_quat = layouts.body_quat[row]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
-    grasp = first_accepted(reach, column, layouts.variant[row, column], base, body_pos, body_quat)
+    grasp = first_accepted(reach, column, layouts.stable[row, column], base, body_pos, body_quat)
     layouts.grasp[row, column] = wp.max(grasp, layouts.grasp[row, column])
 
 
@@ -82,8 +82,8 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
         return
     if reach.reach_early[found]:
         _skip_blocked(reach, layouts, search, row, found)
-    variant = layouts.variant[row, found]
-    last = reach.variant_graspadr[variant] + reach.variant_graspnum[variant]
+    stable = layouts.stable[row, found]
+    last = reach.stable_graspadr[stable] + reach.stable_graspnum[stable]
     queue_target(reach_search, row, found, (last - _first_grasp(reach, layouts, row, found)) * wp.static(STARTS))
 
 
@@ -125,7 +125,7 @@ def _open_rows(
     program: Program,
     reach: Reach,
     starts: Starts,
-    # Layouts in: state*, choices*, variant, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp
+    # Layouts in: state*, choices*, stable, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp
     layouts: LayoutsView,
     # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
     search: Search,
@@ -278,7 +278,7 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
 def _accept(
     lanes: int,
     reach: Reach,
-    # Layouts in: present, variant, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp, row_rejections
+    # Layouts in: present, stable, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp, row_rejections
     layouts: LayoutsView,
     # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
     search: Search,

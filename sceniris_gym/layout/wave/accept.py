@@ -69,11 +69,11 @@ def place(
         layouts.bounds[row, slot] = search.bounds[c]
     if search.row_surface.shape[1] > 0:
         search.row_surface[row, obj] = search.surface[c]
-        search.row_variant[row, obj] = search.turn[c].variant
+        search.row_stable[row, obj] = search.stable_draw[c].stable
     if reach.obj_reach.shape[0] > 0:
         column = reach.obj_reach[obj]
         if column >= 0:
-            layouts.variant[row, column] = search.turn[c].variant
+            layouts.stable[row, column] = search.stable_draw[c].stable
             layouts.grasp[row, column] = search.grasp[c]
         for i in range(search.free.shape[1]):
             search.row_free[row, i] = search.free[c, i]
@@ -184,11 +184,12 @@ def _accept(
     reach: Reach,
     staged: bool,
     busy: int,
-    # Layouts in: present, record_all; out: grasp, variant, places*, record*; both: state*, row_rejections, bodies*,
+    # Layouts in: present, record_all; out: grasp, stable, places*, record*; both: state*, row_rejections, bodies*,
     #   rejected_count
     layouts: LayoutsView,
-    # Search in: restarts*, source, rows, rows_before, cause, turn, surface, grasp, free, places*, poses*; out: waiting,
-    #   row_free, placed*, trials*; both: best, row_object, row_trial, row_attempts, queue, shares*, rows_left, opened
+    # Search in: restarts*, source, rows, rows_before, cause, stable_draw, surface, grasp, free, places*, poses*; out:
+    #   waiting, row_free, placed*, trials*; both: best, row_object, row_trial, row_attempts, queue, shares*, rows_left,
+    #   opened
     search: Search,
 ):
     block, lane = wp.tid()

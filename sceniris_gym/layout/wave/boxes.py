@@ -34,13 +34,13 @@ def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polyg
 
 @wp.func
 def _choose_triangle(
-    program: Program, variant: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2], u: float
+    program: Program, stable: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2], u: float
 ) -> int:
     """Choose a triangle of a region by what a box leaves of its area, in two passes; -1 if it leaves none."""
     left = float(0.0)
     chosen = int(-1)
-    adr = program.variant_triadr[variant]
-    num = program.variant_trinum[variant]
+    adr = program.stable_triadr[stable]
+    num = program.stable_trinum[stable]
     for i in range(2 * num):
         size = area(polygon, _clipped(program, adr + i % num, box, first, polygon))
         if i == num:
@@ -69,8 +69,8 @@ def _draw_in_boxes(
     columns: wp.array[int],
     # Layouts in: present, pending*, next_param, default_param, place, bodies*
     layouts: LayoutsView,
-    # Search in: restarts*, candidates, trials*, turn, heading, qpos; out: surface, grasp, places*, flags*; both: cause,
-    #   point, body_pos, body_quat
+    # Search in: restarts*, candidates, trials*, stable_draw, heading, qpos; out: surface, grasp, places*, flags*; both:
+    #   cause, point, body_pos, body_quat
     search: Search,
 ):
     polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
@@ -86,7 +86,7 @@ def _draw_in_boxes(
         seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
         u = uniforms(seed, episode, stream_of(program, split, obj), trial_of(program, search, c), _DRAW)
         box = layouts.next_param[worldid]
-        tri = _choose_triangle(program, search.turn[c].variant, box, first, polygon, u[0])
+        tri = _choose_triangle(program, search.stable_draw[c].stable, box, first, polygon, u[0])
         if tri < 0:
             search.cause[c] = Cause.EMPTY
             continue

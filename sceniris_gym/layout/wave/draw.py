@@ -14,7 +14,7 @@ from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.search import Search, Workspace, first_trial_of, numbered_stream, stream_of, trial_of
 from sceniris_gym.layout.wave.sides import Regions
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
-from sceniris_gym.placement.measure import bounds_of, draw_variant, heading_of, measure
+from sceniris_gym.placement.measure import bounds_of, draw_stable, heading_of, measure
 from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 
@@ -33,7 +33,7 @@ def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int,
 @wp.func
 def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: wp.vec4):
     """Draw the heading, and the point under the pivot if the region is the same in every world."""
-    turn = search.turn[c]
+    drawn = search.stable_draw[c]
     ground = program.obj_ground[obj]
     worldid = search.row_world[row]
     box = program.obj_box_upper[worldid, obj] - program.obj_box_lower[worldid, obj]
@@ -42,20 +42,20 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     is_joined = False
     if beside >= 0:
         is_joined = is_there(layouts.present[row], beside)
-    search.heading[c] = turn.yaw
+    search.heading[c] = drawn.yaw
     if is_joined:
-        search.heading[c] = turn.yaw + layouts.place[row, beside][3]
+        search.heading[c] = drawn.yaw + layouts.place[row, beside][3]
     if ground < 0:
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
     if program.obj_orientation[obj] != OrientationType.ANY and not is_joined:
-        search.heading[c] = turn.yaw + angle_of(frame.rot[0, 0], frame.rot[1, 0])
+        search.heading[c] = drawn.yaw + angle_of(frame.rot[0, 0], frame.rot[1, 0])
     if program.obj_cutnum[obj] > 0:
         return
-    if program.variant_trinum[turn.variant] == 0:
+    if program.stable_trinum[drawn.stable] == 0:
         search.cause[c] = Cause.EMPTY
         return
-    tri = draw_triangle(program, turn.variant, u[1])
+    tri = draw_triangle(program, drawn.stable, u[1])
     at = draw_in_triangle(program, tri, u[2], u[3])
     surface = program.tri_surface[tri]
     search.surface[c] = surface
@@ -77,15 +77,15 @@ def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: i
         search.cause[c] = Cause.EMPTY
         return
     quat = wp.normalize(mul_quat(layouts.body_quat[row, ground], settled_quat))
-    turn = search.turn[c]
-    turn.yaw = heading_of(quat)
-    turn.quat = mul_quat(quat_z(-turn.yaw), quat)
+    drawn = search.stable_draw[c]
+    drawn.yaw = heading_of(quat)
+    drawn.quat = mul_quat(quat_z(-drawn.yaw), quat)
     if program.obj_measured[obj] != 0:
-        turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
-    search.turn[c] = turn
-    search.heading[c] = turn.yaw
-    search.point[c] = apply(frame, wp.vec3(settled[0], settled[1], settled[2])) + quat_mat(quat) * turn.pivot
-    search.surface[c] = program.tri_surface[program.variant_triadr[turn.variant]]
+        drawn = measure(program, obj, drawn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.stable_draw[c] = drawn
+    search.heading[c] = drawn.yaw
+    search.point[c] = apply(frame, wp.vec3(settled[0], settled[1], settled[2])) + quat_mat(quat) * drawn.pivot
+    search.surface[c] = program.tri_surface[program.stable_triadr[drawn.stable]]
     pose_candidate(program, layouts, search, c, row, obj)
 
 
@@ -109,18 +109,18 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
         return
     u = uniforms(seed, episode, stream, trial, 0)
     w = wp.vec4(0.0)
-    if program.obj_orientation[obj] == OrientationType.ANY or program.obj_variantnum[obj] > 1:
+    if program.obj_orientation[obj] == OrientationType.ANY or program.obj_stablenum[obj] > 1:
         w = uniforms(seed, episode, stream, trial, 1)
-    turn = draw_variant(program, obj, u, w)
+    drawn = draw_stable(program, obj, u, w)
     if program.obj_heap[obj][0] >= 0:
-        search.turn[c] = turn
+        search.stable_draw[c] = drawn
         of_heap = numbered_stream(split, program.obj_heap[obj][2])
         share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
         _draw_from_heap(program, layouts, search, c, row, obj, share)
         return
     if program.obj_measured[obj] != 0:
-        turn = measure(program, obj, turn, search.qpos[c], search.body_pos[c], search.body_quat[c])
-    search.turn[c] = turn
+        drawn = measure(program, obj, drawn, search.qpos[c], search.body_pos[c], search.body_quat[c])
+    search.stable_draw[c] = drawn
     _draw_point(program, layouts, search, c, row, obj, u)
     if program.obj_cutnum[obj] == 0 and search.cause[c] == Cause.NONE:
         pose_candidate(program, layouts, search, c, row, obj)
@@ -150,7 +150,7 @@ def _draw(
     cuts: wp.array[int],
     regions: wp.array[int],
     # Search in: restarts*, row_first, opened, trials*; out: rows_before, candidates, narrow_pairs, hands,
-    #   any_overflowed, surface, grasp, overflowed, places*, flags*; both: rows_left, source, rows, cause, turn,
+    #   any_overflowed, surface, grasp, overflowed, places*, flags*; both: rows_left, source, rows, cause, stable_draw,
     #   heading, point, poses*
     search: Search,
 ):

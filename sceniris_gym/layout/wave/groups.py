@@ -95,18 +95,18 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
         adr = program.draw_qposadr[i]
         qpos[adr] = program.home_qpos[adr]
     follow_joints(program, obj, qpos)
-    variant = program.obj_variantadr[obj]
+    stable = program.obj_stableadr[obj]
     slot = program.obj_slot[obj]
     pivot = _parking_place(slot) + wp.vec3(0.0, 0.0, program.obj_gap[obj])
-    quat = wp.normalize(program.variant_quat[variant])
-    pos = pivot - quat_mat(quat) * program.variant_pivot[variant]
+    quat = wp.normalize(program.stable_quat[stable])
+    pos = pivot - quat_mat(quat) * program.stable_pivot[stable]
     root = program.obj_body[obj]
     layouts.body_pos[row, root] = pos
     layouts.body_quat[row, root] = quat
     pose_bodies(program, obj, 1, qpos, layouts.body_pos[row], layouts.body_quat[row])
     if program.obj_place[obj] == slot:  # else the place is that of the present variant
         layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
-        layouts.bounds[row, slot] = program.variant_bounds[variant]
+        layouts.bounds[row, slot] = program.stable_bounds[stable]
     write_root(program, obj, pos, quat, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
 
 

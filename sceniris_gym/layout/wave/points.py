@@ -111,10 +111,10 @@ def piece_of(key: wp.uint64) -> int:
 
 
 @wp.func
-def draw_triangle(program: Program, variant: int, u: float) -> int:
-    """Return the triangle at share `u` of the cumulated area of a variant's region."""
-    low = program.variant_triadr[variant]
-    high = low + program.variant_trinum[variant] - 1
+def draw_triangle(program: Program, stable: int, u: float) -> int:
+    """Return the triangle at share `u` of the cumulated area of a stable pose's region."""
+    low = program.stable_triadr[stable]
+    high = low + program.stable_trinum[stable] - 1
     while low < high:
         middle = (low + high) // 2
         if u < program.tri_cdf[middle]:
@@ -186,16 +186,16 @@ def _draw_in_piece(
     row = search.row[c]
     obj = search.obj[c]
     frame = support_pose(program, layouts, row, obj)
-    turn = search.turn[c]
-    triangles = program.variant_trinum[turn.variant]
-    tri = program.variant_triadr[turn.variant] + index % triangles
+    drawn = search.stable_draw[c]
+    triangles = program.stable_trinum[drawn.stable]
+    tri = program.stable_triadr[drawn.stable] + index % triangles
     t = posed_triangle(program, tri, frame)
     at = t.a
     if not is_point(program, tri):
         polygon = wp.zeros(shape=(MAX_CORNERS,), dtype=wp.vec2)
         num = cut_triangle(program, regions, regions.holder[c], obj, index // triangles, t, polygon)
         at = draw_in_polygon(polygon, num, u[0], u[1], u[2])
-    own = placed(at, heading_at(program, layouts, search, c, row, obj, at), turn.bounds)
+    own = placed(at, heading_at(program, layouts, search, c, row, obj, at), drawn.bounds)
     if not _point_holds(program, layouts, search, regions, c, tri, frame, own):
         return False
     _keep_point(program, search, c, obj, tri, frame, at)
@@ -239,8 +239,8 @@ def _draw_points(
     split: wp.uint32,
     # Layouts in: present, pending*, places*, bodies*
     layouts: LayoutsView,
-    # Search in: restarts*, trials*, turn, heading, qpos; out: cause, surface, grasp, places*, flags*; both: point,
-    #   body_pos, body_quat
+    # Search in: restarts*, trials*, stable_draw, heading, qpos; out: cause, surface, grasp, places*, flags*; both:
+    #   point, body_pos, body_quat
     search: Search,
     # Regions in: cuts, relations, sides, side_num, pieces, piece, piece_area, cut, holder
     regions: Regions,

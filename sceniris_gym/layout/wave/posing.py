@@ -25,29 +25,29 @@ def heading_at(
     target = program.obj_target[obj]
     if program.obj_orientation[obj] == OrientationType.FACE_TO and is_there(layouts.present[row], target):
         place = layouts.place[row, target]
-        return search.turn[c].yaw + facing(at, wp.vec2(place[0], place[1]))
+        return search.stable_draw[c].yaw + facing(at, wp.vec2(place[0], place[1]))
     return search.heading[c]
 
 
 @wp.func
 def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
     """Pose the object's bodies with its pivot over the candidate's point."""
-    turn = search.turn[c]
+    drawn = search.stable_draw[c]
     point = search.point[c]
     heading = heading_at(program, layouts, search, c, row, obj, wp.vec2(point[0], point[1]))
     pivot = point
     if program.obj_ground[obj] >= 0:
         pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
     root = program.obj_body[obj]
-    quat = wp.normalize(mul_quat(quat_z(heading), turn.quat))
+    quat = wp.normalize(mul_quat(quat_z(heading), drawn.quat))
     if program.obj_upright[obj] < _LEVEL:  # it leans as its support does
         up = quat_mat(layouts.body_quat[row, program.obj_ground[obj]]) * wp.vec3(0.0, 0.0, 1.0)
         quat = wp.normalize(mul_quat(wp.vec4(1.0 + up[2], -up[1], up[0], 0.0), quat))
-    search.body_pos[c, root] = pivot - quat_mat(quat) * turn.pivot
+    search.body_pos[c, root] = pivot - quat_mat(quat) * drawn.pivot
     search.body_quat[c, root] = quat
     pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])
     search.place[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
-    search.bounds[c] = turn.bounds
+    search.bounds[c] = drawn.bounds
     search.grasp[c] = NO_GRASP
     search.covered[c] = 0
     search.overhanging[c] = 0

@@ -19,9 +19,9 @@ def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row:
     column = reach.obj_reach[obj]
     late = reach.reach_late[column]
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
-    variant = search.turn[c].variant
-    adr = reach.variant_graspadr[variant]
-    for grasp in range(adr + part, adr + reach.variant_graspnum[variant], parts):
+    stable = search.stable_draw[c].stable
+    adr = reach.stable_graspadr[stable]
+    for grasp in range(adr + part, adr + reach.stable_graspnum[stable], parts):
         if search.grasp[c] > grasp - reach.reach_graspadr[column]:
             through = bool(False)
             if late != 0:
@@ -39,8 +39,8 @@ def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c
     for column in range(reach.reach_arm.shape[0]):
         if reach.reach_arm[column] == reach.number and reach.reach_late[column] != 0:
             if layouts.present[row, reach.reach_slot[column]] != 0:
-                variant = layouts.variant[row, column]
-                if first_accepted(reach, column, variant, base, layouts.body_pos[row], layouts.body_quat[row]) < 0:
+                stable = layouts.stable[row, column]
+                if first_accepted(reach, column, stable, base, layouts.body_pos[row], layouts.body_quat[row]) < 0:
                     return
     search.grasp[c] = 0
 
@@ -106,10 +106,10 @@ def _prefilter(
     program: Program,
     reach: Reach,
     least_parts: int,
-    # Layouts in: present, variant, bodies*
+    # Layouts in: present, stable, bodies*
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, turn, point, surface, body_pos, body_quat; out: opened; both: grasp,
-    #   flags*
+    # Search in: candidates, row, obj, cause, stable_draw, point, surface, body_pos, body_quat; out: opened; both:
+    #   grasp, flags*
     search: Search,
 ):
     if wp.tid() == 0:
@@ -139,9 +139,9 @@ def _prefilter_by_map(
     lanes: int,
     reach: Reach,
     least_parts: int,
-    # Layouts in: present, variant, bodies*
+    # Layouts in: present, stable, bodies*
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, turn, body_pos, body_quat; both: grasp
+    # Search in: candidates, row, obj, cause, stable_draw, body_pos, body_quat; both: grasp
     search: Search,
 ):
     num = candidate_num(search)

@@ -125,7 +125,7 @@ def _find_pieces(
     least_parts: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row, obj, turn
+    # Search in: row, obj, stable_draw
     search: Search,
     # Regions in: regions, relations, sides, side_num, region; out: piece; both: pieces
     regions: Regions,
@@ -136,13 +136,13 @@ def _find_pieces(
         c = regions.region[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
-        variant = search.turn[c].variant
-        triangles = program.variant_trinum[variant]
+        stable = search.stable_draw[c].stable
+        triangles = program.stable_trinum[stable]
         for tri in range(i % parts, triangles, parts):
-            t = posed_triangle(program, program.variant_triadr[variant] + tri, frame)
+            t = posed_triangle(program, program.stable_triadr[stable] + tri, frame)
             if _is_out_of_reach(program, regions, c, obj, t):
                 continue
-            single = is_point(program, program.variant_triadr[variant] + tri)
+            single = is_point(program, program.stable_triadr[stable] + tri)
             for combination in range(program.obj_cutnum[obj]):
                 if not _is_surely_empty(program, regions, c, obj, combination, t):
                     regions.piece[c, wp.atomic_add(regions.pieces, c, 1)] = combination * triangles + tri
@@ -158,7 +158,7 @@ def _measure_pieces(
     least_parts: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row, obj, turn
+    # Search in: row, obj, stable_draw
     search: Search,
     # Regions in: regions, sides, side_num, pieces, piece, region; out: piece_area
     regions: Regions,
@@ -170,11 +170,11 @@ def _measure_pieces(
         c = regions.region[i // parts]
         obj = search.obj[c]
         frame = support_pose(program, layouts, search.row[c], obj)
-        variant = search.turn[c].variant
-        triangles = program.variant_trinum[variant]
+        stable = search.stable_draw[c].stable
+        triangles = program.stable_trinum[stable]
         for k in range(i % parts, regions.pieces[c], parts):
             index = regions.piece[c, k]
-            tri = program.variant_triadr[variant] + index % triangles
+            tri = program.stable_triadr[stable] + index % triangles
             size = float(1.0)
             if not is_point(program, tri):
                 t = posed_triangle(program, tri, frame)

@@ -17,7 +17,7 @@ import warp as wp
 from sceniris_gym.device.random import STREAM_BITS
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.placement.measure import DrawnVariant
+from sceniris_gym.placement.measure import StableDraw
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, allocate, repeat
 from sceniris_gym.program.device_reach import Reach, Starts
@@ -57,7 +57,7 @@ class Search:
     row_ahead: wp.array[int]  # in front of them, candidates of all objects before it, in the first wave of a round
     # Placed: of each object that is placed, if objects may fall or start at markers
     row_surface: wp.array2d[int]
-    row_variant: wp.array2d[int]
+    row_stable: wp.array2d[int]
     # Counts
     worlds_left: wp.array[int]
     rows_left: wp.array[int]
@@ -76,7 +76,7 @@ class Search:
     trial: wp.array[int]  # number of the trial of its object in this restart, from 0
     # Candidates
     cause: wp.array[int]
-    turn: wp.array[DrawnVariant]
+    stable_draw: wp.array[StableDraw]
     heading: wp.array[float]
     point: wp.array[wp.vec3]  # under the pivot [m]
     surface: wp.array[int]
@@ -320,10 +320,10 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials row_ahead")
         zeros((2, nrow), "queue")
         kept = compiled.statics is not None or compiled.starts is not None
-        zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_variant")
+        zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_stable")
         zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
         zeros(1, "opened candidates narrow_pairs hands any_overflowed")
-        zeros(ncand, "row obj trial cause turn heading point surface place bounds grasp")
+        zeros(ncand, "row obj trial cause stable_draw heading point surface place bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
         zeros((nrow, early), "row_free")

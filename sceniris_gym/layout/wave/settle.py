@@ -136,8 +136,8 @@ def _copy_row(layouts: LayoutsView, row: int, worldid: int, width: int, lane: in
     for i in range(lane, layouts.place.shape[1], lanes):
         layouts.place[worldid, i] = layouts.place[row, i]
         layouts.bounds[worldid, i] = layouts.bounds[row, i]
-    for i in range(lane, layouts.variant.shape[1], lanes):
-        layouts.variant[worldid, i] = layouts.variant[row, i]
+    for i in range(lane, layouts.stable.shape[1], lanes):
+        layouts.stable[worldid, i] = layouts.stable[row, i]
     for i in range(lane, layouts.body_pos.shape[1], lanes):
         layouts.body_pos[worldid, i] = layouts.body_pos[row, i]
         layouts.body_quat[worldid, i] = layouts.body_quat[row, i]
@@ -151,7 +151,7 @@ def _settle(
     split: wp.uint32,
     width: int,
     # Layouts in: pending*, stream; out: draws*, status, first_pass_valid; both: state*, choices*, grasps*, attempts,
-    #   row_rejections, variant, places*, bodies*
+    #   row_rejections, stable, places*, bodies*
     layouts: LayoutsView,
     # Search in: row_attempts, restarts_at_once; out: waiting; both: worlds*, worlds_left
     search: Search,

@@ -76,7 +76,7 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Re
         program,
         search.row_world[row],
         rel,
-        placed(wp.vec2(0.0), search.heading[c], search.turn[c].bounds),
+        placed(wp.vec2(0.0), search.heading[c], search.stable_draw[c].bounds),
         angle_of(frame.rot[0, 0], frame.rot[1, 0]),
         layouts.place[row],
         layouts.bounds[row],
@@ -100,7 +100,7 @@ def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int
         if depends_on_heading(program, rel):
             return c
     holder = search.row_first[row]
-    while search.turn[holder].variant != search.turn[c].variant:
+    while search.stable_draw[holder].stable != search.stable_draw[c].stable:
         holder += 1
     return holder
 
@@ -111,7 +111,7 @@ def _build_sides(
     program: Program,
     # Layouts in: present, places*, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, row_first, candidates, row, obj, turn, heading; both: cause
+    # Search in: row_world, row_first, candidates, row, obj, stable_draw, heading; both: cause
     search: Search,
     # Regions out: relations, sides, side_num, pieces, cut, region, holder; both: counts*
     regions: Regions,

@@ -25,13 +25,13 @@ def _centered(total: wp.vec4) -> wp.vec4:
 def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate is carried by what cannot fall, and stands there with all of its foot."""
     obj = search.obj[c]
-    variant = search.turn[c].variant
+    stable = search.stable_draw[c].stable
     if statics.obj_levelnum[obj] > 1:
         return False
     place = search.place[c]
     body = program.obj_ground[obj]
     ground = pose_of(layouts.body_pos[row, body], layouts.body_quat[row, body])
-    return lies_on_a_part(statics, variant, wp.vec2(place[0], place[1]), search.surface[c], ground)
+    return lies_on_a_part(statics, stable, wp.vec2(place[0], place[1]), search.surface[c], ground)
 
 
 @wp.func
@@ -48,7 +48,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         number = adr + j
         obj = statics.level_obj[number]
         surface = search.surface[c]
-        variant = search.turn[c].variant
+        stable = search.stable_draw[c].stable
         place = search.place[c]
         own = wp.vec4(0.0)
         if j == 0:
@@ -57,7 +57,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
             surface = search.row_surface[row, obj]
             if surface < 0:  # it is held, so that all above stands on it
                 return loads_stand(levels, j)
-            variant = search.row_variant[row, obj]
+            stable = search.row_stable[row, obj]
             place = layouts.place[row, program.obj_slot[obj]]
             own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], origin)
         for i in range(statics.level_loadnum[number]):
@@ -71,15 +71,15 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         level.sink = statics.level_sink[number] + statics.obj_give[obj] * level.load[0]
         level.gap = program.obj_gap[obj] - statics.obj_touch[obj]
         level.foot = place[2] - program.obj_gap[obj] - origin[2]
-        level.law = statics.variant_law[variant]
+        level.law = statics.stable_law[stable]
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - origin, layouts.body_quat[row, body])
         at = wp.vec2(place[0] - origin[0], place[1] - origin[1])
-        level.reach = statics.variant_reach[variant]
+        level.reach = statics.stable_reach[stable]
         if level.reach[0] > 0.0:
-            level.axis = turned(statics.variant_axis[variant], place[3])
-            level.center = at + turned(statics.variant_center[variant], place[3])
-        if not find_patch(statics, variant, at, place[3], surface, ground, patch):
+            level.axis = turned(statics.stable_axis[stable], place[3])
+            level.center = at + turned(statics.stable_center[stable], place[3])
+        if not find_patch(statics, stable, at, place[3], surface, ground, patch):
             return False
         level = measure(level, patch)
         level.margin -= statics.obj_tilt[obj] * (level.load[3] - level.foot)
@@ -96,7 +96,7 @@ def _test_standing(
     statics: Statics,
     # Layouts in: present, place, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, placed*, candidates, row, obj, turn, surface, place, body_pos, body_quat; both: cause
+    # Search in: row_world, placed*, candidates, row, obj, stable_draw, surface, place, body_pos, body_quat; both: cause
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):

@@ -74,8 +74,8 @@ def _put_at_markers(
     end: int,
     # Layouts in: choices*, place, body_quat
     layouts: LayoutsView,
-    # Search in: row_world, row_surface, candidates, row, obj, turn, heading, qpos; out: cause, surface, grasp, places*,
-    #   flags*; both: point, body_pos, body_quat
+    # Search in: row_world, row_surface, candidates, row, obj, stable_draw, heading, qpos; out: cause, surface, grasp,
+    #   places*, flags*; both: point, body_pos, body_quat
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):

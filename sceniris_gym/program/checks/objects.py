@@ -69,7 +69,7 @@ def check_relations(plan: Plan) -> None:
                 f"{where}: 'beside' depends on how the object is turned, and 'face_to' on where it is. Use one of them."
             )
         for i, relation in enumerate(relations):
-            if relation.has_own_width and max(v.short_edge for v in o.variants) == 0.0:
+            if relation.has_own_width and max(v.short_edge for v in o.stable_poses) == 0.0:
                 raise SceneKeyError(
                     f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width "
                     "of its own."

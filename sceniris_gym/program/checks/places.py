@@ -103,7 +103,7 @@ def check_parking(plan: Plan) -> None:
     if not config.absent:
         return
     for o in (o for o in plan.objects if o.name in config.absent):
-        edge = float((o.variants[0].bounds[2:] - o.variants[0].bounds[:2]).max())
+        edge = float((o.stable_poses[0].bounds[2:] - o.stable_poses[0].bounds[:2]).max())
         if edge >= PARKING_SPACING:  # neighbours on the lattice would touch
             cure = "leave this variant out" if o.name in config.owners else "take it out of its group"
             raise SceneKeyError(

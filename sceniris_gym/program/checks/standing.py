@@ -181,7 +181,7 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
     data, adr = mujoco.MjData(mjm), int(mjm.jnt_qposadr[free])
 
     def moves(model: mujoco.MjModel, state: dict[int, float], i: int) -> float:
-        surface, pose = o.surfaces[i][0], o.variants[i]
+        surface, pose = o.surfaces[i][0], o.stable_poses[i]
         at = np.array([*surface.region.representative_point().coords[0], surface.height + stance.touch])
         start = _point(home, ground, at) - [*(matrix(pose.quat) @ pose.pivot)[:2], stance.feet[i].bottom]
         mujoco.mj_resetData(model, data)
@@ -194,7 +194,7 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
 
     # a servo holds a drawn joint where it is
     states = [{}] if np.isin(mjm.actuator_trnid[:, 0], inner).any() else _states(o) or [{}]
-    for state, i in itertools.product(states, range(len(o.variants))):
+    for state, i in itertools.product(states, range(len(o.stable_poses))):
         if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
             raise SceneKeyError(
                 f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm, as {[mjm.joint(j).name for j in inner]} give way. "

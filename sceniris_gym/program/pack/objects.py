@@ -87,11 +87,11 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
-    """Return how orientations are drawn, and their variants; steps that only draw joints keep their orientation."""
+    """Return how orientations are drawn, and their stable poses; steps that only draw joints keep their orientation."""
     drawn = [o.config.drawn_orientation for o in plan.objects]
     yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
-    variants, fields = addressed("obj_variant", (o.variants for o in plan.objects))
-    shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.variants])]
+    poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
+    shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.stable_poses])]
     return {
         "obj_orientation": np.array([_ORIENTATIONS.get(d.kind, OrientationType.YAW) for d in drawn], int),
         "obj_target": np.array([plan.places.index(d.target) if d.target else 0 for d in drawn], int),
@@ -100,8 +100,8 @@ def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.nd
             [plan.places.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
         ),
         **fields,
-        **columns("variant", variants, quat=4, pivot=3, bounds=4),
-        "variant_cdf": np.array(shares, float),
+        **columns("stable", poses, quat=4, pivot=3, bounds=4),
+        "stable_cdf": np.array(shares, float),
     }
 
 
@@ -244,14 +244,14 @@ def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
     numbers = np.full(len(plan.objects), UNASKED)
     numbers[[t.number for t in targets]] = np.arange(rows)
     numbers[[base for base in bases if base != UNASKED]] = BASE
-    spans = [np.zeros((len(o.variants), 2), int) for o in plan.objects]
+    spans = [np.zeros((len(o.stable_poses), 2), int) for o in plan.objects]
     for target, first in zip(targets, fields["reach_graspadr"], strict=True):
         spans[target.number] = np.array(target.grasp_set.spans) + [int(first), 0]
-    variants = np.concatenate([np.zeros((0, 2), int), *spans])  # address and number of the grasps of each
+    all_spans = np.concatenate([np.zeros((0, 2), int), *spans])  # address and number of the grasps of each
     return {
         "obj_reach": numbers,
-        "variant_graspadr": variants[:, 0],
-        "variant_graspnum": variants[:, 1],
+        "stable_graspadr": all_spans[:, 0],
+        "stable_graspnum": all_spans[:, 1],
         "reach_obj": np.array([t.number for t in targets], int),
         "reach_slot": np.array([plan.slots.index(t.name) for t in targets], int),
         **columns("reach", targets, arm=1, late=1, early=1, tier=1),

@@ -180,8 +180,8 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     carriers = carriers_of(objects)
     level, of_objects = addressed("obj_level", chains)
     load, of_levels = addressed("level_load", (part for i, c in enumerate(chains) for part in _loads(c, carriers, i)))
-    feet = [f for o, s in zip(objects, found, strict=True) for f in s.feet or [_NO_FOOT] * len(o.variants)]
-    foot, of_variants = addressed("variant_foot", (f.parts for f in feet))
+    feet = [f for o, s in zip(objects, found, strict=True) for f in s.feet or [_NO_FOOT] * len(o.stable_poses)]
+    foot, of_stables = addressed("stable_foot", (f.parts for f in feet))
     corner, of_feet = addressed("foot_corner", foot)
     whole = {id(x) for o, s in zip(objects, found, strict=True) if s.is_whole for mine in o.surfaces for x in mine}
     surfaces = surfaces_of_regions(objects)
@@ -197,15 +197,15 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     give = sink / np.maximum([s.load for s in found], mujoco.mjMINVAL)
     statics = Statics()
     arrays = {
-        **{**of_objects, **of_levels, **of_variants, **of_feet, **of_surfaces, **of_parts},
+        **{**of_objects, **of_levels, **of_stables, **of_feet, **of_surfaces, **of_parts},
         "direction": around(DIRECTIONS),
         "level_sink": np.array([found[i].sinks.get(n, 0.0) for n, c in enumerate(chains) for i in c]) * (not drawn),
         "obj_give": give * drawn,
         "obj_tilt": np.array([s.tilt for s in found]),
         "obj_touch": np.array([s.touch for s in found]),
-        "variant_law": np.reshape([f.law for f in feet], (-1, len(CURVED))),
-        **{f"variant_{name}": np.array([getattr(f.roll, name) for f in feet]) for name in Roll._fields},
-        "variant_radius": np.array(radius, float),
+        "stable_law": np.reshape([f.law for f in feet], (-1, len(CURVED))),
+        **{f"stable_{name}": np.array([getattr(f.roll, name) for f in feet]) for name in Roll._fields},
+        "stable_radius": np.array(radius, float),
         "corner": np.reshape(corner, (-1, 2)),
         "level_obj": np.array(level, int),
         "load": np.array(load, int),

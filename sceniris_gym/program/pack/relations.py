@@ -92,7 +92,7 @@ def _sides(relation: Relation) -> int:
 
 def _insists(o: PlacedObject) -> bool:
     """Return whether another draw of an object's orientation or joints may turn an empty region into a usable one."""
-    varies = len(o.variants) > 1 or bool(o.joint_ranges) or o.orientation == "any"
+    varies = len(o.stable_poses) > 1 or bool(o.joint_ranges) or o.orientation == "any"
     by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in o.config.relations)
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
 
@@ -148,7 +148,7 @@ def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, flo
                 f"to the root of '{name}'."
             )
         body = int(scene.mjm.body_parentid[body])
-    placed = next((o for o in plan.objects if o.name == name and o.variants), None)
+    placed = next((o for o in plan.objects if o.name == name and o.stable_poses), None)
     mat, pivot = _upright(placed, where) if placed is not None else _at_home(plan, name)
     back = plan.scene.home.xmat[root].reshape(3, 3).T
     pos = back @ (plan.scene.home.site_xpos[sites[word]] - plan.scene.home.xpos[root])
@@ -168,7 +168,7 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
             f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give it a "
             "yaw, or 'fixed'."
         )
-    return matrix(placed.variants[0].quat), placed.variants[0].pivot
+    return matrix(placed.stable_poses[0].quat), placed.stable_poses[0].pivot
 
 
 def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -180,7 +180,7 @@ def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the triangles of the regions of all variants, those of a shared region once, and the outlines around."""
+    """Return the triangles in the regions of all stable poses, a shared region's once, and the outlines around."""
     regions = _regions(objects)
     number = {key: i for i, key in enumerate(regions)}
     used = np.array([number[id(mine)] for o in objects for mine in o.surfaces], int)
@@ -192,8 +192,8 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     side = np.reshape(side, (-1, 2, 2))
     return {
         "obj_cutnum": np.array([_cuts(o) for o in objects], int),
-        "variant_triadr": adr[used],
-        "variant_trinum": num[used],
+        "stable_triadr": adr[used],
+        "stable_trinum": num[used],
         "tri_surface": np.array([i for i, surface in enumerate(surfaces) for _ in surface.triangles], int),
         "tri_a": corners[:, 0],
         "tri_b": corners[:, 1],
@@ -208,12 +208,12 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _regions(objects: list[PlacedObject]) -> dict[int, list[SupportSurface]]:
-    """Return the lists of surfaces of all variants, a shared one once, by their identity."""
+    """Return the lists of surfaces of all stable poses, a shared one once, by their identity."""
     return {id(mine): mine for o in objects for mine in o.surfaces}
 
 
 def surfaces_of_regions(objects: list[PlacedObject]) -> list[SupportSurface]:
-    """Return the surfaces of all variants in the order of the fields `surface_*`."""
+    """Return the surfaces of all stable poses in the order of the fields `surface_*`."""
     return [surface for mine in _regions(objects).values() for surface in mine]
 
 

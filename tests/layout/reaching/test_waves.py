@@ -32,8 +32,8 @@ def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: Compil
     at_once = min(max(1, min(busy, grasps) // N), MOST_AT_ONCE)
     first, trials = search.first.numpy(), search.trials.numpy()
     begin = reach.reach_graspadr.numpy()[0] + layouts.grasp.numpy()[:, 0]
-    variant = layouts.view.variant.numpy()[:N, 0]
-    end = reach.variant_graspadr.numpy()[variant] + reach.variant_graspnum.numpy()[variant]
+    stable = layouts.view.stable.numpy()[:N, 0]
+    end = reach.stable_graspadr.numpy()[stable] + reach.stable_graspnum.numpy()[stable]
     wanted = np.minimum(np.maximum(at_once, 2 * number), STARTS * (end - begin) - number)
     assert trials.sum() == min(wanted.sum(), grasps)
     assert (trials <= wanted).all()

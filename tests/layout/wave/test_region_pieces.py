@@ -37,9 +37,9 @@ def _cut_all(
 ):
     c, k = wp.tid()
     row = search.row[c]
-    variant = search.turn[c].variant
+    stable = search.stable_draw[c].stable
     frame = support_pose(program, layouts, row, obj)
-    t = region_pieces.posed_triangle(program, program.variant_triadr[variant] + k, frame)
+    t = region_pieces.posed_triangle(program, program.stable_triadr[stable] + k, frame)
     corner[c, k, 0] = t.a
     corner[c, k, 1] = t.b
     corner[c, k, 2] = t.c
@@ -103,7 +103,7 @@ def test_nothing_is_dropped_of_what_relations_leave(name: str, tmp_path: Path):
     compiled = generator.compiled
     search, program, obj = generator._work.search, compiled.program, compiled.placed.index("q")
     num = 60
-    triangles, cuts = int(program.variant_trinum.numpy().max()), int(program.obj_cutnum.numpy()[obj])
+    triangles, cuts = int(program.stable_trinum.numpy().max()), int(program.obj_cutnum.numpy()[obj])
     corner = wp.zeros((num, triangles, 3), dtype=wp.vec2, device="cpu")
     skipped = wp.zeros((num, triangles), dtype=bool, device="cpu")
     left = wp.zeros((num, triangles, cuts), dtype=float, device="cpu")

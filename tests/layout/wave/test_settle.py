@@ -204,7 +204,7 @@ def _with(compiled: CompiledScene, name: str, change: Callable[[np.ndarray], np.
 BROKEN = {
     "a height out of bounds": ("obj_gap", lambda x: np.full_like(x, 1e6)),
     "a turn of nan": ("obj_yaw", lambda x: np.full_like(x, np.nan)),
-    "poses of no length": ("variant_quat", np.zeros_like),
+    "poses of no length": ("stable_quat", np.zeros_like),
     "a joint beyond what is drawn": ("bound_qpos", lambda x: 0.0 * x),
 }
 

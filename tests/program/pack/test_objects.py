@@ -65,18 +65,18 @@ def test_drawn_joints_are_intervals_or_one_of_some_values(objects: dict[str, Any
     assert packed["draw_choicenum"].tolist().count(0) == 2
 
 
-def test_a_variant_is_drawn_as_often_as_it_is_probable(tmp_path: Path):
+def test_a_stable_pose_is_drawn_as_often_as_it_is_probable(tmp_path: Path):
     """The steps of an object's cumulated shares are the probabilities of its poses, and the last one is 1."""
     brick = {"asset": box_mjcf(tmp_path, "brick", 0.1, 0.06, 0.04), "on": "floor"}
     packed = pack(scene_of({"a": {**brick, "orientation": "stable"}, "b": brick}))
     for name, count in (("a", 6), ("b", 1)):
-        variants = packed.object(name).variants
-        shares = packed.listed(name, "variant", "variant_cdf")
+        poses = packed.object(name).stable_poses
+        shares = packed.listed(name, "stable", "stable_cdf")
         assert len(shares) == count
-        assert np.diff([0.0, *shares]) == pytest.approx([v.probability for v in variants])
+        assert np.diff([0.0, *shares]) == pytest.approx([v.probability for v in poses])
         assert shares[-1] == pytest.approx(1.0)
-        np.testing.assert_array_equal(packed.listed(name, "variant", "variant_quat"), [v.quat for v in variants])
-        np.testing.assert_array_equal(packed.listed(name, "variant", "variant_pivot"), [v.pivot for v in variants])
+        np.testing.assert_array_equal(packed.listed(name, "stable", "stable_quat"), [v.quat for v in poses])
+        np.testing.assert_array_equal(packed.listed(name, "stable", "stable_pivot"), [v.pivot for v in poses])
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_the_hand_moves_with_the_tcp_as_the_device_is_told(robot: str, folder: P
         np.testing.assert_allclose((tcp * turn).as_matrix(), data.xmat[hand].reshape(3, 3), atol=1e-6)
 
 
-def test_the_device_finds_the_grasps_of_every_variant(folder: Path, cube: str):
+def test_the_device_finds_the_grasps_of_every_stable_pose(folder: Path, cube: str):
     """Of two things to reach and two that need not be, one of them in many poses; what need not be has none."""
     slab = box_mjcf(folder, "slab", 0.2, 0.15, 0.05)
     objects = {
@@ -214,13 +214,13 @@ def test_the_device_finds_the_grasps_of_every_variant(folder: Path, cube: str):
     plan, found = compiled.plan, compiled.reaching
     assert found is not None
     assert found.names == ("slab", "cube")
-    view, variant, sizes = found.arms[0].view, 0, []
+    view, stable, sizes = found.arms[0].view, 0, []
     for number, o in enumerate(plan.objects):
         column = int(view.obj_reach.numpy()[number])
         assert column == (found.names.index(o.name) if o.name in found.names else -1)
-        for v in range(len(o.variants)):
-            adr, num = int(view.variant_graspadr.numpy()[variant]), int(view.variant_graspnum.numpy()[variant])
-            variant += 1
+        for v in range(len(o.stable_poses)):
+            adr, num = int(view.stable_graspadr.numpy()[stable]), int(view.stable_graspnum.numpy()[stable])
+            stable += 1
             sizes.append(num)
             if column < 0:
                 assert num == 0
@@ -233,6 +233,6 @@ def test_the_device_finds_the_grasps_of_every_variant(folder: Path, cube: str):
             for name in ("body", "pos", "quat", "opening"):
                 values = getattr(view, f"grasp_{name}").numpy()[adr : adr + num]
                 np.testing.assert_allclose(values.ravel(), np.ravel([getattr(g, name) for g in expected]), atol=1e-6)
-    assert variant == len(view.variant_graspadr) == 6 + 6 + 1 + 1
+    assert stable == len(view.stable_graspadr) == 6 + 6 + 1 + 1
     assert len(view.grasp_body) == sum(sizes) > 32
     assert 0 in sizes[6:12]  # lying it is 15 cm wide, and the gripper opens 8 cm

@@ -235,7 +235,7 @@ def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
     relation = packed.scene.config.objects["b"].relations[0]
     assert isinstance(relation, Joined)
     found = joined_sites(packed.plan, "b", relation, "here")
-    pivot = packed.object("a").variants[0].pivot
+    pivot = packed.object("a").stable_poses[0].pivot
     assert found.to == "a"
     assert found.own == pytest.approx([0.3 - pivot[0], -0.1 - pivot[1]])
     assert found.at == pytest.approx(found.own + [0.0, -0.05])
@@ -289,15 +289,15 @@ def brick(tmp_path: Path) -> dict[str, Any]:
     return {"asset": box_mjcf(tmp_path, "brick", 0.16, 0.1, 0.03), "on": "rack"}
 
 
-def _triangles(packed: Packed, variant: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners (n, 3, 2), cumulated shares and surfaces of the triangles of a variant."""
-    adr, num = packed["variant_triadr"][variant], packed["variant_trinum"][variant]
+def _triangles(packed: Packed, stable: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners (n, 3, 2), cumulated shares and surfaces of the triangles of a stable pose."""
+    adr, num = packed["stable_triadr"][stable], packed["stable_trinum"][stable]
     corners = np.stack([packed[f"tri_{corner}"][adr : adr + num] for corner in "abc"], axis=1)
     return corners, packed["tri_cdf"][adr : adr + num], packed["tri_surface"][adr : adr + num]
 
 
-def _variants(packed: Packed) -> list[tuple[int, list]]:
-    """All variants that have a region: number and surfaces."""
+def _stable_poses(packed: Packed) -> list[tuple[int, list]]:
+    """All stable poses that have a region: number and surfaces."""
     surfaces = [s for o in packed.plan.objects for s in o.surfaces]
     return [(i, mine) for i, mine in enumerate(surfaces) if mine]
 
@@ -306,9 +306,9 @@ def _variants(packed: Packed) -> list[tuple[int, list]]:
 def test_triangles_are_the_region_and_come_up_by_their_areas(rack: dict, brick: dict, words: dict):
     """Of every pose: they fill the region at each height and no more, and shares grow by their parts of its area."""
     packed = pack(scene_of({"rack": rack, "brick": {**brick, **words}}))
-    variants = _variants(packed)
-    assert len(variants) == (6 if words else 1)
-    for i, surfaces in variants:
+    poses = _stable_poses(packed)
+    assert len(poses) == (6 if words else 1)
+    for i, surfaces in poses:
         corners, shares, owners = _triangles(packed, i)
         shapes = np.asarray(shapely.polygons(corners))
         total = sum(s.region.area for s in surfaces)
@@ -325,9 +325,9 @@ def test_poses_with_the_same_region_share_its_triangles(rack: dict, brick: dict)
     """Six poses of a brick have two breadths; without an erosion all have one region."""
     for words, regions in (({"ratio_on_support": 0.9}, 2), ({}, 1)):
         packed = pack(scene_of({"rack": rack, "brick": {**brick, "orientation": "stable", **words}}))
-        ranges = {*zip(packed["variant_triadr"].tolist(), packed["variant_trinum"].tolist(), strict=True)}
-        variants = packed.object("brick").variants
-        assert (len(variants), len({round(v.short_edge, 6) for v in variants})) == (6, 2)
+        ranges = {*zip(packed["stable_triadr"].tolist(), packed["stable_trinum"].tolist(), strict=True)}
+        poses = packed.object("brick").stable_poses
+        assert (len(poses), len({round(v.short_edge, 6) for v in poses})) == (6, 2)
         assert len(ranges) == regions
         assert sum(num for _, num in ranges) == len(packed["tri_a"])
 
@@ -335,7 +335,7 @@ def test_poses_with_the_same_region_share_its_triangles(rack: dict, brick: dict)
 def test_edges_are_the_outlines_of_their_surfaces(rack: dict, brick: dict):
     """Holes too; an erosion leaves them alone, since footprints are judged by them."""
     packed = pack(scene_of({"rack": rack, "brick": {**brick, "ratio_on_support": 0.9}}))
-    ((_, surfaces),) = _variants(packed)
+    ((_, surfaces),) = _stable_poses(packed)
     for k, surface in enumerate(surfaces):
         adr, num = packed["surface_edgeadr"][k], packed["surface_edgenum"][k]
         sides = np.stack([packed["edge_a"][adr : adr + num], packed["edge_b"][adr : adr + num]], axis=1)
@@ -381,7 +381,7 @@ def test_what_is_not_placed_on_anything_has_no_triangles():
     here = {"region": {"box": [[-0.2, -0.3, 0.2], [0.2, 0.3, 0.6]]}}
     relation = [{"near": "a", "distance": {"max": 1.0}}]
     packed = pack(scene_of({"a": {"asset": "apple", **here}, "b": {"asset": "can", **here, "relations": relation}}))
-    assert packed["variant_trinum"].tolist() == [0, 2]
+    assert packed["stable_trinum"].tolist() == [0, 2]
     corners, _, _ = _triangles(packed, 1)
     assert shapely.union_all(shapely.polygons(corners)).equals(shapely.box(-0.2, -0.3, 0.2, 0.3))
 
@@ -407,7 +407,7 @@ def test_points_are_drawn_alike_on_each_surface_that_holds_them(rack: dict, bric
     """Each is a triangle without area, however finely relations cut."""
     points = {"points": [[0.0, 0.4], [0.0, -0.4], [1.0, 0.1], [1.0, 0.0]]}
     packed = pack(scene_of({"rack": rack, "brick": {**brick, "region": points}}))
-    corners, share, surface = _triangles(packed, packed["obj_variantadr"][packed.number("brick")])
+    corners, share, surface = _triangles(packed, packed["obj_stableadr"][packed.number("brick")])
     assert np.allclose(corners, np.array(points["points"])[:, None])
     assert share.tolist() == [0.25, 0.5, 0.75, 1.0]
     assert len(set(surface.tolist())) == 2
