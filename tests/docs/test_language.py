@@ -156,6 +156,7 @@ def _about_models() -> Iterator[str]:
         "generate: ",
         "init: --assets",
         "init: the model of",
+        "replay: ",
         "view: ",
         "should be a PNG",
         "--tier clear",
