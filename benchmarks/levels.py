@@ -122,17 +122,17 @@ def params(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: i
 def _switch(envs: SceneVectorEnv) -> Callable[[bool], None]:
     """Return a function that switches the levels of an environment on or off, with the worlds that wait in between."""
     randomizer: Any = envs.randomizer
-    sampler, on = randomizer.levels, randomizer._reset
+    sampler, on = randomizer.levels, randomizer._reset_graph
     wait(envs)
     randomizer._mask.zero_()
     sampler.launch_choose = lambda mask: None  # while it is captured
     off = LaunchSequence(randomizer._launch_reset, randomizer.device)
-    off()
+    off.replay()
     del sampler.launch_choose
     wait(envs)
 
     def switch(is_on: bool) -> None:
-        randomizer._reset = on if is_on else off
+        randomizer._reset_graph = on if is_on else off
         for name, other in (("after_reset", lambda: None), ("launch_finish", lambda *_: None)):
             vars(sampler).pop(name, None)
             if not is_on:

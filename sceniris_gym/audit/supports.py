@@ -9,7 +9,7 @@ import shapely
 
 from sceniris_gym.audit.geometry import Form, Solid, convex_hull
 
-LEVEL = np.cos(np.radians(1.0))  # least z component of a face's normal at which it can carry something
+COS_MAX_SLOPE = np.cos(np.radians(1.0))  # of the greatest slope of a face that can carry something, 1 degree
 UPRIGHT = np.cos(np.radians(0.101))  # the same of a body's z axis in the world: 0.1 degree, and rounding
 NARROW = 0.02  # m; narrower strips carry nothing
 HEIGHT_TOLERANCE = 1e-4  # m
@@ -55,7 +55,7 @@ def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSu
         pos: Its position [m] in the body's frame.
         mat: Its orientation there, shape (3, 3).
     """
-    if mat[2, 2] <= LEVEL:
+    if mat[2, 2] <= COS_MAX_SLOPE:
         return None
     half = np.where(size[:2] > 0.0, size[:2], 1e4)
     corners = (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ mat[:, :2].T + pos
@@ -74,7 +74,7 @@ def level_surfaces(parts: list[np.ndarray], *, open_above: bool, only: list[int]
     """
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(parts) if only is None or i in only)])
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    level = triangles[normal[:, 2] > LEVEL * np.maximum(np.linalg.norm(normal, axis=1), 1e-16)]
+    level = triangles[normal[:, 2] > COS_MAX_SLOPE * np.maximum(np.linalg.norm(normal, axis=1), 1e-16)]
     level = level[np.argsort(level[:, :, 2].mean(1))]
     if not len(level):
         return []

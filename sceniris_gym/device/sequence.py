@@ -99,7 +99,7 @@ def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> 
 
 
 class LaunchSequence:
-    """A fixed sequence of kernel launches, captured into a graph at the first call.
+    """A fixed sequence of kernel launches, captured into a graph at the first replay.
 
     Captured and direct launches run the same kernels on the same arrays, so they give the same bits. If the device is
     already capturing, the launches go into that capture. Works on CPU and CUDA devices.
@@ -108,7 +108,7 @@ class LaunchSequence:
         launches: Function without arguments that makes the launches. It does not synchronise with the host, and the
             arrays that it reads and writes are never reallocated.
         device: The device of those arrays.
-        graph: Capture and replay; if false, every call launches directly.
+        graph: Capture and replay; if false, `replay` launches directly.
         priority: Priority of the kernels in the graph on a GPU, -1 for before those of other streams. The priority of
             the stream that replays a graph has no effect.
     """
@@ -117,17 +117,17 @@ class LaunchSequence:
         self, launches: Callable[[], None], device: wp.Device, *, graph: bool = True, priority: int = 0
     ) -> None:
         self.launches, self.device, self.graph, self.priority = launches, device, graph, priority
-        self._recorded: wp.Graph | None = None
+        self._captured: wp.Graph | None = None
 
-    def __call__(self) -> None:
+    def replay(self) -> None:
         """Run the launches on the device's current stream."""
         if not self.graph or self.device.is_capturing:
             with wp.ScopedDevice(self.device):
                 self.launches()
             return
-        if self._recorded is None:
-            self._recorded = self._record()
-        wp.capture_launch(self._recorded)
+        if self._captured is None:
+            self._captured = self._record()
+        wp.capture_launch(self._captured)
 
     def _record(self) -> wp.Graph:
         # on a stream of its own: CUDA cannot capture the null stream, which is torch's current one by default

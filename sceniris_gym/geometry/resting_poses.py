@@ -35,7 +35,7 @@ _STEP = 0.1  # degrees, from one tilt to the next
 _COARSE = 0.5  # the same for one of many states
 _FINER = ((24, ROCKING), (24, _STEP), (360, _STEP))  # directions and steps for a curved bottom
 # If the centre of mass rises by less than this [m] as the tilt grows by a step, the object rolls.
-_LEVEL = 1.0e-8
+_LEAST_RISE = 1.0e-8
 # An x axis whose horizontal part is shorter than this points straight up or down, up to rounding.
 _UPRIGHT = 1.0e-3
 # Shares of its size to which the points of a hull are rounded if it is not closed: points next to each other cost it
@@ -230,7 +230,7 @@ class HomeShape:
         tilts = np.radians(degrees)[:, None, None]
         up = np.cos(tilts) * turn[2] + np.sin(tilts) * across
         height = self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
-        return bool((height[span:] - height[:-span] > _LEVEL).all())
+        return bool((height[span:] - height[:-span] > _LEAST_RISE).all())
 
     def _height(self, up: np.ndarray) -> np.ndarray:
         """Return the height [m] of the centre of mass over the lowest point for directions `up` in the root's frame."""

@@ -21,8 +21,9 @@ from sceniris_gym.geometry.rotations import matrix
 if TYPE_CHECKING:
     import trimesh
 
-# A face is a support if it is level to 1 degree; faces of one surface may differ in height by 0.2 mm.
-_LEVEL = np.cos(np.radians(1.0))
+# Cosine of the greatest slope of a face that carries something, 1 degree. Faces of one surface may differ in height by
+# 0.2 mm.
+_COS_MAX_SLOPE = np.cos(np.radians(1.0))
 _STEP = 2.0e-4
 # Pieces that stand on a surface are looked for at this height above it [m].
 _ABOVE = 5.0e-4
@@ -70,7 +71,7 @@ def level_surfaces(
     """
     meshes = [p.mesh for p in pieces if p.mesh is not None]
     carrying = [p for p in pieces if geom is None or p.geom == geom]
-    planes = [p for p in carrying if p.type == PieceType.PLANE and matrix(p.quat)[2, 2] > _LEVEL]
+    planes = [p for p in carrying if p.type == PieceType.PLANE and matrix(p.quat)[2, 2] > _COS_MAX_SLOPE]
     surfaces = [_plane_surface(body, p) for p in planes]
     for height, flat in _levels([p.mesh for p in carrying if p.mesh is not None]):
         over = [_shadow(m, height + _ABOVE) if open_above else section(m, height + _ABOVE) for m in meshes]
@@ -207,7 +208,7 @@ def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig) -> Polygon
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
     """Return the heights of level faces and the area at each height, lowest first."""
-    flat = [m.triangles[m.face_normals[:, 2] > _LEVEL] for m in meshes]
+    flat = [m.triangles[m.face_normals[:, 2] > _COS_MAX_SLOPE] for m in meshes]
     triangles = np.concatenate(flat) if flat else np.zeros((0, 3, 3))
     if not len(triangles):
         return []

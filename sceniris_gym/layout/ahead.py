@@ -268,7 +268,7 @@ class Ahead(StaysHere):
             wp.launch(_finish, dim=nworld, inputs=[being_made], outputs=[stage], device=device)
             due.zero_()
 
-        self._make = LaunchSequence(lambda: repeat_launches(due, make, 1), device, graph=graph, priority=_FIRST)
+        self._make_graph = LaunchSequence(lambda: repeat_launches(due, make, 1), device, graph=graph, priority=_FIRST)
         self._stream = self._done = self._served = None
         if device.is_cuda:
             self._stream = side_stream(device) if stream is None else stream
@@ -278,7 +278,7 @@ class Ahead(StaysHere):
             self._stream.wait_event(self._served)
             self._stream.record_event(self._done)
         # keeps the memory that a prefetch writes to until the last one is done
-        weakref.finalize(self, _wait, self._done, ahead, self._make)
+        weakref.finalize(self, _wait, self._done, ahead, self._make_graph)
 
     def after_reset(self) -> None:
         """Prefetch for the worlds that wait, if there are enough of them. Never waits for the device."""
@@ -307,7 +307,7 @@ class Ahead(StaysHere):
         this reset may be the last for a while, so the side stream waits for it.
         """
         if self._stream is None or self._served is None:
-            self._make()
+            self._make_graph.replay()
             return
         seldom = self._served.is_complete
         self._device.stream.record_event(self._served)
@@ -315,7 +315,7 @@ class Ahead(StaysHere):
             try:
                 if seldom:
                     self._stream.wait_event(self._served)
-                self._make()
+                self._make_graph.replay()
             finally:
                 self._stream.record_event(self._done)
 

@@ -21,7 +21,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
-from sceniris_gym.program.placed_object import UPRIGHT
+from sceniris_gym.program.placed_object import COS_MAX_TILT
 
 # Recorded candidates for each world, so that most objects have some.
 _RECORDED = 8
@@ -242,7 +242,7 @@ def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str)
     if ground < 0 or part is None or part.support is None:
         return None
     x, y = probe.layouts.view.body_quat.numpy()[:, ground, 1:3].T
-    leans = 1.0 - 2.0 * (x * x + y * y) < UPRIGHT  # the z component of the body's z axis
+    leans = 1.0 - 2.0 * (x * x + y * y) < COS_MAX_TILT  # the z component of the body's z axis
     return part.support.parent if leans.mean() > 0.5 else None
 
 

@@ -123,7 +123,7 @@ class LayoutSource(StaysHere):
         return {}
 
     @cached_property
-    def _captured(self) -> tuple[LaunchSequence, wp.array]:
+    def _generate_graph(self) -> tuple[LaunchSequence, wp.array]:
         """The launches of `generate`, and the mask that they read."""
         mask = wp.zeros(self.layouts.nworld, dtype=wp.bool, device=self.layouts.seed.device)
         return LaunchSequence(lambda: self.launch_generate(mask), mask.device), mask
@@ -140,9 +140,9 @@ class LayoutSource(StaysHere):
         Raises:
             ArgumentError, ArgumentTypeError: Worlds that do not exist, or neither booleans nor integers.
         """
-        launches, own = self._captured
+        graph, own = self._generate_graph
         fill_mask(self._mask_of(worlds, own), own)
-        launches()
+        graph.replay()
         self.after_reset()
 
     @launching

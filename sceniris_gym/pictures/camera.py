@@ -155,7 +155,7 @@ class Cameras:
         self._starts = dict(zip(CHANNELS, (array.numpy().tolist() for array in starts), strict=True))
         with wp.ScopedDevice(device):
             self._launch()  # compiles a kernel for this scene, which cannot be done in a capture
-        self.launch = LaunchSequence(self._launch, device, graph=graph)
+        self.launch = LaunchSequence(self._launch, device, graph=graph).replay
 
     def _launch(self) -> None:
         m, d, context = self.model, self._seen, self.context

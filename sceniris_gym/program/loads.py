@@ -17,9 +17,9 @@ from sceniris_gym.scene.model import SceneModel
 
 CONTACTS = 4
 """The most contacts of a piece on something flat."""
-# Those of round pieces with an axis, if that is upright and if it is level: its vertical part is less than the latter.
+# Those of round pieces with an upright axis, and with a lying one: its vertical part is below the last number.
 _UPRIGHT, _LYING = {PieceType.CYLINDER: 3}, {PieceType.CYLINDER: 2, PieceType.CAPSULE: 2}
-_LEVEL = 0.7
+_LYING_BELOW = 0.7
 # Nothing sinks so deep [m] that points as high as this touch, or it is refused.
 _HIGHEST = 5.0e-3
 # Number of depths at which the impedance of a contact is looked up.
@@ -89,7 +89,7 @@ def contact_heights(pieces: list[Piece], shape: HomeShape, pose: StablePose) -> 
     for p, points, axis, row in zip(pieces, shape.points(), shape.axes(), found, strict=True):
         lowest = np.sort(points @ up)[:CONTACTS]
         if p.type in ROUND:
-            lowest = lowest[:1].repeat((_LYING if abs(axis @ up) < _LEVEL else _UPRIGHT).get(p.type, 1))
+            lowest = lowest[:1].repeat((_LYING if abs(axis @ up) < _LYING_BELOW else _UPRIGHT).get(p.type, 1))
         row[: len(lowest)] = lowest
     return found - found.min()
 

@@ -12,7 +12,7 @@ import warp as wp
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, as_names, check_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
-from sceniris_gym.program.placed_object import LEVEL
+from sceniris_gym.program.placed_object import COS_MAX_TILT_32
 from sceniris_gym.program.standing import carriers_of
 from sceniris_gym.scene.support import is_static
 
@@ -105,7 +105,7 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     program.ngroup, program.ngiven = 0, len(given)  # who is present has been drawn
     carriers = {plan.objects[i].name for i in given}
     leans = [o.support is not None and o.support.owner in carriers for o in objects]
-    program.obj_upright = wp.array(np.where(leans, _LEANING, LEVEL), dtype=float, device=compiled.device)
+    program.obj_upright = wp.array(np.where(leans, _LEANING, COS_MAX_TILT_32), dtype=float, device=compiled.device)
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
     program.obj_effort = wp.array(whole.obj_effort.numpy()[numbers], dtype=float, device=compiled.device)
     if len(names) == 1 and (made.reaching is None or not made.reaching.staged):

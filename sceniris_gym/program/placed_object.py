@@ -121,9 +121,9 @@ class PlacedObject:
         return Cover.EITHER if cover == Cover.OPEN and self.support.owner is None else cover
 
 
-UPRIGHT = float(np.cos(np.radians(0.1)))
-"""Least z component of a support's z axis: 0.1 degree is 0.1 mm under an object of 8 cm, a fifth of the default gap."""
-LEVEL = 0.9999985
+COS_MAX_TILT = float(np.cos(np.radians(0.1)))
+"""Cosine of the greatest tilt of a support, 0.1 degree: 0.1 mm under an object of 8 cm, a fifth of the default gap."""
+COS_MAX_TILT_32 = 0.9999985
 """The same in single precision, for supports as they are in a world."""
 
 
@@ -193,7 +193,7 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
         chain.append(int(mjm.body_parentid[chain[-1]]))
     joints = list(scene.moving_joints(support.owner))
     turns = np.isin(mjm.jnt_bodyid[joints], chain) & (mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE)
-    return bool((turns & (np.abs(mjm.jnt_axis[joints, 2]) < UPRIGHT)).any())
+    return bool((turns & (np.abs(mjm.jnt_axis[joints, 2]) < COS_MAX_TILT)).any())
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
@@ -214,7 +214,7 @@ def _others(scene: SceneModel, own: str, pieces: list[Piece], word: str) -> str:
         known.pop(FLOOR, None)  # a geom of the same name
     found: dict[frozenset[int], str] = {}  # by their geoms, first the names of objects, then those of the model
     for name, s in known.items():
-        level = s.owner != own and scene.home.xmat[s.body][8] >= UPRIGHT
+        level = s.owner != own and scene.home.xmat[s.body][8] >= COS_MAX_TILT
         if level and _level_surfaces(s, pieces, open_above=word == "on"):
             geoms = frozenset(p.geom for p in pieces if p.body == s.body and s.geom in (None, p.geom))
             found.setdefault(geoms, name)

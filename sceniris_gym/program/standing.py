@@ -49,8 +49,8 @@ _LIGHT = 0.25
 # A part of a foot with a smaller area [m^2] is an edge or a corner. MuJoCo finds depths of up to 46 mm between that and
 # the end of a cylinder: 201 of 512 lemons on one were thrown off in MuJoCo C, none from the same shape as a mesh.
 _EDGE = 1.0e-8
-# Axes are level if they are inclined by less than this.
-_LEVEL = 1.0e-3
+# Sine of the greatest inclination of an axis that is level.
+_MAX_TILT = 1.0e-3
 
 
 class Law(NamedTuple):
@@ -233,7 +233,7 @@ def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: S
     """Return whether an object stands anywhere, and its weight keeps it where it is whatever is put on it."""
     mjm, home, joints = scene.mjm, scene.home, scene.moving_joints(o.name)
     # a joint may not carry things sideways; one that tilts them does no harm, as nothing is placed on what it turns up
-    tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _LEVEL for j in joints)
+    tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _MAX_TILT for j in joints)
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
     above = stance.load - weights(scene.most)[o.bodies].sum()

@@ -22,7 +22,7 @@ PARKING_COLUMNS = 8
 """Places in one row of the lattice."""
 
 _SLAB = "parking_ground"
-LEVEL = 1.0e-3
+GROUND_RISE = 1.0e-3
 """Geoms that rise less than this [m] above the ground count as part of it."""
 
 
@@ -50,12 +50,12 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
         over = (corners - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)[:, 2]
         if not mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]:
             continue
-        if over.min() < -LEVEL:
+        if over.min() < -GROUND_RISE:
             raise SceneKeyError(
                 f"{where}: groups: the plane '{mjm.geom(geom).name or geom}' lies above the ground (z = 0) at "
                 f"({PARKING_FROM:g}, {PARKING_FROM:g}) m, where absent objects are parked. Lower it, or use a box."
             )
-        found = found or over.max() < LEVEL
+        found = found or over.max() < GROUND_RISE
     slab = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, _SLAB)
     if found or slab < 0:
         return found

@@ -37,7 +37,7 @@ LINE_SEARCH = 20
 # Most contacts and constraint rows of a world: more need gigabytes in a single one.
 _MOST_ROWS = 1 << 20
 # Geoms of a body tree whose lowest points differ by less than this [m] carry it together.
-_LEVEL = 0.002
+_SAME_HEIGHT = 0.002
 
 
 def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
@@ -135,7 +135,7 @@ def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
         down = ups @ mats[mine]  # each direction in the frame of each geom, shape (ngeom, nup, 3)
         bottom = data.geom_xpos[geoms[mine]] @ ups.T
         bottom += (down * center[mine, None]).sum(2) - (np.abs(down) * half[mine, None]).sum(2)
-        most[root] = (bottom < bottom.min(axis=0) + _LEVEL).sum(axis=0).max()
+        most[root] = (bottom < bottom.min(axis=0) + _SAME_HEIGHT).sum(axis=0).max()
     return most
 
 
@@ -238,8 +238,8 @@ class Batch(Fixed):
             self.data = mjw.make_data(mjm, nworld, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.substeps, self._update = substeps, partial(updater(needs), self.model, self.data)
-        self.update = LaunchSequence(self._update, self.device, graph=graph)
-        self.step = LaunchSequence(self._launch_step, self.device, graph=graph)
+        self.update = LaunchSequence(self._update, self.device, graph=graph).replay
+        self.step = LaunchSequence(self._launch_step, self.device, graph=graph).replay
 
     def check_budget(self) -> None:
         """Compare contacts and constraint rows with what was allocated; see the function `check_budget`."""

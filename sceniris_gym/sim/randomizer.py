@@ -187,8 +187,8 @@ class ResetRandomizer(Fixed, StaysHere):
         self.redraw_count, self.redraw_status = self.redrawer.number, self.redrawer.status
         self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.redrawer.number)
         self.variant = self._writer.variant
-        self._reset = LaunchSequence(self._launch_reset, self.device, graph=graph)
-        self._refresh = LaunchSequence(self._launch_refresh, self.device, graph=graph)
+        self._reset_graph = LaunchSequence(self._launch_reset, self.device, graph=graph)
+        self._refresh_graph = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
     @launching
     def reset(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
@@ -220,7 +220,7 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.fields.close()
         fill_mask(mask, self._mask)
-        self._reset()
+        self._reset_graph.replay()
         self.pipeline.after_reset()
 
     @launching
@@ -311,7 +311,7 @@ class ResetRandomizer(Fixed, StaysHere):
             FixedError: An array of a field was replaced instead of written to.
         """
         self.fields.check()
-        self._refresh()
+        self._refresh_graph.replay()
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:

@@ -77,7 +77,7 @@ class Redrawer:
                 raise ArgumentError(f"{self._where}: {cure}")
             self.prepared[key] = self._prepare(names)
         fill_mask(mask, self.mask)
-        self.prepared[key]()
+        self.prepared[key].replay()
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
         """Return the launches that redraw objects, write them and count."""

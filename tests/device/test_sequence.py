@@ -55,7 +55,7 @@ def test_every_call_runs_all_launches_once(graph: bool):
     values = wp.array(start, dtype=int, device="cpu")
     run, ran = sequence(values, 3, graph)
     for call in range(1, 6):
-        run()
+        run.replay()
         assert values.numpy().tolist() == after(start, 3 * call)
     assert len(ran) == (1 if graph else 5)
 
@@ -64,9 +64,9 @@ def test_a_replay_works_on_what_the_arrays_hold_now():
     """Not on what they held when it was recorded."""
     values = wp.array([7, 7], dtype=int, device="cpu")
     run, _ = sequence(values, 1, graph=True)
-    run()
+    run.replay()
     values.assign(np.array([10, 3]))
-    run()
+    run.replay()
     assert values.numpy().tolist() == [5, 10]
 
 
@@ -75,7 +75,7 @@ def test_inside_of_a_capture_the_launches_are_part_of_it():
     values = wp.array([27], dtype=int, device="cpu")
     run, ran = sequence(values, 2, graph=True)
     with wp.ScopedCapture(device="cpu") as capture:
-        run()
+        run.replay()
     values.assign(np.array([27]))
     for call in range(1, 4):
         wp.capture_launch(capture.graph)
@@ -99,7 +99,7 @@ def test_launches_are_repeated_until_nothing_is_left(graph: bool):
     for number in (4, 0, 1):
         left.fill_(number)
         rounds.zero_()
-        run()
+        run.replay()
         assert (left.numpy()[0], rounds.numpy()[0]) == (0, number)
 
 
@@ -110,7 +110,7 @@ def test_on_a_gpu_the_numbers_are_the_same():
     values = wp.array(start, dtype=int, device=device)
     run = LaunchSequence(lambda: wp.launch(_collatz, dim=39, inputs=[values]), device)
     for call in range(1, 4):
-        run()
+        run.replay()
         assert values.numpy().tolist() == after(start, call)
 
 

@@ -50,6 +50,6 @@ def made(
     found = []
     for every in (1, 3, 1):
         mask.assign(np.arange(nworld) % every == 0)
-        run()
+        run.replay()
         found.append(b"".join(getattr(generator.layouts, name).numpy().tobytes() for name in _MADE))
     return found

@@ -60,7 +60,7 @@ def _same(compiled: CompiledScene, graph: bool) -> None:
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
     source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.zeros(NWORLD, dtype=wp.bool, device=device)
-    launches = LaunchSequence(lambda: source.launch_generate(mask), device, graph=graph)
+    launches = LaunchSequence(lambda: source.launch_generate(mask), device, graph=graph).replay
     for step in range(24):
         chosen = rng.random(NWORLD) < (1.0, 0.0, 0.1, 0.6)[step % 4]
         if step % 5 == 4:  # also back to seeds whose layouts were made already
@@ -295,7 +295,7 @@ def test_a_captured_reset_is_not_disturbed_by_what_is_made_beside_it():
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
     source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.ones(NWORLD, dtype=wp.bool, device="cuda:0")
-    reset = LaunchSequence(lambda: source.launch_generate(mask), wp.get_device("cuda:0"))
+    reset = LaunchSequence(lambda: source.launch_generate(mask), wp.get_device("cuda:0")).replay
     _reset(source, reset)
     plain.generate(mask)
     stream = wp.Stream("cuda:0")
@@ -319,7 +319,7 @@ def test_what_is_made_ahead_and_the_steps_do_not_wait_for_each_other():
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
     source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5))
     mask = wp.ones(NWORLD, dtype=wp.bool, device=device)
-    reset = LaunchSequence(lambda: source.launch_generate(mask), device)
+    reset = LaunchSequence(lambda: source.launch_generate(mask), device).replay
     with wp.ScopedStream(wp.stream_from_torch(torch.cuda.default_stream()), sync_enter=False):
         _reset(source, reset)
         wp.synchronize_device(device)

@@ -10,11 +10,11 @@ from sceniris_gym.placement.kinematics import pose_bodies
 from sceniris_gym.placement.measure import facing
 from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import OrientationType, Program
-from sceniris_gym.program.placed_object import LEVEL
+from sceniris_gym.program.placed_object import COS_MAX_TILT_32
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_LEVEL = wp.constant(LEVEL)
+_COS_MAX_TILT = wp.constant(COS_MAX_TILT_32)
 
 
 @wp.func
@@ -40,7 +40,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
         pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
     root = program.obj_body[obj]
     quat = wp.normalize(mul_quat(quat_z(heading), drawn.quat))
-    if program.obj_upright[obj] < _LEVEL:  # it leans as its support does
+    if program.obj_upright[obj] < _COS_MAX_TILT:  # it leans as its support does
         up = quat_mat(layouts.body_quat[row, program.obj_ground[obj]]) * wp.vec3(0.0, 0.0, 1.0)
         quat = wp.normalize(mul_quat(wp.vec4(1.0 + up[2], -up[1], up[0], 0.0), quat))
     search.body_pos[c, root] = pivot - quat_mat(quat) * drawn.pivot

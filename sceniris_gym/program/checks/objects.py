@@ -10,7 +10,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError, NotSupportedError, ReachWarning, SceneKeyError
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.pack.relations import MOST_SLICES, cut_pieces
-from sceniris_gym.program.placed_object import UPRIGHT
+from sceniris_gym.program.placed_object import COS_MAX_TILT
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import asset_and_words
 from sceniris_gym.reach.map import build_command, why_not_map
@@ -35,7 +35,7 @@ def check_supports(plan: Plan) -> None:
         where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.scene.home.xmat[o.support.body][8]
         if o.support.is_floor and word == "inside":
             raise SceneKeyError(f"{where}: nothing covers the floor. Write 'on: floor'.")
-        if up < UPRIGHT:
+        if up < COS_MAX_TILT:
             lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
             raise NotSupportedError(
                 f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and things are placed on "

@@ -11,7 +11,7 @@ from sceniris_gym.geometry.pieces import PieceType, geom_name
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.scene.parking import LEVEL, PARKING_FROM, PARKING_SPACING
+from sceniris_gym.scene.parking import GROUND_RISE, PARKING_FROM, PARKING_SPACING
 
 # An object that may get beyond this [m] in both x and y is too close to the parked ones.
 _NEAREST = PARKING_FROM - PARKING_SPACING
@@ -112,7 +112,7 @@ def check_parking(plan: Plan) -> None:
             )
     corners: dict[str, np.ndarray] = {}  # at home, of all that rises above the ground
     for p, _, high in plan.solids:
-        if high[2] > LEVEL:
+        if high[2] > GROUND_RISE:
             name = plan.scene.owners.get(p.body) or str(plan.scene.mjm.body(p.body).name)
             corners[name] = np.maximum(corners[name], high[:2]) if name in corners else high[:2]
     for o in plan.objects:

@@ -13,7 +13,7 @@ from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.loads import least_upright, wind_push
-from sceniris_gym.program.placed_object import UPRIGHT, PlacedObject
+from sceniris_gym.program.placed_object import COS_MAX_TILT, PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight, drawn_joints
 from sceniris_gym.program.standing import Stance
@@ -36,7 +36,7 @@ _HELD = 1.0e6
 _HEAVY: dict[str, Ends] = {**WEAK, **LOOSE}
 _LIGHT: dict[str, Ends] = {**_HEAVY, "body_mass": "least"}
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
-_LEVEL = 1.0e-3
+_LEAST_LIFT = 1.0e-3
 # Least friction of what leans, or may do so: the tangent of that angle.
 _FRICTION = 0.02
 _ANYWAY = "or write 'stands: false' if it is meant to fall"
@@ -151,7 +151,7 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
         data.qpos[:], data.ctrl[:] = plan.scene.home.qpos, plan.scene.home_ctrl
         data.qpos[list(state)] = list(state.values())
         mujoco.mj_forward(model, data)
-        if data.xmat[o.ground][8] < UPRIGHT:  # nothing is put on it there
+        if data.xmat[o.ground][8] < COS_MAX_TILT:  # nothing is put on it there
             continue
         start, force = _point(data, o.ground, at), load * model.opt.gravity
         data.xfrc_applied[o.ground] = [*force, *np.cross(start - data.xipos[o.ground], force)]
@@ -225,5 +225,5 @@ def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarra
     """Return the joints by which a load on a support moves it up or down at a point `at` in its frame [m]."""
     jacobian = np.zeros((3, mjm.nv))
     mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
-    joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEVEL]
+    joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEAST_LIFT]
     return set(joints[mjm.jnt_type[joints] != mujoco.mjtJoint.mjJNT_FREE].tolist())

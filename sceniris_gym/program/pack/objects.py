@@ -20,7 +20,7 @@ from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationT
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.relations import JoinedSites
-from sceniris_gym.program.placed_object import LEVEL, PlacedObject
+from sceniris_gym.program.placed_object import COS_MAX_TILT_32, PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import ReachingArm
 from sceniris_gym.reach.lookup import MapView
@@ -46,7 +46,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
         "obj_place": np.array([plan.places.index(shared.get(o.name, o.name)) for o in objects], int),
         "obj_measured": np.array([_measured(plan, o) for o in objects], int),
         "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
-        "obj_upright": np.full(len(objects), LEVEL),
+        "obj_upright": np.full(len(objects), COS_MAX_TILT_32),
         "obj_gap": np.array([_gap(rules, o) for o in objects]),
         "obj_box_lower": np.reshape([b[0] for b in boxes], (-1, 3)),
         "obj_box_upper": np.reshape([b[1] for b in boxes], (-1, 3)),
