@@ -43,7 +43,7 @@ def frames(view: SceneView) -> float:
     view.play(True)
     sent, end = 0, time.perf_counter() + _PHYSICS
     while time.perf_counter() < end:
-        view.turn()
+        view.tick()
         sent += 1
     view.play(False)
     return sent / _PHYSICS

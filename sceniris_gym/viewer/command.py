@@ -37,7 +37,7 @@ def view_scene(
         read_scene(scene)  # raises the error about it
     view.load()
     while True:
-        view.turn()
+        view.tick()
 
 
 def view_env(
@@ -82,4 +82,4 @@ def view_env(
     said.remove()
     view = EnvView(server, envs, plays, ids)
     while True:
-        view.turn()
+        view.tick()

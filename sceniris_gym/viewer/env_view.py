@@ -29,7 +29,7 @@ _FIRST = " The first step of all takes longer: it compiles or loads the kernels 
 
 
 class EnvView:
-    """Plays a policy, in the thread that calls `turn`, and shows its episodes.
+    """Plays a policy, in the thread that calls `tick`, and shows its episodes.
 
     Args:
         server: The page.
@@ -76,7 +76,7 @@ class EnvView:
         self._show(0.0)
         self._tell()
 
-    def turn(self) -> None:
+    def tick(self) -> None:
         """Do what was asked for, and go on with the episodes unless they are paused."""
         seconds = _IDLE if not self.running else _LOOK if self._ended.all() else 0.0
         for action in self.requests.take(seconds):

@@ -122,8 +122,8 @@ def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGe
     found = []
     for piece in compiled.plan.pieces:
         if piece.body in parent and piece.type != PieceType.PLANE and piece.mesh is not None:
-            turn, at = world.data.xmat[piece.body].reshape(3, 3), world.data.xpos[piece.body]
-            triangles = np.asarray(piece.mesh.triangles) @ turn.T + at
+            rotation, at = world.data.xmat[piece.body].reshape(3, 3), world.data.xpos[piece.body]
+            triangles = np.asarray(piece.mesh.triangles) @ rotation.T + at
             whole = compiled.config.geometry == "physics"  # then pieces are convex
             found += [_above(some, height + _OVER) for some in ([triangles] if whole else triangles[:, None])]
     return shapely.union_all(found)

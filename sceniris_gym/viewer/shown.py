@@ -76,9 +76,8 @@ class ShownWorld:
         root = self.compiled.scene.bodies[name]
         mat = self.data.xmat[root].reshape(3, 3)
         rotations = [mat @ matrix(pose.quat).T for pose in poses]
-        best = int(
-            np.argmax([rotation[2, 2] for rotation in rotations])
-        )  # the one that turns it about the vertical alone
+        # the pose from which the object is rotated about the vertical only
+        best = int(np.argmax([rotation[2, 2] for rotation in rotations]))
         heading = np.arctan2(rotations[best][1, 0], rotations[best][0, 0])
         return np.array([*self.data.xpos[root] + mat @ poses[best].pivot, heading]), poses[best].bounds
 

@@ -33,7 +33,7 @@ _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketche
 
 
 class SceneView:
-    """Shows layouts of a scene, and does the requests of the page's controls, in the thread that calls `turn`.
+    """Shows layouts of a scene, and does the requests of the page's controls, in the thread that calls `tick`.
 
     Args:
         server: The page.
@@ -65,7 +65,7 @@ class SceneView:
         self._counted = True
         self._looked = self._stepped = self._told = time.monotonic()
 
-    def turn(self, seconds: float = _IDLE) -> None:
+    def tick(self, seconds: float = _IDLE) -> None:
         """Do what was asked for, waiting so long for a request; let physics go on, and look for saved files."""
         running = self._player is not None and self._player.running
         for action in self.requests.take(_FRAME if running else seconds):
@@ -295,8 +295,8 @@ class SceneView:
             return
         self.server.scene.add_frame(f"/{_SLICE}", show_axes=False, position=self._worlds.origins[0])
         for i, piece in enumerate(self._slices):
-            (at, turn), size = piece.pose(world.data, self._height), 2.0 * piece.span
-            words = {"position": at, "wxyz": turn, "cast_shadow": False, "receive_shadow": False, "format": "png"}
+            (at, rotation), size = piece.pose(world.data, self._height), 2.0 * piece.span
+            words = {"position": at, "wxyz": rotation, "cast_shadow": False, "receive_shadow": False, "format": "png"}
             self.server.scene.add_image(f"/{_SLICE}/{i}", piece.picture(world.data, self._height), size, size, **words)
 
     def _show_player(self) -> None:

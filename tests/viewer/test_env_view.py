@@ -41,7 +41,7 @@ def test_layouts_are_played_one_after_another(envs: SceneVectorEnv, monkeypatch:
         for _ in range(9):
             state = envs.state
             seen.append((state.seed.tolist(), state.episode.tolist(), text(server)))
-            view.turn()
+            view.tick()
     assert seen[0][:2] == ([5, 8], [1, 0])
     assert "Layout 1 of the 3 chosen" in seen[0][2]
     assert seen[4][:2] == seen[0][:2], "how it ended is on show for a while"
@@ -66,22 +66,22 @@ def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
         assert len(asked) == 2
         assert asked[0].shape == (2, sum(int(np.prod(shape)) for _, shape in envs.observation_names["policy"]))
         click(server, "Pause")
-        view.turn()
+        view.tick()
         assert "step 2" in text(server)
         drawn = chart(server, "Observation")
         assert len(drawn.data[0]) == 2
         press(server, "part", control(server, "part").options[-1])
-        view.turn()
+        view.tick()
         assert chart(server, "Observation") is not drawn, "a part that is chosen at a pause is drawn"
         for _ in range(4):
             view.step()
         assert len(lines(server, "Success")["step"]) == 4, "what comes after the end of the episode is no part of it"
         press(server, "layout", envs.compiled.layout_id(77, 0))
-        view.turn()
+        view.tick()
         assert np.isnan(lines(server, "Success")["success"]).all(), "the curves are those of this layout"
         for _ in range(2):
             click(server, "Step")
-            view.turn()
+            view.tick()
         assert len(lines(server, "Success")["step"]) == 2
         view.start(-1)
         assert view.first == 0
@@ -98,18 +98,18 @@ def test_ids_of_other_scenes_are_refused(envs: SceneVectorEnv):
     with page() as server:
         view = EnvView(server, envs, None)
         press(server, "layout", "apple")
-        view.turn()
+        view.tick()
         assert "should be scenehash" in text(server)
         for _ in range(6):
-            view.turn()
+            view.tick()
         assert "should be scenehash" in text(server), "while episodes go on"
         click(server, "Play")
-        view.turn()
+        view.tick()
         assert "should be scenehash" not in text(server)
         press(server, "layout", "apple")
-        view.turn()
+        view.tick()
         press(server, "layout", envs.compiled.layout_id(77, 0))
-        view.turn()
+        view.tick()
         assert control(server, "layout").value == envs.compiled.layout_id(77, 0)
         assert "should be scenehash" not in text(server)
         view.start(2)
@@ -124,7 +124,7 @@ def test_a_policy_that_fails_is_said_on_the_page(envs: SceneVectorEnv, capsys: p
 
     with page() as server:
         view = EnvView(server, envs, policy)
-        view.turn()
+        view.tick()
         assert not view.running
         assert "no such layer" in text(server)
         assert "no such layer" in capsys.readouterr().err

@@ -58,20 +58,20 @@ def saved(view: SceneView, path: Path, words: str) -> None:
     path.write_text(words)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(view_module, "_IDLE", -1.0)
-        view.turn(0.0)
+        view.tick(0.0)
 
 
 def test_controls_lead_to_layouts(view: SceneView):
     """Seed and episode as numbers, arrows, and an id that is pasted; what is on show is the generator's."""
     press(view.server, "seed", "41")
-    view.turn(0.0)
+    view.tick(0.0)
     assert view.where == Where(seed=41)
     press(view.server, "episode", "2")
-    view.turn(0.0)
+    view.tick(0.0)
     assert view.where == Where(seed=41, episode=2)
     assert view.deck is not None
     press(view.server, "id", view.deck.compiled.layout_id(7, 1, "eval"))
-    view.turn(0.0)
+    view.tick(0.0)
     assert view.where == Where("eval", 7, 1)
     assert [control(view.server, label).value for label in ("seed", "episode", "split")] == ["7", "1", "eval"]
     generator = LayoutGenerator(view.deck.compiled, 1, seed=[7], split="eval")
@@ -85,10 +85,10 @@ def test_controls_lead_to_layouts(view: SceneView):
 def test_wrong_numbers_and_ids_are_said(view: SceneView, wrong: str):
     """In red, and what is on show stays."""
     press(view.server, "seed", wrong)
-    view.turn(0.0)
+    view.tick(0.0)
     assert "should be an integer from 0 to 2^64 - 1" in message(view)
     press(view.server, "id", wrong)
-    view.turn(0.0)
+    view.tick(0.0)
     assert "should be scenehash" in message(view)
     assert view.where == Where()
 
@@ -179,17 +179,17 @@ def test_physics_is_played_stepped_and_reset(view: SceneView, times: list[float]
     """Time goes on while it plays, and layers are away; another layout ends it."""
     view.show_layer("names", True)
     press(view.server, "rejected candidates", True)
-    view.turn(0.0)
+    view.tick(0.0)
     view.play(True)
     assert control(view.server, "Pause") is view.panel.play
     for _ in range(5):
-        view.turn(0.0)
+        view.tick(0.0)
     assert times[-1] > 0.0
     assert not has_names(view)
     view.step()
     stopped = times[-1]
     time.sleep(0.01)
-    view.turn(0.0)
+    view.tick(0.0)
     assert times[-1] == stopped
     view.reset_play()
     assert times[-1] == 0.0
@@ -200,7 +200,7 @@ def test_physics_is_played_stepped_and_reset(view: SceneView, times: list[float]
     began = time.monotonic()
     view.play(True)
     for _ in range(5):
-        view.turn(0.0)
+        view.tick(0.0)
     assert 0.0 < times[-1] < 0.1 * (time.monotonic() - began) + 1e-6
     view.go(Where(seed=2))
     assert has_names(view)
@@ -226,7 +226,7 @@ def test_physics_begins_and_ends_with_the_arm_at_its_start(view: SceneView, monk
     monkeypatch.setattr(view_module, "with_arm", lambda world, pose: (jumps.append(pose), world.table)[1])
     view.panel.arm.options = (START, "grasp of pear")
     press(view.server, "arm in", "grasp of pear")
-    view.turn(0.0)
+    view.tick(0.0)
     assert jumps == ["grasp of pear"]
     view.play(True)
     assert control(view.server, "arm in").value == START
@@ -265,7 +265,7 @@ def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path
     monkeypatch.setitem(LAYERS, "names", (lambda world, name: (drawn.append(name), Sketch())[1], ""))
     for label, value in [("rejected candidates", True), ("layers of", "pear"), ("names", True)]:
         press(view.server, label, value)
-    view.turn(0.0)
+    view.tick(0.0)
     saved(view, path, SCENE.replace("[1.0, 1.0]", "[1.1, 1.1]"))
     assert (control(view.server, "layers of").value, drawn[-1]) == ("pear", "pear")
     saved(view, path, SCENE.replace("pear", "orange"))
@@ -299,7 +299,7 @@ def test_a_failure_of_ours_is_said_and_the_page_goes_on(view: SceneView, capsys:
         raise ZeroDivisionError("division by zero")
 
     view.requests.put("boom", fail)
-    view.turn(0.0)
+    view.tick(0.0)
     assert "ZeroDivisionError" in message(view)
     assert "Traceback" in capsys.readouterr().err
     view.go(Where(seed=3))
