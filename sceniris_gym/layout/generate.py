@@ -31,7 +31,7 @@ from sceniris_gym.layout.wave.draw import launch_draw
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_cut_regions
-from sceniris_gym.layout.wave.rounds import launch_open_rows, launch_start
+from sceniris_gym.layout.wave.rounds import launch_begin_episodes, launch_open_rows
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import create_regions, launch_build_sides
@@ -157,26 +157,26 @@ class LayoutGenerator(Fixed, LayoutSource):
             mask: Which worlds, shape (nworld,), bool; all if None.
             prepare: Launches that fill the rows of these worlds before anything is placed.
         """
-        self._start(mask, prepare)
+        self._begin(mask, prepare)
         self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds and place their objects, without solving for reach."""
-        self._start(mask)
+        self._begin(mask)
         self._try_restarts(None)
         launch_close(self.layouts.view, mask, self.size.block_dim)
 
-    def _start(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
+    def _begin(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
         if self._usual_range is not None:  # kinds of starts draw joints from other intervals
             wp.copy(self._work.program.draw_range, self._usual_range)
         if prepare is None:
             self._columns.launch(mask, self._work.layouts, opens=True)
-        launch_start(self._work, mask)
+        launch_begin_episodes(self._work, mask)
         if prepare is not None:
             prepare()
             self._columns.launch(mask, self._work.layouts)
         if self._stage is not None:
-            self._stage.launch_start()
+            self._stage.launch_begin()
         if self._work.compiled.starts is not None:
             launch_draw_kinds(self._work, mask, self.layouts.params.first.get(STARTS, -1))
 

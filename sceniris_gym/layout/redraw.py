@@ -62,10 +62,10 @@ def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int,
         layouts.body_quat[row, body] = wp.normalize(wp.vec4(qpos[k], qpos[k + 1], qpos[k + 2], qpos[k + 3]))
     elif adr[1] >= 0:
         parent = program.body_parent[body]
-        turn = layouts.body_quat[row, parent]
+        outer = layouts.body_quat[row, parent]
         anchor = program.jnt_pos[program.body_jntadr[body]]
-        quat = mul_quat(turn, program.body_quat[body])
-        pivot = layouts.body_pos[row, parent] + rot_vec_quat(program.body_pos[body], turn) + rot_vec_quat(anchor, quat)
+        quat = mul_quat(outer, program.body_quat[body])
+        pivot = layouts.body_pos[row, parent] + rot_vec_quat(program.body_pos[body], outer) + rot_vec_quat(anchor, quat)
         quat = mul_quat(quat, wp.normalize(wp.vec4(qpos[k], qpos[k + 1], qpos[k + 2], qpos[k + 3])))
         layouts.body_pos[row, body] = pivot - rot_vec_quat(anchor, quat)
         layouts.body_quat[row, body] = quat
@@ -81,8 +81,9 @@ def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int,
 def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
     """Return the pose of an object that is nearest to an orientation."""
     stable = program.obj_stableadr[obj]
-    flat = mul_quat(quat_z(-heading_of(quat)), quat)
+    flat = mul_quat(quat_z(-heading_of(quat)), quat)  # at heading 0, as stable poses are
     for v in range(stable, program.obj_stableadr[obj] + program.obj_stablenum[obj]):
+        # a quaternion and its negative are the same orientation
         if wp.abs(wp.dot(program.stable_quat[v], flat)) > wp.abs(wp.dot(program.stable_quat[stable], flat)):
             stable = v
     return stable
@@ -95,10 +96,9 @@ def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
     quat = layouts.body_quat[row, root]
     place = layouts.place[row, program.obj_place[obj]]
     if program.obj_stablenum[obj] > 0:
-        heading = heading_of(quat)
         stable = _stable_of(program, obj, quat)
         at = layouts.body_pos[row, root] + quat_mat(quat) * program.stable_pivot[stable]
-        place = wp.vec4(at[0], at[1], at[2], heading)
+        place = wp.vec4(at[0], at[1], at[2], heading_of(quat))
     bounds = wp.vec4(0.0)
     if program.obj_piecenum[obj] > 0:
         bounds = bounds_of(program, obj, place, layouts.body_pos[row], layouts.body_quat[row])

@@ -60,6 +60,7 @@ def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDra
     """Draw an orientation from two draws of uniform numbers; of `u` only the first number is used."""
     stable = program.obj_stableadr[obj]
     last = stable + program.obj_stablenum[obj] - 1
+    # the last one is not compared: rounding may leave its share below the uniform number
     while stable < last and w[3] >= program.stable_cdf[stable]:
         stable += 1
     quat = program.stable_quat[stable]

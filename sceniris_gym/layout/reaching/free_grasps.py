@@ -92,7 +92,7 @@ def _is_near(
     row = search.row[c]
     grasped = reach.grasp_body[reach.early_grasp[early]]
     at = layouts.body_pos[row, grasped]
-    turn = layouts.body_quat[row, grasped]
+    rotation = layouts.body_quat[row, grasped]
     for i in range(adr, adr + num):
         entry = program.broad_pair[i]
         if program.pair_bodies[entry[0]][3] >= 0:  # a plane has no box
@@ -100,7 +100,7 @@ def _is_near(
         a = program.pair_bodies[entry[0]][0]
         b = program.pair_bodies[entry[0]][1]
         hand = rot_vec_quat(program.node_center[entry[1]], reach_search.hand_quat[early, a])
-        hand = at + rot_vec_quat(reach_search.hand_pos[early, a] + hand, turn)
+        hand = at + rot_vec_quat(reach_search.hand_pos[early, a] + hand, rotation)
         there = search.body_pos[c, b] + rot_vec_quat(program.node_center[entry[2]], search.body_quat[c, b])
         radius = wp.length(program.node_half[entry[1]]) + wp.length(program.node_half[entry[2]])
         if wp.length(there - hand) <= radius + wp.max(margin_of(program, 0, entry[0], -1), 0.0) + _SLACK:
@@ -165,11 +165,11 @@ def _test_hands(
         grasp = reach.early_grasp[early]
         column = reach.grasp_reach[grasp]
         at = layouts.body_pos[search.row[c], reach.grasp_body[grasp]]
-        turn = layouts.body_quat[search.row[c], reach.grasp_body[grasp]]
+        rotation = layouts.body_quat[search.row[c], reach.grasp_body[grasp]]
         for k in range(lane, reach.hand_body.shape[0], wp.block_dim()):
             body = reach.hand_body[k]
-            pos[body] = at + rot_vec_quat(reach_search.hand_pos[early, body], turn)
-            quat[body] = wp.normalize(mul_quat(turn, reach_search.hand_quat[early, body]))
+            pos[body] = at + rot_vec_quat(reach_search.hand_pos[early, body], rotation)
+            quat[body] = wp.normalize(mul_quat(rotation, reach_search.hand_quat[early, body]))
         block_sync()
         adr, num = _pairs_of(program, reach, column, obj)
         body_pos = search.body_pos[c]

@@ -41,7 +41,7 @@ class ReachStage:
         most = most if work.compiled.starts is None else max(most, TRIALS)
         self._most_waves = most + -(-work.nrow * most // self.search.failed.shape[0])
 
-    def launch_start(self) -> None:
+    def launch_begin(self) -> None:
         """Clear the queue of rows, which is not empty if earlier launches were interrupted."""
         self.search.rows_left.zero_()
 

@@ -23,7 +23,7 @@ from sceniris_gym.layout.reaching.search import (
 )
 from sceniris_gym.layout.reaching.waves import first_passed, keep_grasp
 from sceniris_gym.layout.wave.rounds import NEVER, row_of_restart
-from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
+from sceniris_gym.layout.wave.search import Search, Workspace, flip_failed, numbered_stream
 from sceniris_gym.placement.kinematics import write_root
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach, StartPose, Starts, is_drawn
@@ -113,12 +113,12 @@ def _carry(
     hand = reach.hand_body[0]
     new_quat = mul_quat(reach_search.body_quat[c, hand], neg_quat(reach.hand_quat))
     new_pos = reach_search.body_pos[c, hand] - rot_vec_quat(reach.hand_pos, new_quat)
-    turn = wp.normalize(mul_quat(new_quat, neg_quat(old_quat)))
+    rotation = wp.normalize(mul_quat(new_quat, neg_quat(old_quat)))
     obj = reach.reach_obj[reach_search.column[row]]
     for i in range(program.obj_bodynum[obj]):
         body = program.body_list[program.obj_bodyadr[obj] + i]
-        reach_search.body_pos[c, body] = new_pos + rot_vec_quat(layouts.body_pos[row, body] - old_pos, turn)
-        reach_search.body_quat[c, body] = wp.normalize(mul_quat(turn, layouts.body_quat[row, body]))
+        reach_search.body_pos[c, body] = new_pos + rot_vec_quat(layouts.body_pos[row, body] - old_pos, rotation)
+        reach_search.body_quat[c, body] = wp.normalize(mul_quat(rotation, layouts.body_quat[row, body]))
 
 
 @wp.kernel(grid_stride=False)
@@ -170,8 +170,8 @@ def _pose(
             lift = starts.lift[kind]
             u = _uniform(layouts, search, split, row, trial, wp.static(_HEIGHT))
             pos = pos + wp.vec3(0.0, 0.0, lift[0] + u * (lift[1] - lift[0]))
-            at, turn = in_base(reach, layouts, row, pos, quat)
-            solved = refine(reach.arm, at, turn, joints, wp.static(ITERATIONS))
+            at, rotation = in_base(reach, layouts, row, pos, quat)
+            solved = refine(reach.arm, at, rotation, joints, wp.static(ITERATIONS))
             if not accepted(solved) or solved.pos_err > _EXACT:
                 reach_search.failed[c] = ReachStep.IK_AT_GRASP
                 continue
@@ -223,7 +223,7 @@ def _accept(
         else:
             layouts.row_rejections[row, reach.reach_obj[column], Cause.BLOCKED] += 1
             worldid = search.row_world[row]
-            search.best[worldid] = -1 - search.best[worldid]
+            search.best[worldid] = flip_failed(search.best[worldid])
 
 
 def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:

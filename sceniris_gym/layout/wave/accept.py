@@ -135,7 +135,7 @@ def _accept_first(
     if obj < search.row_object[row]:  # drawn ahead
         first += obj - search.row_object[row]
         trials = 1
-    end = int(trials)
+    end = int(trials)  # the lowest trial that ends the object: the same however many are tried at once
     for t in range(lane, trials, lanes):
         if t < end and _ends_row(program, obj, search.cause[first + t]):
             end = t

@@ -67,10 +67,10 @@ def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: in
     support = support_of(program, obj)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for s in range(program.obj_broadadr[obj], program.obj_broadadr[obj] + program.obj_broadnum[obj]):
-        start = program.broad_pair[s]
-        poses = candidate_poses(program, layouts, search, c, row, start[0])
-        margin = margin_of(program, search.row_world[row], start[0], support)
-        if leaves_below_touch(program, start, poses, margin, stack):
+        first = program.broad_pair[s]
+        poses = candidate_poses(program, layouts, search, c, row, first[0])
+        margin = margin_of(program, search.row_world[row], first[0], support)
+        if leaves_below_touch(program, first, poses, margin, stack):
             return True
     return False
 

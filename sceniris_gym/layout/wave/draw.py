@@ -97,8 +97,7 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
     obj = search.obj[c]
     trial = trial_of(program, search, c)
     worldid = search.row_world[row]
-    seed = layouts.pending_seed[worldid]
-    episode = layouts.pending_episode[worldid]
+    seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
     stream = stream_of(program, split, obj)
     search.cause[c] = Cause.NONE
     search.overflowed[c] = 0
@@ -108,6 +107,7 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
         _draw_static(program, layouts, search, c, row, obj)
         return
     u = uniforms(seed, episode, stream, trial, 0)
+    # most objects need no second draw; draws have numbers, so that leaving one out changes no other
     w = wp.vec4(0.0)
     if program.obj_orientation[obj] == OrientationType.ANY or program.obj_stablenum[obj] > 1:
         w = uniforms(seed, episode, stream, trial, 1)

@@ -14,8 +14,6 @@ from sceniris_gym.program.placed_object import COS_MAX_TILT_32
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_COS_MAX_TILT = wp.constant(COS_MAX_TILT_32)
-
 
 @wp.func
 def heading_at(
@@ -40,8 +38,9 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
         pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
     root = program.obj_body[obj]
     quat = wp.normalize(mul_quat(quat_z(heading), drawn.quat))
-    if program.obj_upright[obj] < _COS_MAX_TILT:  # it leans as its support does
+    if program.obj_upright[obj] < wp.static(COS_MAX_TILT_32):  # it leans as its support does
         up = quat_mat(layouts.body_quat[row, program.obj_ground[obj]]) * wp.vec3(0.0, 0.0, 1.0)
+        # the shortest rotation from the z axis of the world to that of the support
         quat = wp.normalize(mul_quat(wp.vec4(1.0 + up[2], -up[1], up[0], 0.0), quat))
     search.body_pos[c, root] = pivot - quat_mat(quat) * drawn.pivot
     search.body_quat[c, root] = quat

@@ -22,6 +22,7 @@ def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row:
     stable = search.stable_draw[c].stable
     adr = reach.stable_graspadr[stable]
     for grasp in range(adr + part, adr + reach.stable_graspnum[stable], parts):
+        # other lanes may have found a lower one already
         if search.grasp[c] > grasp - reach.reach_graspadr[column]:
             through = bool(False)
             if late != 0:

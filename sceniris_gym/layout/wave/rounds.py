@@ -44,7 +44,7 @@ def await_round(search: Search, worldid: int):
 
 
 @wp.kernel
-def _start(
+def _begin_episodes(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
@@ -75,10 +75,10 @@ def _start(
     draw_groups(program, worldid, seed, episode, split, layouts.present[worldid])
 
 
-def launch_start(work: Workspace, mask: wp.array | None) -> None:
+def launch_begin_episodes(work: Workspace, mask: wp.array | None) -> None:
     """Mark the masked worlds as pending, each for its next episode."""
     work.search.worlds_left.zero_()
-    work.launch(_start, work.nworld, [work.program, mask, work.split], work.layouts, work.search)
+    work.launch(_begin_episodes, work.nworld, [work.program, mask, work.split], work.layouts, work.search)
 
 
 @wp.func

@@ -40,7 +40,7 @@ class Search:
     pending: wp.array[bool]  # has no layout yet
     restart: wp.array[int]  # the next restart
     ticket: wp.array[int]  # its number among the pending worlds of this round, or of the next
-    best: wp.array[int]  # the lowest restart of this round that is done
+    best: wp.array[int]  # the lowest restart of this round that is done; see `flip_failed`
     # Restarts, each in a row
     row_world: wp.array[int]
     row_restart: wp.array[int]
@@ -147,6 +147,12 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
         search.row[first + k] = row
         search.obj[first + k] = wp.where(k < ahead, k, obj)
         search.trial[first + k] = wp.max(trial + k - ahead, 0)
+
+
+@wp.func
+def flip_failed(best: int) -> int:
+    """Return a number below 0 for a restart whose start is not clear, or that restart for such a number."""
+    return -1 - best
 
 
 @wp.func

@@ -14,7 +14,7 @@ from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.random import BANK_BIT, BANK_STREAM, SPLITS, philox
 from sceniris_gym.layout.layouts import LayoutsView, Status, copy_layout, layout_width
 from sceniris_gym.layout.wave.rounds import NEVER, await_round, row_of_restart
-from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
+from sceniris_gym.layout.wave.search import Search, Workspace, flip_failed, numbered_stream
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_bank import Bank
 
@@ -165,7 +165,8 @@ def _settle(
         best = int(search.best[worldid])
         placed = best >= 0 and best < NEVER
         if best < 0:  # this restart has no start that is clear, and ends the round
-            best = -1 - best
+            best = flip_failed(best)
+        # restarts after the best one are not counted: how many are tried at once would change the counts
         last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
         row = int(worldid)
         for i in range(last - first + 1):

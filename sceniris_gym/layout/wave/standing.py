@@ -25,13 +25,12 @@ def _centered(total: wp.vec4) -> wp.vec4:
 def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate is carried by what cannot fall, and stands there with all of its foot."""
     obj = search.obj[c]
-    stable = search.stable_draw[c].stable
     if statics.obj_levelnum[obj] > 1:
         return False
     place = search.place[c]
     body = program.obj_ground[obj]
     ground = pose_of(layouts.body_pos[row, body], layouts.body_quat[row, body])
-    return lies_on_a_part(statics, stable, wp.vec2(place[0], place[1]), search.surface[c], ground)
+    return lies_on_a_part(statics, search.stable_draw[c].stable, wp.vec2(place[0], place[1]), search.surface[c], ground)
 
 
 @wp.func

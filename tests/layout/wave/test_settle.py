@@ -18,7 +18,7 @@ from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.compile import _with_bank
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Status
-from sceniris_gym.layout.wave.rounds import NEVER, launch_start
+from sceniris_gym.layout.wave.rounds import NEVER, launch_begin_episodes
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.program.compiled import CompiledScene
@@ -36,7 +36,7 @@ def test_a_world_takes_the_lowest_restart_that_is_done(tmp_path: Path):
     words = {"floor": {"size": [1.0, 1.0]}, "restarts": RESTARTS, "objects": {"crate": crate}}
     work = LayoutGenerator(compile_on_cpu(words, bank=8), 4, size=replace(default_size("cpu"), rows=8))._work
     layouts, search = work.layouts, work.search
-    launch_start(work, None)
+    launch_begin_episodes(work, None)
     search.restarts_at_once.fill_(3)
     search.restart.assign([0, 0, 1, 3])
     search.best.assign([0, 2, NEVER, NEVER])
