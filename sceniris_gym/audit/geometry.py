@@ -130,8 +130,8 @@ def subtree(mjm: mujoco.MjModel, root: int) -> set[int]:
 
 def rotation(quat: np.ndarray) -> np.ndarray:
     """Return the rotation matrices (..., 3, 3) of quaternions (wxyz) of any length."""
-    turns = Rotation.from_quat(quat.reshape(-1, 4)[:, [1, 2, 3, 0]])
-    return turns.as_matrix().reshape(*quat.shape[:-1], 3, 3)
+    rotations = Rotation.from_quat(quat.reshape(-1, 4)[:, [1, 2, 3, 0]])
+    return rotations.as_matrix().reshape(*quat.shape[:-1], 3, 3)
 
 
 def frame(pose: np.ndarray) -> np.ndarray:

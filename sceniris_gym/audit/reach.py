@@ -195,8 +195,8 @@ class ReachAudit:
     def _meets(self, site: int, pose: np.ndarray) -> bool:
         """Return whether a site is within POSITION and ROTATION of a pose (4, 4) in the world."""
         away = np.linalg.norm(pose[:3, 3] - self.data.site_xpos[site])
-        turn = self.data.site_xmat[site].reshape(3, 3).T @ pose[:3, :3]
-        return bool(away <= POSITION and np.trace(turn) >= 1.0 + 2.0 * np.cos(ROTATION))
+        rotation = self.data.site_xmat[site].reshape(3, 3).T @ pose[:3, :3]
+        return bool(away <= POSITION and np.trace(rotation) >= 1.0 + 2.0 * np.cos(ROTATION))
 
 
 Sides = dict[tuple[int, str], set[int]]

@@ -222,17 +222,17 @@ class OrientationAudit:
         for name, part in self.scene.placed.items():
             if part.drawn_orientation.kind == "any":
                 continue
-            turn, root = part.drawn_orientation, self.scene.bodies[name]
-            missed = {("yaw", "rad"): _off_interval(outlines[name].heading - seen.support_heading[name], 0.0, turn)}
-            if turn.kind == "stable":
+            drawn_as, root = part.drawn_orientation, self.scene.bodies[name]
+            missed = {("yaw", "rad"): _off_interval(outlines[name].heading - seen.support_heading[name], 0.0, drawn_as)}
+            if drawn_as.kind == "stable":
                 missed["stable", "m"] = self._off_balance(name, seen.poses)
             else:
                 up = seen.poses.xmat[:, root] @ rotation(self.scene.mjm.body_quat[root])[2]
                 missed["upright", "rad"] = np.arctan2(np.linalg.norm(up[:, :2], axis=1), up[:, 2])
-            if turn.target is not None:
-                facing = _off_interval(*_from_target(outlines[name], outlines[turn.target]), turn)
+            if drawn_as.target is not None:
+                facing = _off_interval(*_from_target(outlines[name], outlines[drawn_as.target]), drawn_as)
                 yaw = missed.pop(("yaw", "rad"))
-                missed["face_to", "rad"] = np.where(seen.present[turn.target], facing, yaw)
+                missed["face_to", "rad"] = np.where(seen.present[drawn_as.target], facing, yaw)
             found |= {(name, *key): np.where(seen.present[name], amount, np.nan) for key, amount in missed.items()}
         return found
 
@@ -254,9 +254,9 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
     return weight @ home.xipos / weight.sum()
 
 
-def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, turn: DrawnOrientation) -> np.ndarray:
+def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, drawn_as: DrawnOrientation) -> np.ndarray:
     """Return the distance [rad] of angles, known up to `rounding`, from the yaw interval of `turn`."""
-    low, high = turn.yaw
+    low, high = drawn_as.yaw
     return np.abs(_wrapped(angle - (low + high) / 2)) - (high - low) / 2 - rounding
 
 

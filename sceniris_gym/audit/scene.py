@@ -235,9 +235,9 @@ class Outlines:
         """Return the same poses, but for the geoms of an object: they are as with its joints at home."""
         root, pos, mat = self.scene.bodies[name], poses.geom_xpos.copy(), poses.geom_xmat.copy()
         for solid in self._solids[name]:
-            at, turn = self.scene.at_home(solid.geom, root)
+            at, rotation = self.scene.at_home(solid.geom, root)
             pos[:, solid.geom] = poses.xpos[:, root] + poses.xmat[:, root] @ at
-            mat[:, solid.geom] = poses.xmat[:, root] @ turn
+            mat[:, solid.geom] = poses.xmat[:, root] @ rotation
         return replace(poses, geom_xpos=pos, geom_xmat=mat)
 
 

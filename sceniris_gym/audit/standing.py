@@ -78,9 +78,9 @@ class HeapAudit:
             for i, name in enumerate(heap.of):
                 back = poses.xmat[:, filled].transpose(0, 2, 1)
                 at = np.einsum("nij,nj->ni", back, poses.xpos[:, self.bodies[name]] - poses.xpos[:, filled])
-                turn = back @ poses.xmat[:, self.bodies[name]]
+                relative = back @ poses.xmat[:, self.bodies[name]]
                 off = np.maximum(off, np.abs(at[:, None] - pos[:, i]).max(2))
-                off = np.maximum(off, np.abs(turn[:, None] - mats[:, i]).max((2, 3)))
+                off = np.maximum(off, np.abs(relative[:, None] - mats[:, i]).max((2, 3)))
             found |= dict.fromkeys(heap.of, off.min(1) > AS_SETTLED)
         return found
 

@@ -102,10 +102,10 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
 
 @wp.func
 def leaves_below_touch(
-    program: Program, start: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array[wp.vec3i]
+    program: Program, first: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array[wp.vec3i]
 ) -> bool:
     """Test whether any leaves below an entry are too near. One lane does this alone, with its own stack."""
-    stack[0] = start
+    stack[0] = first
     count = int(1)
     while count > 0:
         count -= 1

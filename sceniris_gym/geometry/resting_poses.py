@@ -85,16 +85,16 @@ class HomeShape:
 
     def stable_pose(self, quat: np.ndarray, probability: float = 1.0) -> StablePose:
         """Return the pose with the root's orientation `quat` (of heading 0)."""
-        turn = matrix(quat)
+        rotation = matrix(quat)
         if not self._pieces:
             return StablePose(quat, np.zeros(3), np.zeros(4), probability)
         lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
         for p, mat, at in zip(self._pieces, self._mats, self._at, strict=True):
-            low, high = p.extents(turn @ mat)
-            lower, upper = np.minimum(lower, low + turn @ at), np.maximum(upper, high + turn @ at)
+            low, high = p.extents(rotation @ mat)
+            lower, upper = np.minimum(lower, low + rotation @ at), np.maximum(upper, high + rotation @ at)
         bottom = np.array([*0.5 * (lower + upper)[:2], lower[2]])
         half = 0.5 * (upper - lower)[:2]
-        return StablePose(quat, turn.T @ bottom, np.concatenate([-half, half]), probability)
+        return StablePose(quat, rotation.T @ bottom, np.concatenate([-half, half]), probability)
 
     def inner_radius(self) -> float:
         """Return the radius [m] of a ball inside the hull; the bounds are at least twice as wide in any orientation."""
@@ -182,11 +182,11 @@ class HomeShape:
         share = probability[kept] / probability[kept].sum()
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
-    def _rocking_regions(self, turns: np.ndarray, probability: np.ndarray, kept: list[int]) -> dict[int, float]:
+    def _rocking_regions(self, rotations: np.ndarray, probability: np.ndarray, kept: list[int]) -> dict[int, float]:
         """Return poses on a curved bottom of many small faces: none comes back alone, but all roll to the lowest one.
 
         Args:
-            turns: Orientations that lie on a face, shape (n, 3, 3).
+            rotations: Orientations that lie on a face, shape (n, 3, 3).
             probability: The probability of each of them.
             kept: Those that are stable by themselves; poses near them belong to them.
 
@@ -195,7 +195,7 @@ class HomeShape:
         """
         from scipy.spatial import KDTree
 
-        ups = turns[:, 2]
+        ups = rotations[:, 2]
         tree, height = KDTree(ups), self._height(ups)
         near = 2.0 * np.sin(0.5 * np.radians(STABLE_TILT))
         around = tree.query_ball_point(ups, near)
@@ -206,29 +206,29 @@ class HomeShape:
         for i in np.unique(lowest):
             share = float(probability[lowest == i].sum())
             alone = not kept or np.linalg.norm(ups[kept] - ups[i], axis=1).min() > 2.0 * near
-            if share > _RARE and alone and all(self._rocks_back(turns[i], *fine) for fine in _FINER):
+            if share > _RARE and alone and all(self._rocks_back(rotations[i], *fine) for fine in _FINER):
                 found[int(i)] = share
         return found
 
-    def _rocks_back(self, turn: np.ndarray, sides: int, step: float) -> bool:
+    def _rocks_back(self, rotation: np.ndarray, sides: int, step: float) -> bool:
         """Return whether the pose comes back if the height only has to rise over each span of the rocking angle.
 
         Heights are compared up to one such angle beyond the tilt, so that a ripple there does not hold the pose.
         """
         tilts = np.arange(0.0, STABLE_TILT + ROCKING + 0.5 * step, step)
-        return self._comes_back(turn, sides, tilts, round(ROCKING / step))
+        return self._comes_back(rotation, sides, tilts, round(ROCKING / step))
 
-    def _comes_back(self, turn: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
+    def _comes_back(self, rotation: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
         """Return whether gravity turns the pose (3, 3) back from all of these tilts, in `sides` directions.
 
         It does if the height of the centre of mass above the lowest point rises over each `span` of tilts.
         """
-        if len(degrees) > 2 * span + 2 and not self._comes_back(turn, sides, degrees[-span - 1 :], span):
+        if len(degrees) > 2 * span + 2 and not self._comes_back(rotation, sides, degrees[-span - 1 :], span):
             return False  # as most faces do not
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-        across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ turn
+        across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ rotation
         tilts = np.radians(degrees)[:, None, None]
-        up = np.cos(tilts) * turn[2] + np.sin(tilts) * across
+        up = np.cos(tilts) * rotation[2] + np.sin(tilts) * across
         height = self._height(up.reshape(-1, 3)).reshape(len(tilts), sides)
         return bool((height[span:] - height[:-span] > _LEAST_RISE).all())
 
@@ -282,5 +282,5 @@ def heading_of(mat: np.ndarray) -> float:
 def of_heading_zero(mat: np.ndarray) -> np.ndarray:
     """Return the orientation `mat`, shape (3, 3), turned about the vertical so that its heading is 0, as wxyz."""
     back = -heading_of(mat)
-    turn = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
-    return quaternion(turn @ mat)
+    rotation = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
+    return quaternion(rotation @ mat)

@@ -160,50 +160,50 @@ class Graspable:
             between = section(self.triangles, pos, axes, gripper)
             opening = 0.0 if between is None else 2.0 * max(abs(between[0]), abs(between[1]))
             found.append(Grasp(name, body, mjm.site_pos[i].copy(), mjm.site_quat[i].copy(), opening))
-        turn = np.array([0.0, 0.0, 0.0, 1.0])
-        return found + [replace(g, name=f"{g.name}{_ROLLED}", quat=product(g.quat, turn)) for g in found]
+        rotation = np.array([0.0, 0.0, 0.0, 1.0])
+        return found + [replace(g, name=f"{g.name}{_ROLLED}", quat=product(g.quat, rotation)) for g in found]
 
     def _made(self, pose: StablePose, any_turn: bool, gripper: Gripper) -> list[Grasp]:
         if any_turn:
             ups = [matrix(np.array(up) / np.linalg.norm(up)) for up in _UPS]
             return [g for up in ups for g in self._from_above(up, (0.0,), gripper)]
-        turn = matrix(pose.quat)
-        found = self._from_above(turn, TILTS, gripper)
-        low, high = _extents(self.triangles @ turn.T)
+        rotation = matrix(pose.quat)
+        found = self._from_above(rotation, TILTS, gripper)
+        low, high = _extents(self.triangles @ rotation.T)
         if high[2] - low[2] > max(high[:2] - low[:2]):
-            found += self._from_above(turn, (_SIDE,), gripper)
+            found += self._from_above(rotation, (_SIDE,), gripper)
         return found
 
-    def _from_above(self, turn: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
+    def _from_above(self, rotation: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
         """Return grasps of the object turned by `turn` (3, 3), for each tilt of the approach from down [degrees]."""
         found = []
         for tilt in tilts:
             for yaw in np.arange(YAWS) * 360.0 / YAWS:
-                axes = turn.T @ tcp_axes(yaw, tilt)
-                made = self._at_center(turn, axes, tilt, gripper)
+                axes = rotation.T @ tcp_axes(yaw, tilt)
+                made = self._at_center(rotation, axes, tilt, gripper)
                 if made is not None:
                     word = "top" if tilt == 0.0 else "side" if tilt == _SIDE else f"tilt {tilt:g}"
                     found.append(Grasp(f"{word} {yaw:g}", self.root, made[0], quaternion(axes), made[1]))
         return found
 
     def _at_center(
-        self, turn: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
+        self, rotation: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
     ) -> tuple[np.ndarray, float] | None:
         """Return the position of a grasp with these axes, and the gap that it needs; None if it closes on nothing."""
         if not len(self.triangles):
             return np.zeros(3), 0.0
-        low, high = _extents(self.triangles @ turn.T)
-        at = turn @ self.center
+        low, high = _extents(self.triangles @ rotation.T)
+        at = rotation @ self.center
         deepest = gripper.depth - _ABOVE
         if tilt == _SIDE:
             at[2] = max(0.5 * (low[2] + high[2]), low[2] + gripper.half_width + _ABOVE)
-            near, far = _ahead(self.triangles, turn.T @ at, axes, gripper)
-            at += (turn @ axes[:, 2]) * (near + min(0.5 * (far - near), deepest))
+            near, far = _ahead(self.triangles, rotation.T @ at, axes, gripper)
+            at += (rotation @ axes[:, 2]) * (near + min(0.5 * (far - near), deepest))
         else:
             slope = np.radians(tilt)
             fingers = gripper.tip * np.cos(slope) + gripper.half_width * np.sin(slope) + _ABOVE
             at[2] = max(high[2] - min(0.5 * (high[2] - low[2]), deepest), low[2] + fingers)
-        pos = turn.T @ at
+        pos = rotation.T @ at
         between = section(self.triangles, pos, axes, gripper)
         if between is None:
             return None

@@ -101,10 +101,10 @@ class Fingers:
         """Return the least distance [m] of the fingers of either side from an object that is `shift` off the TCP."""
         data, home = self._data, self._home
         self._pose(share)
-        at, turn, there = self._in_hand(grasp, grasp.pos + matrix(grasp.quat)[:, 1] * shift)
+        at, rotation, there = self._in_hand(grasp, grasp.pos + matrix(grasp.quat)[:, 1] * shift)
         for g in geoms:
-            data.geom_xpos[g] = at + turn @ (home.geom_xpos[g] - there)
-            data.geom_xmat[g] = (turn @ home.geom_xmat[g].reshape(3, 3)).ravel()
+            data.geom_xpos[g] = at + rotation @ (home.geom_xpos[g] - there)
+            data.geom_xmat[g] = (rotation @ home.geom_xmat[g].reshape(3, 3)).ravel()
         near = [min(mujoco.mj_geomDistance(self._mjm, data, f, g, _FAR, None) for f, g in side) for side in pairs]
         return np.array(near)
 
@@ -117,8 +117,8 @@ class Fingers:
         """
         data, home = self._data, self._home
         body = home.xmat[grasp.body].reshape(3, 3)
-        turn = data.site_xmat[self._site].reshape(3, 3) @ matrix(grasp.quat).T @ body.T
-        return data.site_xpos[self._site].copy(), turn, home.xpos[grasp.body] + body @ pos
+        rotation = data.site_xmat[self._site].reshape(3, 3) @ matrix(grasp.quat).T @ body.T
+        return data.site_xpos[self._site].copy(), rotation, home.xpos[grasp.body] + body @ pos
 
     def hold(self, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
         """Return whether the closed fingers hold a free object alone, for half a second in MuJoCo C, in all models.
@@ -140,15 +140,15 @@ class Fingers:
         self._pose(0.0)
         control = self._controls(alone)
         self._pose(grip.share)
-        at, turn, there = self._in_hand(grasp, grip.pos)
+        at, rotation, there = self._in_hand(grasp, grip.pos)
         adr = alone.jnt_qposadr[alone.body_jntadr[root]]
-        data.qpos[adr : adr + 3] = at + turn @ (home.xpos[root] - there)
-        data.qpos[adr + 3 : adr + 7] = quaternion(turn @ home.xmat[root].reshape(3, 3))
+        data.qpos[adr : adr + 3] = at + rotation @ (home.xpos[root] - there)
+        data.qpos[adr + 3 : adr + 7] = quaternion(rotation @ home.xmat[root].reshape(3, 3))
         qpos, pull = data.qpos.copy(), _LOAD * np.linalg.norm(alone.opt.gravity)
         for down in downs:
             mujoco.mj_resetData(alone, data)
             data.qpos[:], data.ctrl[:] = qpos, control
-            alone.opt.gravity = pull * (turn @ home.xmat[root].reshape(3, 3) @ down)
+            alone.opt.gravity = pull * (rotation @ home.xmat[root].reshape(3, 3) @ down)
             mujoco.mj_kinematics(alone, data)
             before = self._seen(root)
             for _ in range(round(_HOLD / alone.opt.timestep)):

@@ -95,13 +95,13 @@ def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) 
     for k, target in enumerate(compiled.reaching.targets):
         grasps, chosen = target.grasp_set.grasps, grasp[:, k]
         bodies, places = np.array([g.body for g in grasps]), np.array([g.pos for g in grasps])
-        turns = np.array([g.quat for g in grasps])
+        rotations = np.array([g.quat for g in grasps])
         for body in np.unique(bodies):
             rows = np.flatnonzero((chosen >= 0) & (bodies[chosen] == body))
             states = (column[rows] for column in (table.qpos, table.mocap_pos, table.mocap_quat))
             pos, quat = body_poses(compiled.mjm, int(body), *states)
             poses[rows, k, :3] = pos + rotated(places[chosen[rows]], quat)
-            poses[rows, k, 3:] = product(quat, turns[chosen[rows]])
+            poses[rows, k, 3:] = product(quat, rotations[chosen[rows]])
     return poses
 
 

@@ -175,11 +175,11 @@ def _tables(
             first = len(table) + (min(index % width, nlow - 1) if nlow else 0)
             numbers.append((name, index, distribution, first, nlow or nchoice, -1))
         table += [*config.ends[0], *config.ends[1], *range(nchoice if several else 0)]
-        form = FORMS.index("turn" if draw.is_turn else "abs" if config.choice and not several else config.form)
-        components = range(4) if draw.is_turn else draw.components.tolist()
+        form = FORMS.index("rotation" if draw.is_rotation else "abs" if config.choice and not several else config.form)
+        components = range(4) if draw.is_rotation else draw.components.tolist()
         for element, own in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
             for k, component in enumerate(components):
-                number, at = begin + own[0 if draw.is_turn else k], (array, size * element + component)
+                number, at = begin + own[0 if draw.is_rotation else k], (array, size * element + component)
                 elements.append((*at, form, number, len(table) + k * nchoice, *at, 0.0))
             for other, start, count in draw.word.follow:
                 written, at = places[other], (array, size * element + draw.word.first)

@@ -29,9 +29,9 @@ _RADIANS = wp.constant(float(np.pi / 180.0))
 _KINDS = "fib"
 """Kinds of NumPy's numbers: floats, integers and booleans."""
 _FLOAT, _INT = (wp.constant(i) for i in range(2))
-FORMS = ("bound", "flag", "scale", "add", "abs", "choice", "turn")
+FORMS = ("bound", "flag", "scale", "add", "abs", "choice", "rotation")
 """Forms of elements; the first two follow from params, the others from numbers that are drawn or given."""
-_BOUND, _FLAG, _SCALE, _ADD, _ABS, _CHOICE, _TURN = (wp.constant(i) for i in range(7))
+_BOUND, _FLAG, _SCALE, _ADD, _ABS, _CHOICE, _ROTATION = (wp.constant(i) for i in range(7))
 DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "choice")
 _LOG_UNIFORM, _NORMAL, _CHOSEN = (wp.constant(i) for i in range(1, 4))
 
@@ -84,8 +84,8 @@ class Element:
         array: The array that is written.
         offset: The place in a row of this array.
         form: Its code.
-        number: Column of the number that is drawn or given, or of the first of three for a turn; for a bound and a flag
-            of the first param.
+        number: Column of the number that is drawn or given, or of the first of three for a rotation; for a bound and a
+            flag of the first param.
         other: Column of the other param that a bound follows from, or of the last one for a flag; for a choice that of
             the first value in the table.
         drawn: The array that is drawn, which the written one keeps its ratio to if it is another one.
@@ -187,13 +187,13 @@ def _value(
         value = nominal + numbers[element.number]
     elif element.form == _CHOICE:
         value = table[element.other + int(numbers[element.number])]
-    elif element.form == _TURN:
+    elif element.form == _ROTATION:
         first = element.drawn_offset - element.drawn_offset % 4
-        turn = _RADIANS * wp.vec3(numbers[element.number], numbers[element.number + 1], numbers[element.number + 2])
+        rotation = _RADIANS * wp.vec3(numbers[element.number], numbers[element.number + 1], numbers[element.number + 2])
         q = wp.vec4()
         for k in range(4):
             q[k] = _nominal(drawn, worldid, first + k)
-        turned = mul_quat(q, axis_angle_quat(wp.normalize(turn), wp.length(turn)))
+        turned = mul_quat(q, axis_angle_quat(wp.normalize(rotation), wp.length(rotation)))
         value = turned[element.drawn_offset % 4]
     if element.array != element.drawn:
         value = value / nominal * _nominal(arrays[element.array], worldid, element.offset)

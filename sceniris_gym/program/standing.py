@@ -330,10 +330,10 @@ def _foot(
         takes_edges: Whether the support carries edges and corners of pieces; otherwise no such foot holds.
         steady: What `Law.steady` is on a curved foot.
     """
-    turn, quat, (whole, standing, fixed, _) = matrix(pose.quat).T, pose.quat, shapes[0]
+    rotation, quat, (whole, standing, fixed, _) = matrix(pose.quat).T, pose.quat, shapes[0]
     shape = standing if standing.points() else whole
-    ends = np.array([(own.center_of_mass - pose.pivot) @ turn for own, *_ in shapes])
-    parts = flat_foot([(points - pose.pivot) @ turn for points in shape.points()])
+    ends = np.array([(own.center_of_mass - pose.pivot) @ rotation for own, *_ in shapes])
+    parts = flat_foot([(points - pose.pivot) @ rotation for points in shape.points()])
     if len(parts) == 1 and len(parts[0]) > _FEW_CORNERS:
         law = ROUND
     elif any(len(part) > _FOUR for part in parts):
@@ -358,8 +358,8 @@ def _foot(
 
 def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
     """Return the curved foot of an object that is to come back from a lean [rad], its law, and how it rolls."""
-    turn = matrix(pose.quat)
-    corners = curved_foot(lambda up: shape.lowest(up @ turn) - up @ turn @ pose.pivot, lean)
+    rotation = matrix(pose.quat)
+    corners = curved_foot(lambda up: shape.lowest(up @ rotation) - up @ rotation @ pose.pivot, lean)
     box = shapely.get_coordinates(MultiPoint(corners).minimum_rotated_rectangle)[:3]
     sides = 0.5 * np.diff(box, axis=0)
     reach = np.linalg.norm(sides, axis=1)

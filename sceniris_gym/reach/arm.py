@@ -250,10 +250,10 @@ def joint_label(mjm: mujoco.MjModel, i: int) -> str:
     return f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[i]).name}'"
 
 
-def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, rot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a transform followed by another transform in its frame."""
     both = np.zeros(4)
-    mujoco.mju_mulQuat(both, quat, turn)
+    mujoco.mju_mulQuat(both, quat, rot)
     return pos + rotate(then, quat), both
 
 

@@ -93,18 +93,18 @@ def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
     """Return links between joint frames whose z axis is the joint's; each `ref` moves into the link after its joint."""
     n = len(arm.joints)
     pos, quat = np.zeros((n + 1, 3)), np.zeros((n + 1, 4))
-    at, turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's joint frame in the frame used here
+    at, rotation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's joint frame in the frame used here
     for i in range(n + 1):
-        mujoco.mju_rotVecQuat(pos[i], arm.link_pos[i], turn)
+        mujoco.mju_rotVecQuat(pos[i], arm.link_pos[i], rotation)
         pos[i] += at
-        mujoco.mju_mulQuat(quat[i], turn, arm.link_quat[i])
+        mujoco.mju_mulQuat(quat[i], rotation, arm.link_quat[i])
         if i < n:
             up, back = np.zeros(4), np.zeros(4)
             mujoco.mju_quatZ2Vec(up, arm.axis[i])
             mujoco.mju_mulQuat(quat[i], quat[i].copy(), up)
             mujoco.mju_axisAngle2Quat(back, [0.0, 0.0, 1.0], 0.0 if arm.slide[i] else -arm.ref[i])
             mujoco.mju_negQuat(up, up.copy())
-            mujoco.mju_mulQuat(turn, back, up)
+            mujoco.mju_mulQuat(rotation, back, up)
             at = np.array([0.0, 0.0, -arm.ref[i] if arm.slide[i] else 0.0])
     return pos, quat
 
@@ -232,9 +232,9 @@ def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int
     result = IkResult()
     k = int(0)
     while k <= iterations:
-        at, turn, origin, axis = _frames(view, q)
+        at, rotation, origin, axis = _frames(view, q)
         dpos = pos - at
-        drot = rotation_vector(mul_quat(quat, neg_quat(turn)))
+        drot = rotation_vector(mul_quat(quat, neg_quat(rotation)))
         result.pos_err = wp.length(dpos)
         result.rot_err = wp.length(drot)
         if k == iterations or wp.max(result.pos_err, result.rot_err) < _CONVERGED:

@@ -55,7 +55,7 @@ class FieldDraw:
         return int(self.numbers.max()) + 1
 
     @property
-    def is_turn(self) -> bool:
+    def is_rotation(self) -> bool:
         """True for a turn of a camera, whose three numbers change all of its quaternion."""
         return self.word.field == "cam_quat"
 
@@ -214,7 +214,7 @@ def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
     now = values[draw.rows][:, draw.components % values.shape[1]]
     if config.scale is not None:
         return now * ends[:, None]
-    return now + ends[:, None] if config.add is not None and not draw.is_turn else ends[:, None]
+    return now + ends[:, None] if config.add is not None and not draw.is_rotation else ends[:, None]
 
 
 def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> mujoco.MjModel:

@@ -100,11 +100,11 @@ def body_poses(
                 pos = pos + rotated(axis, quat) * (qpos[:, adr] - mjm.qpos0[adr])[:, None]
             else:
                 half = 0.5 * (qpos[:, adr].astype(float) - mjm.qpos0[adr])[:, None]
-                turn = np.hstack([np.cos(half), np.sin(half) * axis])
+                rotation = np.hstack([np.cos(half), np.sin(half) * axis])
                 if kind == mujoco.mjtJoint.mjJNT_BALL:
-                    turn = _unit(qpos[:, adr : adr + 4])
+                    rotation = _unit(qpos[:, adr : adr + 4])
                 anchor = pos + rotated(mjm.jnt_pos[joint], quat)
-                quat = product(quat, turn)
+                quat = product(quat, rotation)
                 pos = anchor - rotated(mjm.jnt_pos[joint], quat)
     return pos, quat
 

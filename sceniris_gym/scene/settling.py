@@ -130,8 +130,8 @@ def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
         adr = int(mjm.jnt_qposadr[mjm.body_jntadr[drop.things[i]]])
         data.qpos[adr : adr + 2] = 0.5 * (drop.low + drop.high)[:2] + inner * rng.uniform(-1.0, 1.0, 2)
         data.qpos[adr + 2] = height
-        turn = rng.normal(size=4)
-        data.qpos[adr + 3 : adr + 7] = turn / np.linalg.norm(turn)
+        rotation = rng.normal(size=4)
+        data.qpos[adr + 3 : adr + 7] = rotation / np.linalg.norm(rotation)
         height += size
     steps = int(_FALL / mjm.opt.timestep)
     for step in range(steps):

@@ -87,9 +87,9 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
     for bodyid in range(lower, w.body_end[lower]):  # of those that i moves; j, if it moves none of them, has zeros here
         q = w.body_iquat[worldid % w.body_iquat.shape[0], bodyid]
         inertia = w.body_inertia[worldid % w.body_inertia.shape[0], bodyid]
-        turn = wp.transpose(w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
-        jacr_i = turn * w.jacobian[w.body_end.shape[0] + bodyid, i]
-        jacr_j = turn * w.jacobian[w.body_end.shape[0] + bodyid, j]
+        rotation = wp.transpose(w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
+        jacr_i = rotation * w.jacobian[w.body_end.shape[0] + bodyid, i]
+        jacr_j = rotation * w.jacobian[w.body_end.shape[0] + bodyid, j]
         jacp = wp.dot(_jacobian(w, worldid, bodyid, i), _jacobian(w, worldid, bodyid, j))
         total += _mass(w, worldid, bodyid) * jacp + wp.dot(wp.cw_mul(inertia, jacr_i), jacr_j)
     if i == j:
