@@ -72,11 +72,11 @@ def test_a_redraw_has_the_bits_of_a_cpu_waits_for_nothing_and_can_be_captured(cu
         warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
         with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
             envs.redraw("block", mask)
-    cpu.replace("block", mask.cpu())
+    cpu.redraw("block", mask.cpu())
     for _ in range(3):
         mask.logical_not_()
         graph.replay()
-        cpu.replace("block", mask.cpu())
+        cpu.redraw("block", mask.cpu())
     assert envs.randomizer.redraw_count.numpy().tolist() == [3, 3, 3, 3]
     torch.testing.assert_close(envs.state.pose("block").cpu(), cpu.state.pose("block"), rtol=0.0, atol=0.0)
 
