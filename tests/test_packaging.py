@@ -76,9 +76,10 @@ def test_every_folder_with_code_is_a_package():
 
 
 def test_the_version_is_the_same_everywhere():
-    """In pyproject.toml, in the package, on top of the changelog and, with the same date, in CITATION.cff."""
+    """In pyproject.toml, in the package, in the changelog and, with the same date, in CITATION.cff."""
     assert PROJECT["project"]["version"] == __version__
     headings = [line for line in (ROOT / "CHANGELOG.md").read_text().splitlines() if line.startswith("## ")]
+    headings.remove("## Unreleased")
     citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
     assert citation["version"] == __version__
     assert headings[0] == f"## {__version__} - {citation['date-released']}"

@@ -247,7 +247,7 @@ def test_layouts_are_inserted_and_updated_by_their_ids(make_env):  # noqa: F811
     np.testing.assert_array_equal(kept["param"][:3], [slide, slide, levels.layouts.params.default])
     with pytest.raises(SceneMismatchError, match="scene"):
         levels.insert("0" * 16 + ids[0][16:], [0.5])
-    with pytest.raises(ArgumentTypeError, match=r"LevelSampler.insert: layouts should be ids, or a mapping"):
+    with pytest.raises(ArgumentTypeError, match=r"LevelSampler.insert: layouts should be a layout id, .* or a mapping"):
         levels.insert(3, [0.5])
     with pytest.raises(ArgumentError, match=r"should have the keys 'seed' and 'episode', got \['seed'\]"):
         levels.update({"seed": [1]}, [0.5])

@@ -17,14 +17,14 @@ CHEST = """
 <mujoco model="chest">
   <compiler angle="degree" meshdir="parts"/>
   <option timestep="0.001"/>
-  <asset><mesh name="param" file="param.obj"/></asset>
+  <asset><mesh name="knob" file="knob.obj"/></asset>
   <worldbody>
     <light pos="0 0 3"/>
     <geom name="ground" type="plane" size="1 1 .1"/>
     <body name="chest">
       <joint name="swing" type="hinge" axis="0 0 1"/>
       <geom name="box" type="box" size=".1 .1 .1" pos="0 0 .1"/>
-      <geom name="param" type="mesh" mesh="param" pos="0 0 .3"/>
+      <geom name="knob" type="mesh" mesh="knob" pos="0 0 .3"/>
       <body name="tray" pos="0 0 .25">
         <joint name="slide" type="slide" axis="0 -1 0" range="0 .25"/>
         <geom name="tray" type="box" size=".05 .05 .01"/>

@@ -13,7 +13,7 @@ from tests.scene.assets import ARM, BALL, CHEST, OWN, TETRAHEDRON
 def folder(tmp_path: Path) -> Path:
     """Return a folder with the assets of these tests."""
     (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "param.obj").write_text(TETRAHEDRON)
+    (tmp_path / "parts" / "knob.obj").write_text(TETRAHEDRON)
     for name, text in {"chest": CHEST, "ball": BALL, "arm": ARM, "own": OWN}.items():
         (tmp_path / f"{name}.xml").write_text(text)
     return tmp_path

@@ -21,8 +21,8 @@ def test_a_root_body_has_the_object_s_name_and_all_else_its_prefix(folder: Path)
     scene = build(folder, {"a": {"asset": "chest", "kind": "fixture"}, "b": {"asset": "chest", "kind": "static"}})
     assert names(scene.mjm, "body") == ["world", "a", "a/tray", "a/lid", "b", "b/tray", "b/lid"]
     assert names(scene.mjm, "joint") == ["a/slide", "a/hinge", "b/swing", "b/slide", "b/hinge"]
-    assert names(scene.mjm, "geom")[:5] == ["floor", "a/box", "a/param", "a/tray", "a/lid"]
-    assert names(scene.mjm, "mesh") == ["a/param", "b/param"]
+    assert names(scene.mjm, "geom")[:5] == ["floor", "a/box", "a/knob", "a/tray", "a/lid"]
+    assert names(scene.mjm, "mesh") == ["a/knob", "b/knob"]
     assert names(scene.mjm, "actuator") == ["a/pull", "b/pull"]
     assert scene.bodies == {"a": 1, "b": 4}
 
@@ -144,10 +144,10 @@ def test_a_body_of_an_own_model_must_suit_its_kind(folder: Path, objects: dict, 
         build(folder, objects, model=str(folder / "own.xml"))
 
 
-@pytest.mark.parametrize("param", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n"], ids=["empty", "flat"])
-def test_a_mesh_without_a_volume_is_refused(folder: Path, param: str):
+@pytest.mark.parametrize("knob", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 3 4\n"], ids=["empty", "flat"])
+def test_a_mesh_without_a_volume_is_refused(folder: Path, knob: str):
     """Meshes of which MuJoCo can make no convex hull."""
-    (folder / "parts" / "param.obj").write_text(param)
+    (folder / "parts" / "knob.obj").write_text(knob)
     with pytest.raises(MeshError, match=r"objects\.b\.asset: .*vertices"):
         build(folder, {"a": {"asset": "ball", "on": "floor"}, "b": {"asset": "chest", "kind": "fixture"}})
 

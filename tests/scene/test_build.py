@@ -81,7 +81,7 @@ def test_the_scene_opens_in_stock_mujoco_from_its_zip(folder: Path):
     assert scene.spec is not None
     scene.spec.to_zip(str(folder / "scene.zip"))
     assert "scene.xml" in zipfile.ZipFile(folder / "scene.zip").namelist()
-    for gone in ("chest.xml", "parts/param.obj"):
+    for gone in ("chest.xml", "parts/knob.obj"):
         (folder / gone).unlink()
     again = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     assert names(again, "body") == names(scene.mjm, "body")

@@ -26,7 +26,7 @@ LOOKS = {
 SHAPES = {
     "a size": ('size=".1 .1 .1"', 'size=".1 .1 .2"'),
     "a limit": ('range="0 .25"', 'range="0 .2"'),
-    "contact bits": ('<geom name="param"', '<geom contype="2" name="param"'),
+    "contact bits": ('<geom name="knob"', '<geom contype="2" name="knob"'),
     "an exclude": ('<exclude body1="chest" body2="tray"/>', ""),
     "gravity": ('<option timestep="0.001"/>', '<option timestep="0.001" gravity="0 0 -5"/>'),
     "a flag": ('<option timestep="0.001"/>', '<option><flag filterparent="disable"/></option>'),
@@ -68,7 +68,7 @@ def test_looks_are_part_of_the_hash_where_something_is_drawn(folder: Path, name:
 def test_files_count_by_what_is_in_them(folder: Path):
     """Included files count as if they were written in place; names and folders of files do not matter."""
     whole = chest_hash(folder)
-    asset = '<asset><mesh name="param" file="param.obj"/></asset>'
+    asset = '<asset><mesh name="knob" file="knob.obj"/></asset>'
     (folder / "assets.xml").write_text(f"<mujoco>{asset}</mujoco>")
     assert chest_hash(folder, asset, '<include file="assets.xml"/>') == whole
     scaled = asset.replace("/>", ' scale=".5 .5 .5"/>', 1)
@@ -103,10 +103,10 @@ def test_what_is_seen_of_a_urdf_counts_where_it_is_kept(folder: Path, compiler: 
     small, large = hashed('<box size=".1 .1 .1"/>'), hashed('<box size=".4 .4 .1"/>')
     assert (small != large) == bool(compiler)
     assert small[1] == 2 + bool(compiler)  # with the floor
-    mesh, param = '<mesh filename="param.obj"/>', folder / "param.obj"
-    param.write_text(TETRAHEDRON)
+    mesh, knob = '<mesh filename="knob.obj"/>', folder / "knob.obj"
+    knob.write_text(TETRAHEDRON)
     before = hashed(mesh)
-    param.write_text(TETRAHEDRON.replace("0 0 .1", "0 0 .2"))
+    knob.write_text(TETRAHEDRON.replace("0 0 .1", "0 0 .2"))
     assert (hashed(mesh) != before) == bool(compiler)
 
 

@@ -28,12 +28,12 @@ def test_supports_and_joints_are_found_by_their_names_inside_of_objects(folder: 
 
 
 def test_the_hash_names_the_scene_in_every_process_and_place(folder: Path, tmp_path_factory: pytest.TempPathFactory):
-    """Equal in another process and folder; another after a change of a param, a name or a mesh."""
+    """Equal in another process and folder; another after a change of a knob, a name or a mesh."""
     objects = {"a": {"asset": "chest", "kind": "fixture", "on": "floor"}}
     here = build(folder, {"a": dict(objects["a"])}).hash
     there = tmp_path_factory.mktemp("there")
     (there / "parts").mkdir()
-    for file in ("chest.xml", "parts/param.obj"):
+    for file in ("chest.xml", "parts/knob.obj"):
         (there / file).write_text((folder / file).read_text())
     (there / "scene.yaml").write_text(
         "floor: {size: [1, 2]}\nobjects: {a: {asset: ./chest.xml, kind: fixture, on: floor}}"
@@ -49,7 +49,7 @@ def test_the_hash_names_the_scene_in_every_process_and_place(folder: Path, tmp_p
     assert len(here) == 16
     assert build(folder, {"a": {**objects["a"], "gap": 0.001}}).hash != here
     assert build(folder, {"other": dict(objects["a"])}).hash != here
-    (folder / "parts" / "param.obj").write_text(TETRAHEDRON.replace(".1", ".2"))
+    (folder / "parts" / "knob.obj").write_text(TETRAHEDRON.replace(".1", ".2"))
     assert build(folder, {"a": dict(objects["a"])}).hash != here
 
 
