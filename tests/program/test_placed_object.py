@@ -58,13 +58,13 @@ def test_what_only_draws_joints_stands_on_nothing(folder: Path):
 def test_a_support_leans_with_a_joint_that_follows(tmp_path: Path):
     """As it does with one that is drawn itself."""
     tray = """<geom type="box" size=".1 .1 .01"/>
-      <body name="param" pos=".3 0 .2"><joint name="param" axis="0 0 1" range="-30 30"/><geom size=".01"/></body>
+      <body name="knob" pos=".3 0 .2"><joint name="knob" axis="0 0 1" range="-30 30"/><geom size=".01"/></body>
       <body name="tray" pos="0 0 .2"><joint name="tilt" axis="1 0 0" range="-30 30"/>
         <geom type="box" size=".1 .1 .01"/></body>"""
-    rest = '<equality><joint joint1="tilt" joint2="param"/></equality>'
+    rest = '<equality><joint joint1="tilt" joint2="knob"/></equality>'
     asset = write_mjcf(tmp_path, "stand", tray, rest)
     stand = {"asset": asset, "kind": "fixture", "on": "floor"}
-    for joints, tilts in (({}, False), ({"param": {"noise": 0.2}}, True)):
+    for joints, tilts in (({}, False), ({"knob": {"noise": 0.2}}, True)):
         scene = scene_of({"stand": {**stand, "joints": joints}, "apple": {"asset": "apple", "on": "stand/tray"}})
         assert build_plan(scene).objects[-1].tilts == tilts
 

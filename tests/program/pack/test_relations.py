@@ -35,7 +35,7 @@ BLOCK = """
 <mujoco><worldbody><body name="block"><geom type="box" size=".2 .1 .1" pos=".3 0 .1"/>
   <site name="front" pos=".3 -.1 .1" euler="0 0 -90"/><site name="up" euler="0 -90 0"/>
   <body name="lid" pos="0 0 .3"><joint name="hinge" axis="0 1 0" range="0 90"/><geom size=".02"/>
-    <site name="param"/></body>
+    <site name="knob"/></body>
 </body></worldbody></mujoco>"""
 # A board with a hole, and a shelf of it that is higher.
 RACK = "".join(
@@ -249,13 +249,13 @@ def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
 WRONG: dict[str, tuple[dict, dict, type[ScenirisError], str]] = {
     "an unknown site of its own": (
         {"my": "frnt", "its": "front"}, {}, UnknownNameError,
-        r"b\.relations\.0\.beside\.my: unknown site of 'b' 'frnt'\. Did you mean 'front'\? Valid: front, param, up",
+        r"b\.relations\.0\.beside\.my: unknown site of 'b' 'frnt'\. Did you mean 'front'\? Valid: front, knob, up",
     ),
     "an unknown site of the other": (
         {"my": "front", "its": "bottom"}, {}, UnknownNameError,
         r"beside\.its: unknown site of 'a' 'bottom'\..* Valid: front",
     ),
-    "one on a lid": ({"my": "param", "its": "front"}, {}, SceneKeyError, "'param' is on 'b/lid', which joints move"),
+    "one on a lid": ({"my": "knob", "its": "front"}, {}, SceneKeyError, "'knob' is on 'b/lid', which joints move"),
     "one that points up": ({"my": "up", "its": "front"}, {}, SceneKeyError, "the x axis of 'up' is vertical"),
     "of what may lie": (
         {"my": "front", "its": "front"}, {"orientation": "any"}, SceneKeyError, "'a' has the orientation 'any'",

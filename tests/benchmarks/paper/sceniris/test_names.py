@@ -17,7 +17,7 @@ from tests.scene.assets import CHEST, TETRAHEDRON, names
 def folder(tmp_path: Path) -> Path:
     """Return a folder with a chest."""
     (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "param.obj").write_text(TETRAHEDRON)
+    (tmp_path / "parts" / "knob.obj").write_text(TETRAHEDRON)
     (tmp_path / "chest.xml").write_text(CHEST)
     return tmp_path
 
