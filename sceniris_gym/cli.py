@@ -16,6 +16,7 @@ import tyro
 
 import sceniris_gym
 from sceniris_gym.commands.answer import Answer, answer
+from sceniris_gym.commands.messages import each_once, in_words
 from sceniris_gym.commands.options import (
     OUT,
     Changes,
@@ -42,7 +43,7 @@ from sceniris_gym.commands.options import (
 )
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import NotSupportedError, ScenirisError
-from sceniris_gym.files import UNWRITABLE, check_picture, write_text
+from sceniris_gym.files import check_picture, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.records import CONFIG
 from sceniris_gym.training.settings import Options
@@ -556,7 +557,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     about = f"{ABOUT} Version {sceniris_gym.__version__} (--version)."
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _once()
+            warnings.showwarning = each_once()
             if arguments[:1] and arguments[0] in COMMANDS:  # whose usage errors then name its own --help
                 command, prog = COMMANDS[arguments[0]], f"sceniris-gym {arguments[0]}"
                 said = tyro.cli(command, prog=prog, args=arguments[1:])
@@ -565,45 +566,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     COMMANDS, prog="sceniris-gym", description=about, args=arguments
                 )
     except (ScenirisError, OSError) as error:
-        message = str(error) if isinstance(error, ScenirisError) else _in_words(error)
+        message = str(error) if isinstance(error, ScenirisError) else in_words(error)
         print(f"error: {message}", file=sys.stderr)
         sys.exit(2)
     print(said.text)
     if not said.ok:
         sys.exit(1)
-
-
-def _once() -> Callable[..., None]:
-    """Return a `warnings.showwarning` that prints each text once."""
-    printed: set[str] = set()
-
-    def show(message: Warning | str, *_: object) -> None:
-        if str(message) not in printed:
-            printed.add(str(message))
-            print(f"warning: {message}", file=sys.stderr, flush=True)
-
-    return show
-
-
-def _in_words(error: OSError) -> str:
-    """Return an error of the operating system in words: the file, the reason, and a remedy."""
-    file = "a file" if error.filename is None else str(error.filename)
-    why = str(error) if error.strerror is None else error.strerror.lower()
-    if error.filename is not None and _is_unwritable_cache(file):
-        return (
-            f"{file}: the folder for compiled kernels cannot be written: {why}. "
-            "Set WARP_CACHE_PATH to a folder that you can write to."
-        )
-    advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
-    return f"{file}: {why}. {advice if error.errno in UNWRITABLE else ''}".rstrip()
-
-
-def _is_unwritable_cache(file: str) -> bool:
-    """Return True if a file is Warp's kernel cache, or inside or above it, and is not writable."""
-    import warp as wp
-
-    if not wp.config.kernel_cache_dir:
-        return False
-    cache, path = Path(wp.config.kernel_cache_dir), Path(file).absolute()
-    concerned = path.is_relative_to(cache) or cache.is_relative_to(path)
-    return concerned and not (cache.is_dir() and os.access(cache, os.W_OK))

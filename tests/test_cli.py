@@ -1,13 +1,11 @@
 """The command line: one JSON line on stdout, errors in words, files whole or not at all."""
 
-import errno
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import mujoco
@@ -17,7 +15,7 @@ from PIL import Image
 
 import sceniris_gym
 from sceniris_gym import cli
-from sceniris_gym.errors import SceneKeyError, ScenirisWarning
+from sceniris_gym.errors import SceneKeyError
 
 
 def answer(capfd: pytest.CaptureFixture, *arguments: str, device: str = "cpu") -> dict:
@@ -226,43 +224,6 @@ def test_a_path_that_cannot_be_written_is_refused_before_the_work(
     assert [path.name for path in (tmp_path / "folder").iterdir()] == ["scene.zip"]
 
 
-def test_a_full_disk_is_told_in_words(capfd: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The error has the system's words, and no half written file is left."""
-
-    def full(*_, **__):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["generate", "mid", "-n", "1", "-o", str(tmp_path), "--device", "cpu"])
-    assert stop.value.code == 2
-    assert "scene.zip cannot be written: no space left on device. Give --out" in capfd.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == [".progress"]
-
-
-@pytest.mark.parametrize("code", [errno.EACCES, errno.EPERM, errno.ENOENT])
-def test_a_folder_for_kernels_that_cannot_be_written_is_told_with_the_way_out(
-    code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
-):
-    """Whichever folder on the way to it the system names; an input that is missing keeps its own words."""
-    file = tmp_path / "kernels"
-
-    def start() -> None:
-        raise OSError(code, os.strerror(code), str(file))
-
-    monkeypatch.setattr("sceniris_gym.device.kernel_log.start_warp", start)
-    for cache, unwritable in ((tmp_path / "kernels" / "1.0", True), (tmp_path, False)):
-        monkeypatch.setattr("warp.config.kernel_cache_dir", str(cache))
-        with pytest.raises(SystemExit) as stop:
-            cli.main(["demo"])
-        err = capfd.readouterr().err
-        assert stop.value.code == 2
-        assert f"{file}: " in err
-        assert os.strerror(code).lower() in err
-        assert ("kernels cannot be written" in err) is unwritable
-        assert ("Set WARP_CACHE_PATH to a folder" in err) is unwritable
-
-
 def test_a_new_folder_is_only_made_when_there_is_something_to_write(tmp_path: Path):
     """A scene that does not exist leaves no empty folders, though those could be made."""
     with pytest.raises(SystemExit):
@@ -370,18 +331,3 @@ def test_a_usage_error_names_the_help_of_its_command(capfd: pytest.CaptureFixtur
         cli.main(command)
     assert stop.value.code == 2
     assert f"sceniris-gym {command[0]} --help" in capfd.readouterr().err
-
-
-def test_a_warning_is_one_line(capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch):
-    """Without the place in the code, and once for each text."""
-
-    def warned() -> cli.Answer:
-        for text in ("half.yaml: few", "half.yaml: few", "other.yaml: few"):
-            warnings.warn(text, ScenirisWarning, stacklevel=1)
-        return cli.Answer("done")
-
-    monkeypatch.setitem(cli.COMMANDS, "demo", warned)
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        cli.main(["demo"])
-    assert capfd.readouterr().err == "warning: half.yaml: few\nwarning: other.yaml: few\n"

@@ -116,8 +116,8 @@ class PlaceLayouts(ManagerTermBase):
         """Choose the layouts that environments get at their next reset. They go on from there.
 
         Args:
-            layouts: A layout id, or one for each environment (None is its next layout), or a mapping such as
-                `env.extras["layout"]`.
+            layouts: A layout id, or one for each environment (None is its next layout), or a mapping
+                {"seed": ..., "episode": ...}.
             env_ids: The environments, in the order of the layouts: ids, a slice, or None for all.
 
         Raises:

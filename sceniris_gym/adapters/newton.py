@@ -185,9 +185,9 @@ class NewtonRandomizer(StaysHere):
         Raises:
             ArgumentTypeError, ArgumentError, SceneMismatchError: As `ResetRandomizer.reset`.
         """
-        fill_mask(as_worlds(worlds, self.model.world_count, self.model.device, self._mask), self._mask)
         if seed is not None or layouts is not None:
             self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
+        fill_mask(as_worlds(worlds, self.model.world_count, self.model.device, self._mask), self._mask)
         self.pipeline.generate(self._mask)
         for state in self.states:
             self._write(self.layouts.qpos, state.joint_q, state.joint_qd, self.model.joint_X_p)

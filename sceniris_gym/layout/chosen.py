@@ -44,7 +44,7 @@ def as_layouts(
 
     Args:
         value: A layout id for all chosen worlds; a sequence of ids, where None keeps a world's next layout; or a
-            mapping such as `info["layout"]`, with "seed" and "episode", perhaps "params", and keys that are not read. A
+            mapping with "seed" and "episode", perhaps "params", and keys that are not read. A
             sequence has an entry for each chosen world in order, or for each world.
         layouts: The layouts of these worlds.
         split: Their split.
@@ -70,7 +70,7 @@ def as_layouts(
         if (kept != param)[given].any():
             raise ArgumentError(f"{name} should have the params that the stored layouts were made with.")
         param = None
-    rows = np.zeros(nworld, int) if single else _entries(len(seed), worlds, nworld, name)
+    rows = np.zeros(nworld, int) if single else entries_of_worlds(len(seed), worlds, nworld, name)
     first, numbers = (part if part is None else part[rows] for part in (episode, param))
     return ChosenLayouts(seed[rows], given[rows], first, numbers)
 
@@ -86,8 +86,8 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
         worlds: The chosen worlds; see `as_worlds`.
 
     Raises:
-        ArgumentError: Not seeds, see `as_seeds`; or a Warp array of another type, shape or device.
-        ArgumentError: Another number of seeds.
+        ArgumentError: Not seeds, see `as_seeds`; another number of them; or a Warp array of another type, shape or
+            device.
     """
     if isinstance(seed, wp.array):
         if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
@@ -97,12 +97,14 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
             )
         return seed
     seed = as_numbers(seed) if type(seed).__module__ == "torch" else seed
-    many = isinstance(seed, Sequence | np.ndarray) and np.ndim(seed) == 1
-    found = as_seeds(seed, len(seed) if many else nworld)
-    return wp.array(found[_entries(len(found), worlds, nworld, "seed")] if many else found, wp.uint64, device=device)
+    if isinstance(seed, Sequence | np.ndarray) and np.ndim(seed) == 1:
+        found = as_seeds(seed, len(seed))[entries_of_worlds(len(seed), worlds, nworld, "seed")]
+    else:
+        found = as_seeds(seed, nworld)
+    return wp.array(found, dtype=wp.uint64, device=device)
 
 
-def _entries(number: int, worlds: Any, nworld: int, name: str) -> np.ndarray:
+def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.ndarray:
     """Return the entry of each world, shape (nworld,): in the order of the chosen worlds, else of all worlds."""
     every = np.arange(nworld)
     if number == nworld and is_mask(worlds):  # which may be on a device

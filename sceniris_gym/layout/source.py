@@ -155,8 +155,8 @@ class LayoutSource(StaysHere):
             worlds: As in `generate`.
             seed: World i gets seed + i and starts at episode 0. Or a 64-bit seed for each chosen world in order, or for
                 each world; a uint64 Warp array on the device, shape (nworld,), is not copied to the host.
-            layouts: A layout id, or one for each world (None keeps its next layout), or a mapping such as
-                `info["layout"]`: {"seed": ..., "episode": ...}, perhaps with "params".
+            layouts: A layout id, or one for each world (None keeps its next layout), or a mapping {"seed": ...,
+                "episode": ...}, perhaps with "params".
 
         Raises:
             ArgumentError: Neither `seed` nor `layouts`, or both; or values that no layout has.

@@ -198,8 +198,8 @@ class ResetRandomizer(Fixed, StaysHere):
             worlds: None for all worlds; booleans, shape (nworld,), perhaps all false; ids of worlds, shape (k,), in any
                 order; or a slice. Booleans and ids may be a sequence, or an array of numpy, torch or Warp.
             seed: World i gets seed + i, from episode 0 on; or a seed for each chosen world in order, or for each world.
-            layouts: A layout id, or one for each world (None is its next layout), or a mapping such as
-                `info["layout"]`. The worlds go on from there. See `LayoutSource.reseed`.
+            layouts: A layout id, or one for each world (None is its next layout), or a mapping {"seed":
+                ..., "episode": ...}. The worlds go on from there. See `LayoutSource.reseed`.
 
         Raises:
             ArgumentTypeError: Neither booleans nor integers.
@@ -207,10 +207,9 @@ class ResetRandomizer(Fixed, StaysHere):
             ArgumentError, SceneMismatchError, UnknownNameError: See `LayoutSource.reseed`.
         """
         self.fields.check()
-        mask = as_worlds(worlds, self.data.nworld, self.device, self._mask)
         if seed is not None or layouts is not None:
             self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
-        self.launch_reset(mask)
+        self.launch_reset(as_worlds(worlds, self.data.nworld, self.device, self._mask))
 
     def launch_reset(self, mask: wp.array | None) -> None:
         """Reset the masked worlds: `reset` without its checks.

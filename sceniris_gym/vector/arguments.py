@@ -16,7 +16,7 @@ from torch import Tensor
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
-from sceniris_gym.layout.chosen import ChosenLayouts
+from sceniris_gym.layout.chosen import ChosenLayouts, entries_of_worlds
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.masks import as_count, as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
@@ -146,8 +146,7 @@ def as_reset_seeds(
         return None
     given = np.ones(num_envs, bool)
     if mask is not None and isinstance(seed, Sequence | np.ndarray) and len(seed) == mask.sum() < num_envs:
-        entries = iter(seed)
-        seed = [next(entries) if masked else None for masked in mask]
+        seed = [seed[i] for i in entries_of_worlds(len(seed), mask, num_envs, "seed")]
     if isinstance(seed, list | tuple) and len(seed) == num_envs and type(None) in set(map(type, seed)):
         wanted = np.fromiter(seed, dtype=object, count=len(seed))
         missing = (wanted == np.array(None)).astype(bool)
