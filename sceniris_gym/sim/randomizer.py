@@ -71,7 +71,8 @@ class ResetRandomizer(Fixed, StaysHere):
             copies it. The layouts are the same; the memory is that of a second generator (88 MB for 4,096 worlds of
             `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
             the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
-        layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
+        layout_source: A LayoutSource, or a LayoutTable whose rows are served. None makes a LayoutGenerator with `seed`,
+            `split` and `prefetch`.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
             or a mapping of the fields of one. None goes from episode to episode of one seed.
         params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
@@ -144,7 +145,7 @@ class ResetRandomizer(Fixed, StaysHere):
         seed: int | Sequence[int] = 0,
         split: str = "train",
         prefetch: bool | wp.Stream | None = None,
-        layout_source: LayoutSource | None = None,
+        layout_source: LayoutSource | LayoutTable | None = None,
         curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # what a reset writes:

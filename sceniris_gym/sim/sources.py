@@ -15,7 +15,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, view_of
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.layout.stored import check_table
+from sceniris_gym.layout.stored import StoredLayouts, check_table
 from sceniris_gym.levels.curriculum import ADR, LevelReplay, as_curriculum
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
@@ -27,7 +27,7 @@ def make_pipeline(
     nworld: int,
     where: str,
     *,
-    layout_source: LayoutSource | None = None,
+    layout_source: LayoutSource | LayoutTable | None = None,
     seed: int | Sequence[int] | np.ndarray = 0,
     split: str = "train",
     prefetch: bool | wp.Stream | None = None,
@@ -41,7 +41,7 @@ def make_pipeline(
         compiled: The scene.
         nworld: Number of worlds.
         where: Name of the class that holds the pipeline, with which errors begin.
-        layout_source: Makes the layouts; None makes a LayoutGenerator. See ResetRandomizer, which explains the others,
+        layout_source: Makes the layouts, or has them. None makes a LayoutGenerator. See ResetRandomizer, which explains the others,
             too.
         seed: Seeds of a generator.
         split: Its split.
@@ -70,6 +70,8 @@ def make_pipeline(
             f"{where}: prefetch and params are for layouts that it generates itself. Give either them or a "
             "layout_source, which may be a LayoutPipeline that prefetches."
         )
+    if isinstance(layout_source, LayoutTable):
+        layout_source = StoredLayouts(compiled, layout_source, nworld, seed=seed)
     check_type(layout_source, LayoutSource, f"{where}: layout_source")
     if replay is not None and layout_source.chooser is not None:
         raise ArgumentError(f"{where}: both curriculum and layout_source choose layouts. Give one of them.")

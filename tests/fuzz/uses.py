@@ -86,14 +86,14 @@ def wrong_use(draws: np.random.Generator, folder: Path) -> str | None:
         return "a world without a layout"
     ids = envs.layout_ids()
     again = envs.reset(options={"layouts": ids})[1]
-    if not bool((again["layout_fallback"] == info["layout_fallback"]).all()):
+    if not bool((again["layout"]["fallback"] == info["layout"]["fallback"]).all()):
         return f"ids {ids} that make other layouts"
     return None
 
 
 def _options(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
     info = envs.reset(seed=1)[1]
-    named = {"seed": info["layout_seed"], "episode": info["layout_episode"], "params": info["layout_params"]}
+    named = {"seed": info["layout"]["seed"], "episode": info["layout"]["episode"], "params": info["layout"]["params"]}
     mask = np.array([True, False] * 2)
     right: list[dict[str, Any]] = [
         {"reset_mask": mask, "params": dict(PARAMS)},
