@@ -41,8 +41,8 @@ def make_pipeline(
         compiled: The scene.
         nworld: Number of worlds.
         where: Name of the class that holds the pipeline, with which errors begin.
-        layout_source: Makes the layouts, or has them. None makes a LayoutGenerator. See ResetRandomizer, which explains the others,
-            too.
+        layout_source: Makes the layouts, or has them. None makes a LayoutGenerator. See ResetRandomizer, which explains
+            the others, too.
         seed: Seeds of a generator.
         split: Its split.
         prefetch: Make its layouts ahead.

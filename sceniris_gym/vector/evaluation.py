@@ -57,8 +57,8 @@ def evaluate(
         A result for each layout, in the same order.
 
     Raises:
-        ArgumentError: Not such an environment, or one without max_episode_steps. A negative number of layouts. A malformed
-            id.
+        ArgumentError: Not such an environment, or one without max_episode_steps. A negative number of layouts. A
+            malformed id.
         SceneMismatchError: An id of another scene or split.
     """
     inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
