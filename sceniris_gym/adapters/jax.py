@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type, import_extra
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
 from sceniris_gym.sim.fit import check_model
@@ -84,7 +84,7 @@ class LayoutFunction:
             raise ArgumentError(f"LayoutFunction: seed, episode and where should be of one shape. {error}") from None
         episode, where = (jnp.broadcast_to(array, lead) for array in (episode.astype(jnp.int32), where))
         qpos, pos, quat, status = _vmappable(self)(jnp.broadcast_to(words, (*lead, 2)), episode, where)
-        return FreshLayouts(qpos, pos, quat, status == int(Status.FALLBACK))
+        return FreshLayouts(qpos, pos, quat, status == int(LayoutStatus.FALLBACK))
 
     def _call(self, words: Any, episode: Any, where: Any) -> list[Any]:
         """Return poses and statuses of layouts for arguments of one leading shape."""

@@ -18,7 +18,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
 from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.masks import as_world_ids
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws
 from sceniris_gym.scene.adopt import instead_of_variants
@@ -181,7 +181,7 @@ class PlaceLayouts(ManagerTermBase):
     def _tell(self) -> None:
         """Report the layouts of the environments in `env.extras`."""
         layouts, extras = self.layouts, self._env.extras
-        fallback = wp.to_torch(layouts.status) == Status.FALLBACK
+        fallback = wp.to_torch(layouts.status) == LayoutStatus.FALLBACK
         seed, episode = wp.to_torch(layouts.seed).view(torch.int64).clone(), wp.to_torch(layouts.episode).long()
         extras["layout"] = {"seed": seed, "episode": episode, "fallback": fallback}
         if self.compiled.config.start:

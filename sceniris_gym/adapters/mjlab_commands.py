@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sceniris_gym.adapters.mjlab import layouts_term
 from sceniris_gym.errors import ArgumentError, import_extra
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import Simulation
 from sceniris_gym.sim.rest import scene_rest
@@ -61,7 +61,7 @@ class RedrawObjects(_COMMANDS.CommandTerm):
         due[env_ids] = True
         self._redrawer.launch(self.cfg.objects, wp.from_torch(due, dtype=wp.bool))
         self._env.sim.forward()
-        failed = wp.to_torch(self._redrawer.status) == Status.KEPT
+        failed = wp.to_torch(self._redrawer.status) == LayoutStatus.KEPT
         self._env.extras.setdefault("layout", {}).update(redraws=self._number.long(), redraw_failed=failed)
 
     def _update_metrics(self) -> None:

@@ -96,7 +96,8 @@ class ResetRandomizer(Fixed, StaysHere):
         split: The split of the layouts: that of the layout_source if it has one.
         fields: Model fields that have a row for each world.
         redraw_count: Redraws of each world since its reset, shape (nworld,), int32.
-        redraw_status: `Status` of each world's latest redraw, VALID or KEPT; NONE before the first; (nworld,), int32.
+        redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT; NONE before the first; (nworld,),
+            int32.
         redrawer: The launches of `redraw`; see `Redrawer`.
         variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
             the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
@@ -230,9 +231,9 @@ class ResetRandomizer(Fixed, StaysHere):
         All else stays bit for bit as it is in `data`: it is an obstacle, an anchor of relations, and a support if it is
         level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
         function of scene, split, seed, episode, number of the redraw since the reset (`redraw_count`) and state.
-        Where nothing fits, the world keeps its state, `redraw_status` is `Status.KEPT`, and `redrawer.kept` counts
-        it. Positions and orientations in space of the objects are brought up to date; those of all bodies only along
-        with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
+        Where nothing fits, the world keeps its state, `redraw_status` is `LayoutStatus.KEPT`, and `redrawer.kept`
+        counts it. Positions and orientations in space of the objects are brought up to date; those of all bodies only
+        along with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
 
         Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
 

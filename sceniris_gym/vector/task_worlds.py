@@ -10,7 +10,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.layout.columns import NEXT
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.snapshot import check_snapshot, live_tensors, put
@@ -104,7 +104,7 @@ class TaskWorlds:
         layout: dict[str, Any] = {
             "seed": s.seed.clone(),
             "episode": s.episode.clone(),
-            "fallback": s.layout_status == Status.FALLBACK,
+            "fallback": s.layout_status == LayoutStatus.FALLBACK,
         }
         if self.randomizer.compiled.config.start:
             layout["start"] = s.start.clone()
@@ -115,7 +115,7 @@ class TaskWorlds:
         redrawer = self.randomizer.redrawer
         if redrawer.prepared:
             layout["redraws"] = wp.to_torch(redrawer.number).clone()
-            layout["redraw_failed"] = wp.to_torch(redrawer.status) == Status.KEPT
+            layout["redraw_failed"] = wp.to_torch(redrawer.status) == LayoutStatus.KEPT
         if sampler is not None:
             layout["level"] = torch.where(layout["fallback"], -2, wp.to_torch(sampler.level))
         return {"layout": layout}

@@ -190,7 +190,7 @@ def _names(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> No
     calls: list[Callable[[], Any]] = [
         lambda: envs.randomizer.random("a", wrong),
         lambda: envs.randomizer.random(wrong, 2),
-        lambda: envs.state.random(wrong) if not isinstance(wrong, int) or wrong < 10**4 else None,
+        lambda: envs.state.uniform(wrong) if not isinstance(wrong, int) or wrong < 10**4 else None,
         lambda: envs.snapshot(some_array(draws)),
         lambda: envs.set_attr("max_episode_steps", wrong),
         lambda: envs.set_attr("task", wrong),

@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
@@ -88,7 +88,7 @@ def test_masked_worlds_go_on_by_one_episode(mid: CompiledScene, make: Maker):
     assert source.layouts.episode.numpy().tolist() == [-1] * NWORLD
     source.launch_generate(None)
     assert source.layouts.episode.numpy().tolist() == [0] * NWORLD
-    assert (source.layouts.status.numpy() != Status.NONE).all()
+    assert (source.layouts.status.numpy() != LayoutStatus.NONE).all()
     before = source.layouts.qpos.numpy().copy()
     source.launch_generate(mask_of([True, False, False, True]))
     assert source.layouts.episode.numpy().tolist() == [1, 0, 0, 1]

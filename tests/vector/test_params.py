@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.levels import LevelReplay
 from sceniris_gym.vector.single_env import SceneEnv
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -136,7 +136,7 @@ def test_layouts_from_the_bank_are_no_levels(make_env, score: str):  # noqa: F81
     """Their outcomes count nowhere, nor do scores that are given for them."""
     envs = make_env(4, max_episode_steps=1, curriculum=LevelReplay(score, replay_prob=0.0, refresh_interval=1))
     envs.reset(seed=0)
-    envs.state.layout_status.fill_(int(Status.FALLBACK))
+    envs.state.layout_status.fill_(int(LayoutStatus.FALLBACK))
     for size in (0, 4):
         last = envs.step(actions(4))[-1]["final_info"]
         if score == "custom":
