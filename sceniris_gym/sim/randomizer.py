@@ -17,7 +17,6 @@ from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.errors import check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, mask_of_rows
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -28,7 +27,7 @@ from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
-from sceniris_gym.sim.sources import make_pipeline, stored_rows
+from sceniris_gym.sim.sources import SourceLike, make_pipeline, stored_rows
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.sim.write import poses_of
@@ -71,8 +70,9 @@ class ResetRandomizer(Fixed, StaysHere):
             copies it. The layouts are the same; the memory is that of a second generator (88 MB for 4,096 worlds of
             `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
             the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
-        layout_source: A LayoutSource, or a LayoutTable whose rows are served. None makes a LayoutGenerator with `seed`,
-            `split` and `prefetch`.
+        layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
+            `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator with `seed`, `split` and
+            `prefetch`.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
             or a mapping of the fields of one. None goes from episode to episode of one seed.
         params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
@@ -146,7 +146,7 @@ class ResetRandomizer(Fixed, StaysHere):
         seed: int | Sequence[int] = 0,
         split: str = "train",
         prefetch: bool | wp.Stream | None = None,
-        layout_source: LayoutSource | LayoutTable | None = None,
+        layout_source: SourceLike | None = None,
         curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # what a reset writes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -21,7 +20,6 @@ from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.masks import as_count, as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
@@ -65,23 +63,6 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
             )
         return scene
     return compile_scene(SceneConfig.load(scene, overrides or {}), device)
-
-
-def as_layout_source(make: Any, compiled: CompiledScene, num_envs: int) -> Any:
-    """Return the layout source of these worlds that a function makes; a table, or None, as it is.
-
-    Raises:
-        ArgumentTypeError: Not a function that takes a scene and a number of worlds.
-    """
-    if make is None or isinstance(make, LayoutTable):
-        return make
-    try:
-        inspect.signature(make).bind(compiled, num_envs)
-    except (TypeError, ValueError):
-        raise ArgumentTypeError(
-            f"layout_source should be a function (compiled, num_envs) or a LayoutTable, got {short(make)}."
-        ) from None
-    return make(compiled, num_envs)
 
 
 def as_autoreset_mode(value: Any) -> AutoresetMode:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,11 @@ from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.sources import SourceLike
 from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
 from sceniris_gym.vector.images import Images, as_shots
@@ -89,8 +88,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         split: "train" or "eval", which share no layouts and no random numbers. A layout_source may have its own.
         prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
             ResetRandomizer. Not with a layout_source.
-        layout_source: A LayoutDataset or LayoutTable whose rows are served, or a function that makes a LayoutSource:
-            `layout_source(compiled, num_envs)`. None makes a LayoutGenerator.
+        layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
+            `(compiled, num_envs)` that returns a LayoutSource. None makes a LayoutGenerator.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
             or a mapping of the fields of one. `info["layout"]` then has `level`: the layout's index in the level
             buffer, -1 if it is fresh, and -2 if it comes from the bank.
@@ -160,7 +159,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         device: str | None = None,
         split: str = "train",
         prefetch: bool | None = None,
-        layout_source: Callable[[CompiledScene, int], LayoutSource] | LayoutTable | None = None,
+        layout_source: SourceLike | None = None,
         curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # episodes:
@@ -204,8 +203,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics: dict[str, Any] = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax, "graph": graph}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
-        source = arguments.as_layout_source(layout_source, self.compiled, num_envs)
-        words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch}
+        words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": prefetch}
         words |= {"curriculum": curriculum, "needs": self.task.needs, "fields": batch.fields, "graph": graph}
         self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)

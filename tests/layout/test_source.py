@@ -171,7 +171,10 @@ def test_something_may_follow_every_reset(mid: CompiledScene):
 def test_what_is_no_source_is_refused(mid: CompiledScene):
     """Also where it has methods of the same names."""
     batch = Batch(mid.scene, NWORLD, "cpu")
-    with pytest.raises(ArgumentTypeError, match="ResetRandomizer: layout_source should be a LayoutSource, got"):
+    with pytest.raises(
+        ArgumentTypeError,
+        match="should be a LayoutSource, LayoutTable, LayoutDataset or",
+    ):
         ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # type: ignore[arg-type]
     with pytest.raises(ArgumentTypeError, match=r"LayoutSource: should have a method `launch_make\(mask\)`"):
         LayoutSource().launch_make(None)

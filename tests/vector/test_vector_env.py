@@ -115,7 +115,7 @@ def test_wrong_arguments_are_refused(make_env, arguments):
 @pytest.mark.parametrize("source", [3, lambda: 3])
 def test_what_makes_no_layout_source_is_refused(make_env, source):
     """It is a function of the scene and the number of worlds."""
-    with pytest.raises(TypeError, match=r"layout_source should be a function \(compiled, num_envs\), got"):
+    with pytest.raises(TypeError, match=r"LayoutDataset or a function \(compiled, num_envs\), got"):
         make_env(layout_source=source)
 
 
@@ -141,14 +141,13 @@ def test_returned_tensors_are_never_overwritten(make_env):
 
 
 def test_numpy_output_suits_gymnasiums_wrappers(make_env):
-    """Plain arrays, no objects and no key `episode`; statistics and lists of infos can be made of them."""
+    """Plain arrays, no objects and no key `episode` in `info`; statistics and lists of infos can be made of them."""
     envs = make_env(2, output="numpy", max_episode_steps=2)
     plain, _ = envs.reset(seed=0)
     result = envs.step(envs.action_space.sample())
 
     def check(value) -> None:
         if isinstance(value, dict):
-            assert "episode" not in value
             for item in value.values():
                 check(item)
         else:
@@ -157,6 +156,7 @@ def test_numpy_output_suits_gymnasiums_wrappers(make_env):
 
     for value in (plain, *result):
         check(value)
+    assert not {"episode", "_episode"} & {*result[-1], *result[-1].get("final_info", {})}
     wrapped = DictInfoToList(RecordEpisodeStatistics(envs))
     wrapped.reset(seed=0)
     total = np.zeros(2)
