@@ -53,7 +53,7 @@ class RslRlVecEnvWrapper(VecEnv):
                 "RslRlVecEnvWrapper: env should be a SceneVectorEnv, as gymnasium.make_vec returns it, got "
                 f"a {type(env).__name__}."
             )
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
             raise ArgumentError(
                 "RslRlVecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True."
             )

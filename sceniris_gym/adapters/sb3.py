@@ -44,7 +44,7 @@ class Sb3VecEnvWrapper(VecEnv):
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
         group: The part of the observation for the agent: a group, or a picture as "wrist/rgb" (for "CnnPolicy"). A
             sequence of several names makes a dict of them (for "MultiInputPolicy"). Pictures need an environment with
-            `final_images`, as agents see the last observation of an episode.
+            `ImageConfig.final`, as agents see the last observation of an episode.
 
     Raises:
         ArgumentTypeError: Not a SceneVectorEnv.
@@ -55,14 +55,15 @@ class Sb3VecEnvWrapper(VecEnv):
     def __init__(self, env: VectorEnv, group: str | Sequence[str] = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
             raise ArgumentTypeError(f"Sb3VecEnvWrapper: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
             raise ArgumentError("Sb3VecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         assert isinstance(env.single_observation_space, gymnasium.spaces.Dict)
         parts = _parts(env.single_observation_space.spaces)
         names = [group] if isinstance(group, str) else list(group)
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)
-        if not env.final_images and any(name not in env.observation_names for name in names):
-            raise ArgumentError("Sb3VecEnvWrapper: env should have final_images=True for pictures as observations.")
+        images = env.image_config
+        if images is not None and not images.final and any(name not in env.observation_names for name in names):
+            raise ArgumentError("Sb3VecEnvWrapper: env should have images=ImageConfig(..., final=True).")
         self.env, self.group = env, group
         space = parts[group] if isinstance(group, str) else gymnasium.spaces.Dict({name: parts[name] for name in names})
         super().__init__(env.num_envs, space, env.single_action_space)
@@ -174,7 +175,7 @@ class Sb3VecEnvWrapper(VecEnv):
         return [wrapper_class is Monitor] * len(self._chosen(indices))
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return pictures of the first `render_envs` worlds, (height, width, 3) uint8."""
+        """Return pictures of the first `RenderConfig.num_envs` worlds, (height, width, 3) uint8."""
         frames = self.env.render()
         if frames is None:
             warnings.warn("env should be made with render_mode='rgb_array' to return pictures.", stacklevel=2)

@@ -59,11 +59,9 @@ class ResetRandomizer(Fixed, StaysHere):
         compiled: The compiled scene, on the device of `data`.
         model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
             and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ. If objects
-            have variants, `sceniris_gym.put_model(compiled, nworld)` makes it, and `data` is made from
-            `compiled.sim_mjm`.
-        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm, compiled.scene)` in sceniris_gym.sim.batch
-            returns an nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of
-            `data`.
+            have variants, it is the Model of `make_worlds`.
+        data: mujoco_warp Data of the worlds. `make_worlds` leaves room for the contacts of most scenes, and
+            `check_budget` checks it.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. A layout_source may have its own.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
@@ -254,8 +252,8 @@ class ResetRandomizer(Fixed, StaysHere):
     def model_field(self, name: str, of: str | None = None) -> wp.array:
         """Return a field of the Model with a row for each world, to write to after a reset.
 
-        The Model has to be made with a row for each world, by `put_model(compiled, nworld, name)`. Call `refresh` after
-        writing to it. A field that `put_model` has made for the scene's draws is asked for before the first reset.
+        Make the Model with a row for each world, by `make_worlds(compiled, nworld, fields=name)`. Call `refresh` after
+        writing to it. A field that `make_worlds` has made for the scene's draws is asked for before the first reset.
 
         Args:
             name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
@@ -280,7 +278,7 @@ class ResetRandomizer(Fixed, StaysHere):
         masses.
 
         Args:
-            name: A field that `put_model` or `model_field` was asked for.
+            name: A field that `make_worlds` or `model_field` was asked for.
             of: An element of the model, or an object or a robot.
             factor: Factors of the model's values, a torch, numpy or Warp array, shape (nworld,), float32.
 

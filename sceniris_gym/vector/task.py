@@ -11,6 +11,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import TaskError
 from sceniris_gym.sim.versions import SLEEPING as SLEEPING
+from sceniris_gym.vector.settings import ImageConfig, SimConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import COUNTS
 
@@ -46,6 +47,8 @@ class Task:
             `State.model_field`.
         options: Fields of MjOption that differ from the scene's in the physics of this task. Layouts do not depend on
             them.
+        images: Camera images that environments of this task observe; None observes none.
+        sim_config: SimConfig of environments in the task's own scene: the contacts and constraint rows that it needs.
     """
 
     scene: str = ""
@@ -54,6 +57,8 @@ class Task:
     action_size: int | None = None
     model_fields: tuple[str, ...] = ()
     options: Mapping[str, Any] = {}
+    images: ImageConfig | None = None
+    sim_config: SimConfig = SimConfig()
 
     def bind(self, s: State) -> None:
         """Prepare for the worlds of `s`; called once, before anything else."""

@@ -12,7 +12,8 @@ from sceniris_gym.layout.tables import make_table, read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.batch import LINE_SEARCH, Batch, default_budget, with_options
+from sceniris_gym.sim.batch import LINE_SEARCH, Batch, with_options
+from sceniris_gym.sim.budget import default_budget
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS
 from tests.layout.scenes import compile_on_cpu
 from tests.versions import since_4

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco_warp as mjw
 import numpy as np
 import pytest
 import warp as wp
@@ -12,8 +11,8 @@ import warp as wp
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 
 NWORLD = 6
 DRAWS = {"mass": {"scale": [0.5, 2.0]}, "friction": {"scale": [0.5, 2.0]}, "rgba": {"scale": [0.5, 1.0]}}
@@ -48,9 +47,7 @@ def scene(device: str) -> CompiledScene:
 
 def make(scene: CompiledScene, nworld: int = NWORLD, **kwargs: Any) -> ResetRandomizer:
     """Return a randomizer of worlds whose Model has rows of all fields that are drawn."""
-    with wp.ScopedDevice(scene.device):
-        data = mjw.make_data(scene.sim_mjm, nworld, nconmax=64, njmax=256)
-    return ResetRandomizer(scene, put_model(scene, nworld), data, seed=7, **kwargs)
+    return ResetRandomizer(scene, *make_worlds(scene, nworld, nconmax=64, njmax=256), seed=7, **kwargs)
 
 
 def values(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
