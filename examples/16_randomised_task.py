@@ -1,15 +1,12 @@
 """Physics and looks from the layout's seed: a scene draws masses, gains, colours and light, and a task its own."""
 
-import pkgutil
-from typing import Any
-
 import torch
 import tyro
 from torch import Tensor
 
 from sceniris_gym import SceneVectorEnv, State
+from sceniris_gym.envs.tabletop_lift import TabletopLift
 
-TabletopLift: Any = pkgutil.resolve_name("sceniris_gym.envs.tabletop_lift:TabletopLift")
 THING = {"mass": {"scale": [0.5, 2.0], "distribution": "log_uniform"}, "friction": {"scale": [0.7, 1.3]}}
 COLOUR = {"rgba": {"abs": [[0.1, 0.1, 0.1], [0.9, 0.9, 0.9]]}}
 SCENE = {

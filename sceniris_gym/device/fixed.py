@@ -11,10 +11,10 @@ class StaysHere:
     """Base class of objects that hold memory of a device, and so belong to one process.
 
     Attributes:
-        SEND: The object to send instead, as the error message says it.
+        _SEND: The object to send instead, as the error message says it.
     """
 
-    SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
+    _SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
 
     def __reduce__(self) -> NoReturn:
         """Refuse to be pickled or copied.
@@ -23,7 +23,7 @@ class StaysHere:
             NotSupportedError: Always.
         """
         raise NotSupportedError(
-            f"{type(self).__name__} holds memory of a device and cannot be pickled or copied. Send {self.SEND}."
+            f"{type(self).__name__} holds memory of a device and cannot be pickled or copied. Send {self._SEND}."
         )
 
 
@@ -31,12 +31,12 @@ class Fixed:
     """Base class of objects whose launches are captured with the arrays of one scene.
 
     Attributes:
-        FIXED: Attributes that only the constructor sets.
-        ARGUMENTS: Arguments of the constructor that are no attributes: assigning to them would have no effect either.
+        _FIXED: Attributes that only the constructor sets.
+        _ARGUMENTS: Arguments of the constructor that are no attributes: assigning to them would have no effect either.
     """
 
-    FIXED: ClassVar[tuple[str, ...]] = ()
-    ARGUMENTS: ClassVar[tuple[str, ...]] = ()
+    _FIXED: ClassVar[tuple[str, ...]] = ()
+    _ARGUMENTS: ClassVar[tuple[str, ...]] = ()
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set an attribute.
@@ -44,7 +44,7 @@ class Fixed:
         Raises:
             FixedError: A fixed one, or an argument.
         """
-        if name in self.ARGUMENTS or (name in self.FIXED and name in self.__dict__):
+        if name in self._ARGUMENTS or (name in self._FIXED and name in self.__dict__):
             raise FixedError(type(self).__name__, name)
         super().__setattr__(name, value)
 
@@ -54,6 +54,6 @@ class Fixed:
         Raises:
             FixedError: A fixed one.
         """
-        if name in self.FIXED:
+        if name in self._FIXED:
             raise FixedError(type(self).__name__, name)
         super().__delattr__(name)

@@ -105,8 +105,8 @@ class Batch(Fixed):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("scene", "full_scene", "nworld", "device", "model", "data", "fields", "substeps", "step", "update")
-    ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
+    _FIXED = ("scene", "full_scene", "nworld", "device", "model", "data", "fields", "substeps", "step", "update")
+    _ARGUMENTS = ("nconmax", "njmax", "nvmax", "needs", "options", "graph")
 
     def __init__(
         self,

@@ -20,7 +20,8 @@ from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, m
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.batch import check_budget, updater
+from sceniris_gym.sim.batch import Batch, updater
+from sceniris_gym.sim.budget import check_budget
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
@@ -80,10 +81,8 @@ class ResetRandomizer(Fixed, StaysHere):
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
             relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What is fixed to
             the world is not moved; a ModelWarning names it.
-        needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
+        needs: What else to bring up to date after a reset, out of "velocity", "contacts", "sensors" and "dynamics".
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
-        fields: The ModelFields of `model` if there are some, such as Batch.fields. Randomizers that share them have
-            the same params of draws.
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
@@ -117,7 +116,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     With a need of "sensors" or "dynamics", `history` also gets the present values of delayed sensors, as in a step.
     """
-    FIXED = (
+    _FIXED = (
         "compiled",
         "model",
         "data",
@@ -131,7 +130,16 @@ class ResetRandomizer(Fixed, StaysHere):
         "redraw_count",
         "redraw_status",
     )
-    ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "scope", "origins", "mjm", "needs", "graph")
+    _ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "scope", "origins", "mjm", "needs", "graph")
+    _shared: ModelFields | None = None
+
+    @classmethod
+    def of_batch(cls, batch: Batch, compiled: CompiledScene, **arguments: Any) -> ResetRandomizer:
+        """Return a randomizer of a Batch. Both share the fields of the Model, which may still grow."""
+        made = cls.__new__(cls)
+        made._shared = batch.fields
+        made.__init__(compiled, batch.model, batch.data, **arguments)
+        return made
 
     @launching
     def __init__(
@@ -153,7 +161,6 @@ class ResetRandomizer(Fixed, StaysHere):
         needs: Iterable[str] = (),
         # how:
         mjm: mujoco.MjModel | None = None,
-        fields: ModelFields | None = None,
         graph: bool = True,
     ) -> None:
         check_type(compiled, CompiledScene, "ResetRandomizer: compiled")
@@ -167,7 +174,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
         check_names("scope", [scope], "ResetRandomizer: scope", _SCOPES)
-        self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
+        self.fields = self._shared or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
         self.fields.columns.use_params(self.layouts.params)
         self._update, self.split = partial(updater(needs), model, data), self.pipeline.split or split

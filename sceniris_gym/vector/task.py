@@ -40,7 +40,8 @@ class Task:
 
     Attributes:
         scene: The name of a shipped scene, or the path of a scene file.
-        needs: Quantities that the task reads and kinematics does not update, keys of sceniris_gym.sim.batch.NEEDS.
+        needs: Quantities that the task reads and kinematics does not update, out of "velocity", "contacts", "sensors"
+            (values of sensors) and "dynamics" (all that a forward pass computes).
         substeps: Physics steps in a control step.
         action_size: Length of an action; None is the number of controls of the scene.
         model_fields: Fields of the physics model that get a row for each world, to write to in `on_reset`; see

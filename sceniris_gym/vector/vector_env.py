@@ -116,13 +116,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         ContactBudgetError: There are more contacts than room for them; raised in the first reset.
     """
 
-    FIXED = (
+    _FIXED = (
         *("task", "autoreset_mode", "output", "compiled", "batch", "randomizer", "state", "statistics", "num_envs"),
         *("device", "split", "rank", "sim_config", "image_config"),
     )
     SETTABLE = ("max_episode_steps",)
     """Attributes that `set_attr` takes."""
-    ARGUMENTS = ("scene", "overrides", "layout_source", "curriculum", "params")
+    _ARGUMENTS = ("scene", "overrides", "layout_source", "curriculum", "params")
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
@@ -176,8 +176,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
         words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
-        words |= {"curriculum": curriculum, "needs": self.task.needs, "fields": batch.fields, "graph": sim.graph}
-        self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
+        words |= {"curriculum": curriculum, "needs": self.task.needs, "graph": sim.graph}
+        self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
         self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.redrawer.mask)
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
@@ -345,7 +345,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         check_type(name, str, "set_attr: name")
         if "." in name:
             self.set_param(name, values)
-        elif name in (*self.SETTABLE, *self.FIXED, *self.ARGUMENTS):
+        elif name in (*self.SETTABLE, *self._FIXED, *self._ARGUMENTS):
             setattr(self, name, values)
         else:
             raise UnknownNameError("attribute", name, "set_attr", self.SETTABLE)

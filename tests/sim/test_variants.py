@@ -302,7 +302,7 @@ def test_draws_of_physics_are_relative_to_the_variant():
     drawn = {"mass": {"scale": [0.5, 2.0]}, "friction": {"scale": [0.5, 1.0]}, "rgba": {"scale": [0.5, 0.9]}}
     compiled = compile_scene(words({"asset": list(THINGS), "randomize": drawn}, {"asset": list(STANDS)}), "cpu")
     batch = Batch(compiled.scene, NWORLD, "cpu")
-    randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=False)
+    randomizer = ResetRandomizer.of_batch(batch, compiled, prefetch=False)
     for mask in (None, np.arange(NWORLD) % 2 == 0):
         randomizer.reset(mask)
     m, full, body = batch.model, compiled.mjm, compiled.scene.sim.bodies["target"]
