@@ -21,15 +21,15 @@ class Answer:
 
 
 def listing(found: Mapping[str, Any]) -> str:
-    """Return findings as text, one a line."""
+    """Return findings as text, one per line."""
     return "\n".join(f"{name:<24}{value}" for name, value in found.items())
 
 
 def answer(found: Mapping[str, Any], json: bool, report: Callable[[Any], str] = listing) -> Answer:
-    """Return findings as one line of JSON, or as text by `report`."""
+    """Return findings as one line of JSON, or as text from `report`."""
     return Answer(as_json(found) if json else report(found), found.get(OK, True))
 
 
 def verdict(found: Mapping[str, Any], text: str) -> str:
-    """Return the first line of a report that judges."""
+    """Return the first line of a report with a verdict."""
     return f"{'ok' if found[OK] else 'FAIL'}: {text}"

@@ -142,7 +142,7 @@ def test_without_a_map_poses_are_solved(tmp_path: Path, capfd: pytest.CaptureFix
 
 def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     """Poses alone have none."""
-    with pytest.raises(NotSupportedError, match="poses alone have none"):
+    with pytest.raises(NotSupportedError, match="poses have no layout"):
         reach.judge(str(arm), None, asked(tmp_path, random_poses(2)), tmp_path / "out.npy", Tier.of("clear"), "cpu")
 
 
