@@ -169,9 +169,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         except UNREADABLE as error:
             raise DatasetError(f"{path}: NumPy cannot read it ({error}). {_AGAIN}") from error
         if getattr(rows, "dtype", None) != self._row or rows.shape != (self.manifest["parts"][part]["rows"],):
-            raise DatasetError(
-                f"{path}: should have the columns and the number of rows in {MANIFEST}. {_AGAIN}"
-            )
+            raise DatasetError(f"{path}: should have the columns and the number of rows in {MANIFEST}. {_AGAIN}")
         return rows
 
 

@@ -216,8 +216,8 @@ def test_damage_is_found_and_named(copied: Path):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("layouts", 41, "do not add up"),
-        ("parts", [], "do not add up"),
+        ("layouts", 41, "should add up"),
+        ("parts", [], "should add up"),
         ("columns", {"qpos": {"dtype": "object", "shape": []}}, "numbers"),
         ("columns", {"qpos": {"dtype": "float32", "shape": [10**12]}}, "cut off|cannot be read"),
         ("columns", {"qpos": "float32"}, "cannot be read"),

@@ -107,14 +107,14 @@ def test_a_checkpoint_is_read_as_weights_unless_it_is_trusted(tmp_path: Path):
     """A pickle in it is executed only where the user says so."""
     file, touched = tmp_path / "model.pt", tmp_path / "touched"
     torch.save({"actor_state_dict": _Touching(touched)}, file)
-    with pytest.raises(ArgumentError, match=r"model\.pt: should be weights alone.* executes .*--trust"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: should hold only weights.* executes .*--trust"):
         read_checkpoint(file, "cpu")
     assert not touched.exists()
     read_checkpoint(file, "cpu", trust=True)
     assert touched.exists()
     whole = file.read_bytes()
     file.write_bytes(np.random.default_rng(1).bytes(1000))
-    with pytest.raises(ArgumentError, match=r"model\.pt: is damaged or no file of weights"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: is damaged or not a file of weights"):
         read_checkpoint(file, "cpu")
     file.write_bytes(whole[:200])
     with pytest.raises(ArgumentError, match=r"model\.pt: should be as 'sceniris-gym train' writes it"):

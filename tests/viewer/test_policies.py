@@ -113,7 +113,7 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
 def test_a_pickle_is_not_read_unless_it_is_trusted(tmp_path: Path):
     """A model of Stable-Baselines3 is refused before it is opened, with the way out."""
     (tmp_path / "model.zip").touch()
-    with pytest.raises(ArgumentError, match=r"model\.zip: .*executes what is in it.*--trust"):
+    with pytest.raises(ArgumentError, match=r"model\.zip: .*executes its code.*--trust"):
         load_policy(str(tmp_path / "model.zip"))
 
 
