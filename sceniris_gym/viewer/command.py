@@ -1,4 +1,4 @@
-"""The `view` command: a page that shows a scene, or a policy in an environment, until it is interrupted."""
+"""The `view` command: shows a scene, or a policy in an environment, on a page until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def view_scene(
         drawing.join()
     view = SceneView(server, SceneFile(scene, changes), Where(split, seed, episode), num)
     if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
-        read_scene(scene)  # raises the error about it
+        read_scene(scene)  # raises an error with the reason
     view.load()
     while True:
         view.tick()

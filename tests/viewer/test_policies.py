@@ -36,7 +36,7 @@ def test_a_checkpoint_of_rsl_rl_acts_as_its_own_model_does(tmp_path: Path):
         torch.save({"actor_state_dict": model.state_dict()}, path)
         policy = load_policy(str(path))
         assert policy(observation) == pytest.approx(model(seen).detach(), abs=1e-6)
-        with pytest.raises(ArgumentError, match="takes 6 observations, and this task has 5"):
+        with pytest.raises(ArgumentError, match="takes 6 observations, but this task has 5"):
             policy({"policy": torch.zeros(1, 5)})
 
 
@@ -66,7 +66,7 @@ def test_a_model_sees_observations_as_in_its_training(tmp_path: Path, capsys: py
     assert actions != pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
     assert "normalize.pkl" in capsys.readouterr().err
     (tmp_path / "normalize.pkl").write_bytes(b"nothing")
-    with pytest.raises(ArgumentError, match=r"normalize.pkl: should be what VecNormalize saved"):
+    with pytest.raises(ArgumentError, match=r"normalize.pkl: should be a saved VecNormalize"):
         load_policy(str(tmp_path / "model.zip"), trust=True)
 
 
@@ -101,7 +101,7 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe.pt")
     torch.save({"actor_state_dict": {"cnn.weight": torch.zeros(1)}}, tmp_path / "cnn.pt")
     for name, words in (
-        ("a.pt", "a.pt: is damaged or no file of weights"),
+        ("a.pt", "a.pt: is damaged or not a file of weights"),
         ("a.zip", "Stable-Baselines3"),
         ("cnn.pt", "MLPModel"),
         ("pipe.pt", "a pipe or a device"),
