@@ -40,7 +40,7 @@ class Example:
 
     @property
     def own_objects(self) -> list[str]:
-        """The objects and robots in the text of the example, or all objects of the scene if the text is without objects."""
+        """The objects and robots in the text of the example. For a text without them, all objects of the scene."""
         data = self._data()
         robots = ["robot"] if "robot" in data else list(data.get("robots", {}))
         scene = self.load()
