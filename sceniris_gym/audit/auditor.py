@@ -109,7 +109,7 @@ class Auditor:
         self.standing = StandingAudit(scene, self.outlines, heaps, pairs)
         self.starts = StartAudit(scene, self.outlines)
         hulls = self.standing.hulls
-        if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
+        if config.geometry != "physics":  # objects rest on colliding geoms, even if visual geoms keep them apart
             hulls = scene.hulls(solids_of(mjm, "physics"))
         self.orientations = relations.OrientationAudit(scene, hulls)
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}

@@ -30,8 +30,8 @@ class Chain:
         site: Id of the site that is its TCP.
 
     Attributes:
-        joints: Ids of its n joints, from the base to the TCP, shape (n,).
-        lower, upper: Their limits [rad, m], shape (n,). -inf and inf without limits.
+        joints: Ids of the n joints from the base to the TCP, shape (n,).
+        lower, upper: Limits of the joints [rad, m], shape (n,). -inf and inf without limits.
     """
 
     def __init__(self, mjm: mujoco.MjModel, root: int, site: int) -> None:
@@ -61,7 +61,7 @@ class Chain:
         return self._placed(q)[0]
 
     def ik(self, poses: np.ndarray, starts: np.ndarray, iterations: int) -> np.ndarray:
-        """Find joints for TCP poses by damped least squares within limits, one start after the other.
+        """Find joints for TCP poses by damped least squares within limits, from each start in turn.
 
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).

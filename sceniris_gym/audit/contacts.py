@@ -155,7 +155,7 @@ class ContactTally:
             if self._visual or c.home is not None:
                 first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
                 names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
-                unknown = Allowed((names[0], names[1]), "the scene keeps what is drawn apart", 0.0, 0.0)
+                unknown = Allowed((names[0], names[1]), "the scene keeps visual geoms apart", 0.0, 0.0)
                 known = self._allowed.get((first, second), unknown)
                 why = known.why
                 if c.home is not None:
@@ -186,4 +186,4 @@ def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int
     columns = (data.contact.geom, data.contact.dist, data.contact.includemargin)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     acting = sorted((min(g), max(g), -dist, margin) for g, dist, margin in rows if min(g) >= 0 and dist <= margin)
-    return {(first, second): (-depth, margin) for first, second, depth, margin in acting}  # the deepest is the last
+    return {(first, second): (-depth, margin) for first, second, depth, margin in acting}  # keeps the last, the deepest

@@ -133,7 +133,7 @@ def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
     rest = -(bias[servo, 0] + bias[servo, 1] * data.actuator_length[servo]) / gain[servo]
     limits = np.where(mjm.actuator_ctrllimited[servo, None], mjm.actuator_ctrlrange[servo], [-np.inf, np.inf])
     data.ctrl[servo] = np.clip(rest, *limits.T)
-    for actuator in np.flatnonzero(mjm.actuator_history[:, 0] > 0):  # a delayed actuator has had this control all along
+    for actuator in np.flatnonzero(mjm.actuator_history[:, 0] > 0):  # delayed actuators start with this control
         past = np.full((int(mjm.actuator_history[actuator, 0]), 1), data.ctrl[actuator])
         mujoco.mj_initCtrlHistory(mjm, data, int(actuator), None, past)
 

@@ -62,7 +62,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Unreached:
-    """An object that is not reached as claimed: row, name and cause."""
+    """A wrong claim about reach: row, name of the object, and cause."""
 
     row: int
     name: str

@@ -1,4 +1,4 @@
-"""Results of commands: the text that a command prints, and its verdict."""
+"""Results of commands: text for stdout, and a verdict."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from sceniris_gym.files import as_json
 
 OK = "ok"
-"""Key of the verdict, in the findings of commands that judge."""
+"""Key of the verdict in findings."""
 
 
 @dataclass(frozen=True)

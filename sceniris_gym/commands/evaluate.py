@@ -36,7 +36,7 @@ def evaluate(
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         out: JSON file to write, with the result on each layout.
         failed: File to write, with the ids of valid layouts without success.
-        min_success: Least fraction of successes on valid layouts for a good verdict.
+        min_success: Least success rate on valid layouts for a good verdict, or None for no verdict.
         task: The task, as `spec_of` takes it. "" takes the folder's task, if it is registered without an import.
         trust: Read a checkpoint with more than weights, which executes code in it.
 

@@ -31,7 +31,7 @@ def in_words(error: OSError) -> str:
             f"{file}: the folder for compiled kernels cannot be written: {why}. "
             "Set WARP_CACHE_PATH to a folder that you can write to."
         )
-    advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
+    advice = "Free space there, or choose another folder: --out for results, WARP_CACHE_PATH for compiled kernels."
     return f"{file}: {why}. {advice if error.errno in UNWRITABLE else ''}".rstrip()
 
 

@@ -91,7 +91,7 @@ def read_ids(given: Sequence[str]) -> list[str]:
             raise ArgumentError(f"{text}: should be a layout id, scenehash:split:seed:episode, or a file of them.")
         found = [text] if ":" in text else path.read_text().split()
         if not found:
-            raise ArgumentError(f"{text}: should have a layout id on each line, but is empty.")
+            raise ArgumentError(f"{text}: should have one layout id per line, but is empty.")
         ids += found
     return ids
 

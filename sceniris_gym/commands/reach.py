@@ -141,7 +141,7 @@ def show(
     reach_map = find_map(name, arm, path)
     low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
     if not low <= height <= high:  # NaN, too
-        raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, as the map is.")
+        raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, inside the map.")
     save(draw(reach_map, height, device_name(device, "reach")), out)
     return describe(name, arm, reach_map) | {"picture": str(out)}
 
@@ -242,7 +242,7 @@ def read_poses(path: Path) -> np.ndarray:
         rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
     rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
     if not rigid.all():
-        raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
+        raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rigid transform. It {form}.")
     return poses
 
 
@@ -276,7 +276,7 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
     flat = np.reshape([[*pose[:3, 3], *quaternion(pose[:3, :3])] for pose in poses], (-1, 7))
     for seed in range(_ROUNDS):
         joints, ok = solve(arm, flat[left], device, seed=seed)
-        left, joints = left[ok], joints[ok]  # poses that no start solved stay unreached
+        left, joints = left[ok], joints[ok]  # poses without a solution stay unreached
         hits = hits_itself(mjm, arm, joints)
         reached[left[~hits]] = True
         left = left[hits]

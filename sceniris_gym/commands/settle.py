@@ -45,5 +45,5 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 
 def report(found: dict[str, Any]) -> str:
     """Return the settled heap as text."""
-    things = f"{len(found['things'])} things"
-    return f"{found['file']}: {found['rows']} heaps of {things}; name it in the scene: heaps.{found['heap']}.rows"
+    things = f"{len(found['things'])} objects"
+    return f"{found['file']}: {found['rows']} heaps of {things}. Set heaps.{found['heap']}.rows to it in the scene."

@@ -26,7 +26,7 @@ def train(options: Options, quiet: bool = False) -> dict[str, Any]:
 
     def show(line: str) -> None:
         if not quiet:
-            tqdm.write(line, sys.stderr)  # leaves progress bars whole
+            tqdm.write(line, sys.stderr)  # does not break progress bars
 
     run = Run(options, show)
     task = run.options.task

@@ -51,7 +51,7 @@ class DatasetPlan:
 
     Attributes:
         words: The plan as JSON values: the fields of `dataset.json` except files and parts.
-        row: Type of a row: a record with an aligned field for each column.
+        row: Type of a row: a record with an aligned field per column.
     """
 
     words: dict[str, Any]
@@ -171,7 +171,7 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
             raise DatasetError(f"{path}: '{name}' should be {words}, got {value!s:.80}.")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
-            raise DatasetError(f"{path}: 'files' should be names of files in its folder with sums, got {name!r:.80}.")
+            raise DatasetError(f"{path}: 'files' should map names of files in its folder to sums, got {name!r:.80}.")
     if fields is _RECORD and not told["first_pass_valid"] <= told["valid"] <= told["rows"]:
         raise DatasetError(f"{path}: 'valid' should be 'first_pass_valid' to 'rows', got {told['valid']}.")
     if fields is _FIELDS:

@@ -32,7 +32,7 @@ class Shard:
         """Read `R/K`, process R of K.
 
         Raises:
-            ArgumentError: The words have another form.
+            ArgumentError: The text has another form.
         """
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
         shard = None if found is None else cls(int(found[1]), int(found[2]))

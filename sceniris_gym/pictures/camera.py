@@ -140,7 +140,7 @@ class Cameras:
         sizes = [shot.size for shot in shots.values()]
         # 7 bytes per value, which is written twice, and 48 bytes per pixel to sort the rays
         needed = sum(math.prod(shot.size) * (48 + 7 * self.nworld * len(shot.data)) for shot in shots.values())
-        check_memory(f"{where}: {self.nworld} pictures", needed, str(device), "Use smaller ones, or fewer worlds.")
+        check_memory(f"{where}: {self.nworld} pictures", needed, str(device), "Use smaller pictures, or fewer worlds.")
         same = not {"cam_fovy", "cam_intrinsic"} & {*differ}
         with wp.ScopedDevice(device):
             self._seen = _view(data, self.nworld, self._tracks)

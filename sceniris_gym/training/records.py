@@ -34,7 +34,7 @@ def of_a_run(file: Path) -> Iterator[None]:
     except Exception as error:  # JSON, torch and rsl-rl raise classes that differ between versions
         if isinstance(error, ArgumentError) and str(file.parent) in str(error):
             raise
-        raise ArgumentError(f"{file}: should be as 'sceniris-gym train' writes it: {error!r:.200}.") from None
+        raise ArgumentError(f"{file}: should be a file of 'sceniris-gym train': {error!r:.200}.") from None
 
 
 def read_config(folder: Path) -> tuple[str, Settings]:

@@ -81,7 +81,7 @@ def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolic
         "check_for_nan": False,  # would wait for the device at every step, and environments end non-finite worlds
         **(_imitation if imitates else _ppo)(settings, names, sight),
     }
-    with redirect_stdout(None):  # it prints the networks
+    with redirect_stdout(None):  # the runner prints its networks
         made = DistillationRunner if imitates else OnPolicyRunner
         return made(env, config, log_dir=None, device=str(env.device))
 

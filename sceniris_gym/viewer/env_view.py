@@ -135,7 +135,7 @@ class EnvView:
         wrong = f"\n\n**{self._wrong}**" if self._wrong else ""
         self._status.content = (
             f"**{type(self.envs.task).__name__}**, step {self._step}: first world {words}. "
-            f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} in success."
+            f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} with success."
             f"{f' Layout {self.first % len(self.ids) + 1} of the {len(self.ids)} chosen.' if self.ids else ''}"
             f"{'' if self._stepped else _FIRST}{wrong}"
         )

@@ -96,7 +96,7 @@ def _of_rsl_rl(path: Path, device: str) -> Policy:
 def _of_stable_baselines(path: Path, device: str) -> Policy:
     stable_baselines3 = import_extra("stable_baselines3", "sb3")
     if not zipfile.is_zipfile(path):
-        raise ArgumentError(f"--policy {path}: should be a model that Stable-Baselines3 saved.")
+        raise ArgumentError(f"--policy {path}: should be a saved model of Stable-Baselines3.")
     why = ""
     for name in _ALGORITHMS:  # the file does not name its algorithm
         try:
@@ -124,5 +124,5 @@ def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
             normalize: Callable[[np.ndarray], Any] = pickle.load(file).normalize_obs  # as trusted as the model
     except Exception as error:
         raise ArgumentError(f"--policy {path}: {beside[0]}: should be a saved VecNormalize: {error}.") from None
-    print(f"sceniris_gym: the policy sees observations as {beside[0]} normalises them", file=sys.stderr, flush=True)
+    print(f"sceniris_gym: {beside[0]} normalises the observations of the policy", file=sys.stderr, flush=True)
     return normalize

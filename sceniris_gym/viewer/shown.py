@@ -47,11 +47,11 @@ class ShownWorld:
 
     @cached_property
     def absent(self) -> list[str]:
-        """Objects that their groups left out."""
+        """Absent members of groups."""
         return [name for name in self.compiled.object_names if not self.is_present(name)]
 
     def is_present(self, name: str) -> bool:
-        """Return True if an object takes part in this layout."""
+        """Return True if an object is present in this layout."""
         return bool(self.table.present[0, self.compiled.slots.index(self.own(name))])
 
     def own(self, name: str) -> str:

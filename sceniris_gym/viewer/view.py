@@ -28,7 +28,7 @@ _FRAME = 1.0 / 60.0  # s between pictures of physics
 _IDLE = 0.25  # s between checks of the scene's files
 _TOLD = 0.25  # s between two reports of progress
 _KERNELS = "The first time this compiles kernels, which takes a minute."
-_TRIED = "The tab 'Why' shows what was tried, in red."
+_TRIED = "The tab 'Why' shows the rejected candidates in red."
 _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketches on the page
 
 
@@ -258,7 +258,7 @@ class SceneView:
         if self._pose != START:
             moved = with_arm(world, self._pose)
             if moved is None:
-                self.panel.say(f"The arm has no joints for the {self._pose}.", bad=True)
+                self.panel.say(f"Inverse kinematics found no joints for the {self._pose}.", bad=True)
             else:
                 world = replace(world, table=moved)
         return world, None

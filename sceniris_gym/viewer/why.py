@@ -108,7 +108,7 @@ def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: 
     share = f"{valid / layouts:.1%}" if layouts else "none"
     head = f"<p>Rejected candidates in {layouts} layouts, {share} valid:</p>"
     if not counts:
-        return f"{head}<p>none at all</p>"
+        return f"{head}<p>no candidates</p>"
     cells = {name: "".join(f"<td align=right>{n or '-'}</td>" for n in row.values()) for name, row in counts.items()}
     rows = "".join(f"<tr><td>{name}</td>{cells[name]}</tr>" for name in counts)
     titles = "".join(f"<th align=right title='{CAUSES[c]}'>{c}</th>" for c in next(iter(counts.values())))

@@ -178,7 +178,7 @@ class Window:
             self._worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i], mocap_quat=mocap_quat[i]), absent)
         self._worlds.send()
         now = time.monotonic()
-        self._due = max(self._due + seconds, now - seconds)  # a slow machine does not catch up
+        self._due = max(self._due + seconds, now - seconds)  # a slow machine does not hurry to catch up
         time.sleep(max(self._due - now, 0.0))
 
     def close(self) -> None:

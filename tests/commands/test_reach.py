@@ -214,7 +214,7 @@ def test_positions_that_are_no_numbers_are_refused(tmp_path: Path, number: float
     """A rotation alone is no pose."""
     made = np.tile(np.eye(4), (3, 1, 1))
     made[2, 1, 3] = number
-    with pytest.raises(ArgumentError, match="pose 2 is not a rotation and a position"):
+    with pytest.raises(ArgumentError, match="pose 2 is not a rigid transform"):
         reach.read_poses(asked(tmp_path, made))
 
 

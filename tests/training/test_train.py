@@ -161,7 +161,7 @@ def test_a_run_does_not_go_on_from_progress_that_no_run_has(
     (tmp_path / "log.jsonl").write_bytes(begun.log.read_bytes())
     monkeypatch.setattr(begun, "checkpoint", tmp_path / "model.pt")
     monkeypatch.setattr(begun, "log", tmp_path / "log.jsonl")
-    with pytest.raises(ArgumentError, match=r"model\.pt: should be as 'sceniris-gym train' writes it"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: should be a file of 'sceniris-gym train'"):
         begun._load()
 
 
