@@ -41,7 +41,7 @@ def read_config(folder: Path) -> tuple[str, Settings]:
     """Return the task and the settings of the run in a folder with a model.
 
     Raises:
-        ArgumentError: The folder is not such a folder. The message names the missing file.
+        ArgumentError: The folder holds no such run. The message names the missing file.
         SceneKeyError: A setting has the wrong type, or is out of range.
     """
     for name in (CONFIG, MODEL):
@@ -86,7 +86,7 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
             return torch.load(found, map_location=device, weights_only=not trust)
         except pickle.UnpicklingError as error:
             names_code = "GLOBAL" in str(error)  # other errors mean that the bytes are not a pickle of torch
-            why = f"should hold only weights. More {PICKLE}" if names_code else "is damaged or not a file of weights."
+            why = f"should hold only weights. The rest {PICKLE}" if names_code else "is damaged or not a file of weights."
             raise (error if trust else ArgumentError(f"{file}: {why}")) from None
 
 

@@ -150,9 +150,9 @@ def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     ("made", "words"),
     [
         (np.zeros((4, 4)), "holds float64 of shape"),
-        (np.zeros((3, 4, 4)), "pose 0 is not a rotation"),
-        (np.full((1, 4, 4), np.nan), "pose 0 is not a rotation"),
-        (np.stack([np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 1 is not a rotation"),
+        (np.zeros((3, 4, 4)), "pose 0 is not a rigid"),
+        (np.full((1, 4, 4), np.nan), "pose 0 is not a rigid"),
+        (np.stack([np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 1 is not a rigid"),
         (np.array([["a"]]), "holds <U1"),
     ],
 )

@@ -46,7 +46,7 @@ def test_intervals_are_those_of_wilson():
             {"config.json": '{"options": {"task": 5}, "settings": {}}', "model.pt": ""},
             "options.task should be a str",
         ),
-        ({"config.json": '{"options": {}, "scene": null}', "model.pt": ""}, "config.json: should be as"),
+        ({"config.json": '{"options": {}, "scene": null}', "model.pt": ""}, "config.json: should be a file of"),
     ],
 )
 def test_a_folder_without_a_run_is_refused(tmp_path: Path, files: dict[str, str], words: str):

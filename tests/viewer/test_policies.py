@@ -122,7 +122,7 @@ def test_a_checkpoint_with_other_parts_is_refused(tmp_path: Path):
     pytest.importorskip("rsl_rl", reason="needs the extra 'rsl-rl'")
     for i, actor in enumerate(([1], {"mlp.0.weight": torch.zeros(3)}, {5: 5}, {"mlp.9.weight": torch.zeros(2, 3)})):
         torch.save({"actor_state_dict": actor}, tmp_path / f"{i}.pt")
-        with pytest.raises(ArgumentError, match=rf"{i}\.pt: should be as"):
+        with pytest.raises(ArgumentError, match=rf"{i}\.pt: should be a file of"):
             load_policy(str(tmp_path / f"{i}.pt"))
 
 
