@@ -86,7 +86,7 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
             return torch.load(found, map_location=device, weights_only=not trust)
         except pickle.UnpicklingError as error:
             names_code = "GLOBAL" in str(error)  # other errors mean that the bytes are not a pickle of torch
-            why = f"should hold only weights. The rest {PICKLE}" if names_code else "is damaged or not a file of weights."
+            why = f"should hold only weights. The rest {PICKLE}" if names_code else "is damaged or has no weights."
             raise (error if trust else ArgumentError(f"{file}: {why}")) from None
 
 

@@ -323,7 +323,7 @@ class SceneView:
         self.panel.play.label = "Play"
 
     def _first_candidate(self) -> int:
-        """Return the index of the candidate to show first: of the blamed object in a scene without layouts, else 0."""
+        """Return the index of the first candidate on the page: of the blamed object, if no layout can be made."""
         error = self.loaded.error if self._ready else None
         blamed = (error.name, error.cause) if isinstance(error, InfeasibleSceneError) else None
         return next((i for i, c in enumerate(self._candidates or ()) if (c.name, c.cause) == blamed), 0)

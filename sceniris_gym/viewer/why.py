@@ -20,7 +20,7 @@ _ABOVE = 0.15  # m from a candidate to its words
 _MOST_BEFORE = 20  # greatest number of surfaces along a ray
 _BEYOND = 1e-4  # m behind a surface, where the next ray starts
 CAUSES = {
-    "overhead": "the space above it is not open, as 'on' requires, or not covered by the same object, as 'inside' does",
+    "overhead": "above it, 'on' requires open space, and 'inside' requires a cover of the same object",
     "footprint": "part of it hangs over the edge of its support",
     "collision": "it would touch an obstacle, or be nearer than its clearance",
     "empty": "its region and relations leave no area of its support",

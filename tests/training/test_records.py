@@ -114,7 +114,7 @@ def test_a_checkpoint_is_read_as_weights_unless_it_is_trusted(tmp_path: Path):
     assert touched.exists()
     whole = file.read_bytes()
     file.write_bytes(np.random.default_rng(1).bytes(1000))
-    with pytest.raises(ArgumentError, match=r"model\.pt: is damaged or not a file of weights"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: is damaged or has no weights"):
         read_checkpoint(file, "cpu")
     file.write_bytes(whole[:200])
     with pytest.raises(ArgumentError, match=r"model\.pt: should be a file of 'sceniris-gym train'"):

@@ -101,7 +101,7 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe.pt")
     torch.save({"actor_state_dict": {"cnn.weight": torch.zeros(1)}}, tmp_path / "cnn.pt")
     for name, words in (
-        ("a.pt", "a.pt: is damaged or not a file of weights"),
+        ("a.pt", "a.pt: is damaged or has no weights"),
         ("a.zip", "Stable-Baselines3"),
         ("cnn.pt", "MLPModel"),
         ("pipe.pt", "a pipe or a device"),
