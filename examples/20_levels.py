@@ -31,7 +31,7 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
     for _ in range(episodes * STEPS):
         *_, info = envs.step(envs.action_space.sample())
         replays += info["_final_info"] * (info["layout_level"] >= 0)
-    print(f"{replays.sum() / (num_envs * episodes):.0%} of the episodes replayed a level")
+    print(f"{replays.sum() / (num_envs * episodes):.0%} of the episodes were on levels played before")
     print(f"{sampler.size} levels are in the buffer")
     drawn = sampler.sample(1000)
     print(f"1000 draws have {len(np.unique(drawn['level']))} different levels")
