@@ -142,7 +142,7 @@ def test_without_a_map_poses_are_solved(tmp_path: Path, capfd: pytest.CaptureFix
 
 def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     """Poses alone have none."""
-    with pytest.raises(NotSupportedError, match="poses alone have none"):
+    with pytest.raises(NotSupportedError, match="poses have no layout"):
         reach.judge(str(arm), None, asked(tmp_path, random_poses(2)), tmp_path / "out.npy", Tier.of("clear"), "cpu")
 
 
@@ -150,9 +150,9 @@ def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     ("made", "words"),
     [
         (np.zeros((4, 4)), "holds float64 of shape"),
-        (np.zeros((3, 4, 4)), "pose 0 is not a rotation"),
-        (np.full((1, 4, 4), np.nan), "pose 0 is not a rotation"),
-        (np.stack([np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 1 is not a rotation"),
+        (np.zeros((3, 4, 4)), "pose 0 is not a rigid"),
+        (np.full((1, 4, 4), np.nan), "pose 0 is not a rigid"),
+        (np.stack([np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 1 is not a rigid"),
         (np.array([["a"]]), "holds <U1"),
     ],
 )
@@ -214,7 +214,7 @@ def test_positions_that_are_no_numbers_are_refused(tmp_path: Path, number: float
     """A rotation alone is no pose."""
     made = np.tile(np.eye(4), (3, 1, 1))
     made[2, 1, 3] = number
-    with pytest.raises(ArgumentError, match="pose 2 is not a rotation and a position"):
+    with pytest.raises(ArgumentError, match="pose 2 is not a rigid transform"):
         reach.read_poses(asked(tmp_path, made))
 
 
