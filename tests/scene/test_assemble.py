@@ -90,7 +90,7 @@ def test_explicit_pairs_make_no_marker_touch_anything(folder: Path):
 
 BAD_ASSETS = {
     "no XML": ("<mujoco>", SceneFileError, r"objects\.a\.asset: .*bad\.xml: should be .*XML, found: no element.*"),
-    "no body": ("<mujoco/>", SceneKeyError, "a body below its worldbody; found none"),
+    "no body": ("<mujoco/>", SceneKeyError, "a body below its worldbody, found none"),
     "two free bodies": (
         BALL.replace("</worldbody>", "<body name='c'><freejoint/><geom size='.1'/></body></worldbody>"),
         SceneKeyError,
