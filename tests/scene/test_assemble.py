@@ -94,7 +94,7 @@ BAD_ASSETS = {
     "two free bodies": (
         BALL.replace("</worldbody>", "<body name='c'><freejoint/><geom size='.1'/></body></worldbody>"),
         SceneKeyError,
-        r"one body.*'b', 'c'.*of which \['c'\] move freely.*'model'.*objects\.a: {body: c}",
+        r"one body.*'b', 'c'.*and \['c'\] move freely.*'model'.*objects\.a: {body: c}",
     ),
     "a missing mesh": (
         BALL.replace("<worldbody>", "<asset><mesh name='m' file='m.obj'/></asset><worldbody>"),
