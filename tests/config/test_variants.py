@@ -169,7 +169,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"objects.target.variants.can.variants": {"tin": {"asset": "tin"}}},
         r"objects\.target\.variants\.can\.variants: .*a word of the object 'target'",
     ),
-    "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "in no folder's"),
+    "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "not in a folder"),
     "two kinds": (
         {"objects.target.variants.mug.kind": "fixture"},
         r"objects\.target\.variants\.mug\.kind: .*the kind of",

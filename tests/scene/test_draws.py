@@ -195,7 +195,7 @@ def test_draws_that_the_model_cannot_have_are_refused(build, scene: dict, error:
 )
 def test_draws_that_nothing_reads_are_refused(build, scene: dict):
     """Of free bodies, of those that never move, and of cameras with a lens."""
-    with pytest.raises(SceneKeyError, match=r"cannot be .*: nothing in the model has it, or it has no effect"):
+    with pytest.raises(SceneKeyError, match=r"cannot be .*: the model does not have it, or it has no effect"):
         build(**scene)
 
 
