@@ -99,8 +99,8 @@ def attach_variants(
         # MuJoCo silently leaves out elements that name a missing joint
         if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
             raise NotSupportedError(
-                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints, and should be rigid bodies, "
-                "because they share one body. Make them objects, in a group."
+                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints that are dropped, and "
+                "should be rigid bodies to share one body. Make them objects, in a group."
             )
     return homes
 

@@ -149,7 +149,7 @@ class SharedBodies:
         bit = next((1 << i for i in range(_CONTACT_BITS) if not used >> i & 1), 0)
         if not bit:
             raise SceneKeyError(
-                f"{self._where}: objects with variants need an unused contact bit, but the geoms of the model use all "
+                f"{self._where}: objects with variants need a contact bit, but the geoms of the model use all "
                 f"{_CONTACT_BITS} in their conaffinity. Leave one out."
             )
         body = spec.worldbody.add_body(name=_HULLS)

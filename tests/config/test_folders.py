@@ -61,11 +61,11 @@ def test_tags_that_choose_nothing_are_refused(tmp_path: Path):
     ):
         with pytest.raises(ScenirisError, match=message):
             loaded({"asset": pattern, "tags": tags, "on": "table"})
-    with pytest.raises(ScenirisError, match=r"tags: .* beside an 'asset' with a '\*'"):
+    with pytest.raises(ScenirisError, match=r"tags: .* next to an 'asset' with a '\*'"):
         loaded({"asset": ["can", "mug"], "tags": ["red"], "on": "table"})
     for wrong in ("[", "[" * 100_000, '{"tags": "red"}'):
         (tmp_path / "b" / "manifest.json").write_text(wrong)
-        with pytest.raises(ScenirisError, match=r"b/manifest\.json is none: "):
+        with pytest.raises(ScenirisError, match=r"b/manifest\.json is not one: "):
             loaded({"asset": pattern, "tags": ["red"], "on": "table"})
     (tmp_path / "b" / "manifest.json").unlink()
     os.mkfifo(tmp_path / "b" / "manifest.json")

@@ -41,7 +41,7 @@ def test_files_that_do_not_fit_are_refused(tmp_path: Path):
     with pytest.raises(SceneKeyError, match="holds no settled heaps"):
         read_rows(tmp_path / "none.npz", HEAP, "here")
     HeapRows(("b", "a"), ROWS.pos, ROWS.quat, "").write(tmp_path / "other.npz")
-    with pytest.raises(SceneKeyError, match="has heaps of b, a, but the scene.s heap is of a, b"):
+    with pytest.raises(SceneKeyError, match="has heaps of b, a, but the scene's heap is of a, b"):
         read_rows(tmp_path / "other.npz", HEAP, "here")
 
 

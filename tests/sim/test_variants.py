@@ -239,7 +239,7 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
         build_model(SceneConfig.load(words({"asset": "can"}, stand)))
     own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "plain", geom)
     own["objects"]["target"]["variants"]["c"] = {"asset": "mug"}
-    with pytest.raises(SceneKeyError, match="need an unused contact bit"):
+    with pytest.raises(SceneKeyError, match="need a contact bit"):
         build_model(SceneConfig.load(own))
     taken = words({"asset": ["can", "mug"]}, {"asset": "tin"})
     for name in ("target", "hulls_of_variants"):
