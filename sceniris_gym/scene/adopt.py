@@ -136,7 +136,7 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
     assets += [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
     if key := next(iter(assets), None):
         raise SceneKeyError(
-            f"{config.where}: {key}: edit_spec changes bodies of the model, but does not attach assets. Let "
+            f"{config.where}: {key}: edit_spec changes bodies of the model, and attaches nothing to it. Let "
             "compile_scene attach assets to the MjSpec, and make Model and Data from it: "
             "sceniris_gym.put_model(compiled, nworld), mjw.make_data(compiled.sim_mjm, nworld=...)."
         )

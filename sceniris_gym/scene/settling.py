@@ -82,7 +82,7 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
         data = next((found for _ in range(_TRIES) if (found := _dropped(drop, rng)) is not None), None)
         if data is None:
             raise SceneKeyError(
-                f"{where}: '{heap.fill}' cannot hold all {len(heap.of)} objects: in {_TRIES} attempts, at least one "
+                f"{where}: '{heap.fill}' does not hold all {len(heap.of)} objects: in {_TRIES} attempts, at least one "
                 "did not come to rest inside. Use fewer or smaller objects, or a larger container."
             )
         mat, back = data.xmat[drop.body].reshape(3, 3), np.array([1.0, -1.0, -1.0, -1.0]) * data.xquat[drop.body]
@@ -111,7 +111,7 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     walls = [b for b in subtree(mjm, body) if b in container]
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
-        raise SceneKeyError(f"{where}.fill: '{heap.fill}' has no geoms that collide. Name a body with walls.")
+        raise SceneKeyError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
     root = mjm.body_rootid[mjm.geom_bodyid]
     away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound
     sizes = np.array([away[root == thing].max(initial=0.01) for thing in things])
