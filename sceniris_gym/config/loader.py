@@ -269,7 +269,7 @@ def _size(node: Node, known: dict[int, int]) -> int:
 
 
 def user_path(text: str | Path, folder: Path, where: str) -> Path:
-    """Return a path as an absolute path or below `folder`, with `~` expanded.
+    """Return a path with `~` expanded. Relative paths are below `folder`.
 
     Raises:
         SceneFileError: The text is not a path, its `~user` does not exist, or file systems reject it.

@@ -239,6 +239,7 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) 
                 qpos[adr : adr + len(values)] = values
         for actuator, value in home.ctrl.items():
             ctrl[mjm.actuator(actuator).id] = value
+    # Quaternions of unit length up to rounding keep their bits.
     exact = qpos.copy()
     mujoco.mj_normalizeQuat(mjm, exact)
     return qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact, ctrl

@@ -156,6 +156,7 @@ def follow(couplings: Iterable[Coupling], qpos: np.ndarray) -> None:
         qpos: Positions, shape (..., nq).
     """
     for c in couplings:
+        # Positions that already agree up to rounding keep their bits.
         wanted = c.at(qpos[..., c.driver_adr])
         qpos[..., c.adr] = np.where(np.abs(qpos[..., c.adr] - wanted) < _SAME, qpos[..., c.adr], wanted)
 

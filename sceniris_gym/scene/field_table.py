@@ -27,7 +27,7 @@ _FIELDS = {
 OPTIONS = ("gravity", "wind", "magnetic", "density", "viscosity")
 """Fields of the model's options."""
 FIELDS = (*(f"{kind}_{word}" for kind, words in _FIELDS.items() for word in words.split()), *OPTIONS)
-"""Fields that can have values per world. Poses, shapes and derived fields are excluded: layouts depend on them."""
+"""Fields that can have values per world. Poses and shapes that layouts depend on, and derived fields, are excluded."""
 
 LEFT_OUT_AT_ZERO = (
     *("body_gravcomp", "tendon_stiffness", "tendon_damping", "actuator_armature"),

@@ -119,6 +119,7 @@ def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
                 mesh = int(mjm.geom_dataid[geom])
                 if mesh >= 0 and mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
                     arrays.append(mesh_vertices(mjm, mesh))
+            # Rounding, and -0.0 as 0.0, make the hash independent of the last digits.
             for array in arrays:
                 digest.update((np.round(np.asarray(array, np.float64), 6) + 0.0).tobytes())
     return digest.hexdigest()[:16]

@@ -105,6 +105,7 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     held_qpos = np.ones(mjm.nq, bool)
     held_qpos[mjm.jnt_qposadr[mjm.body_jntadr[things]][:, None] + np.arange(7)] = False
     mjm.dof_armature[held] = _HELD
+    # A diverging heap should fail the checks, not silently restart from the model's pose.
     mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     mujoco.mj_setConst(mjm, mujoco.MjData(mjm))
     mjm.stat.meaninertia = scene.mjm.stat.meaninertia  # the scale of the solver's tolerances
@@ -149,7 +150,7 @@ def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
     A layout stores only their poses, without velocities and without the forces of the previous step.
     """
     tried = mujoco.MjData(drop.mjm)
-    tried.qpos[:] = data.qpos.astype(np.float32)
+    tried.qpos[:] = data.qpos.astype(np.float32)  # the precision of layouts
     mujoco.mj_kinematics(drop.mjm, tried)
     before = tried.xpos[drop.things].copy()
     for _ in range(int(_LIE / drop.mjm.opt.timestep)):
