@@ -24,7 +24,7 @@ LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Seeds and episodes of layouts, shape (n,), and the numbers of their params, shape (n, nvalue)."""
 
 
-class Status(IntEnum):
+class LayoutStatus(IntEnum):
     """State of a row."""
 
     NONE = 0
@@ -248,7 +248,7 @@ class Layouts(StaysHere):
         grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
             beyond the arm's joints, and everywhere if the arm's map alone decided.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
-        status: A `Status` per world, shape (nworld,), int32.
+        status: A `LayoutStatus` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
         first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
         rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
