@@ -1,4 +1,4 @@
-"""Tiers of reachability: how thoroughly it is verified that an arm reaches an object."""
+"""Tiers of reachability: levels of verification that an arm reaches an object."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Verdict(IntEnum):
 
 
 class Tier(IntEnum):
-    """How thoroughly it is verified that an object is reachable."""
+    """A level of verification that an object is reachable."""
 
     MAP = 0
     """The arm's map has a positive verdict, by interpolation if the corners of a cell disagree."""
