@@ -146,7 +146,7 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay_pro
 
     Args:
         buffer: The buffer.
-        mask: Which worlds, shape (nworld,), bool; all if None.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
         stream: Philox stream of the choices.
         replay_prob: Probability of a level out of the buffer.
     """
@@ -181,7 +181,7 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None)
     Args:
         buffer: The buffer.
         seeds: Seeds, shape (nworld,), uint64; None keeps those there are.
-        mask: Which worlds, shape (nworld,), bool; all if None.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
     """
     device = buffer.base.device
     wp.launch(_forget, buffer.base.shape[0], inputs=[seeds, mask], outputs=[buffer], device=device)

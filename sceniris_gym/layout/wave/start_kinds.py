@@ -59,7 +59,7 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) 
 
     Args:
         work: The arrays of the generator. Its program has intervals of joints for each world if a kind draws joints.
-        mask: Which worlds, shape (nworld,), bool; all if None.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
         column: First column of their weights in a row of params, -1 for none.
     """
     inputs = [work.compiled.starts, mask, work.split, column]
