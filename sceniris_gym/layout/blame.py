@@ -1,4 +1,4 @@
-"""Explain rejected candidates by the geoms that collide and their depths, and raise if no layout can be made."""
+"""Explain rejected candidates by their colliding geoms, and make the error for a scene without a valid layout."""
 
 from __future__ import annotations
 

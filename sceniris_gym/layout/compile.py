@@ -53,7 +53,7 @@ _FEWEST_FAILED = 3
 _ALONE, _FAVOUR = 64, 2.0**20
 # Causes that end a layout without further attempts.
 _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
-# Entries of a cache file besides the arrays of the scene.
+# Entries of a cache file in addition to the arrays of the scene.
 _KEY, _WARNINGS = "key", "warnings"
 
 
@@ -176,7 +176,10 @@ class _Probe:
         self.made = self.failed = self.first = 0
 
     def fill(self, rounds: int, most: int = 0) -> list[tuple[np.ndarray, ...]]:
-        """Make layouts until the bank is full, in up to `rounds` rounds, or `most` until a first layout. Return all."""
+        """Make layouts until the bank is full, and return its rows.
+
+        Stop after `rounds` rounds, or after `most` rounds without a first layout.
+        """
         layouts, nworld = self.generator.layouts, self.generator.nworld
         rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
         drawn = 0

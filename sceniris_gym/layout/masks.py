@@ -36,7 +36,7 @@ def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
     """Check that a mask is a boolean array of numpy, torch or Warp, shape (nworld,).
 
     Raises:
-        ArgumentTypeError: Another type, or an array of another type.
+        ArgumentTypeError: Not an array of these libraries, or not booleans.
         ArgumentError: Wrong shape.
     """
     if _kind(mask) is None:

@@ -233,7 +233,7 @@ def search_columns(
 def _shares(compiled: CompiledScene, nominal: wp.array) -> tuple[list[tuple[str, int, int, int]], wp.array]:
     """Return rows of `scaled` that copy masses and centres of mass of a Model to statics, and the factors of masses.
 
-    The factor of a body is the fraction of its mass that gravity acts on.
+    A factor is the fraction of a body's mass without gravity compensation.
     """
     mass, weight = compiled.mjm.body_mass, nominal.numpy()[0]
     share = np.divide(weight, mass, out=np.zeros(len(mass)), where=mass > 0.0)

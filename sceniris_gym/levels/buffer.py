@@ -148,7 +148,7 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay_pro
         buffer: The buffer.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
         stream: Philox stream of the choices.
-        replay_prob: Probability of a level out of the buffer.
+        replay_prob: Probability of a level from the buffer.
     """
     nworld, device = buffer.base.shape[0], buffer.base.device
     wp.launch(_choose, nworld, inputs=[mask, wp.uint32(stream), replay_prob], outputs=[buffer], device=device)

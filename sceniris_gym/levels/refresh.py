@@ -150,8 +150,8 @@ def set_ranges(buffer: Buffer, adr: ADR, table: ParamTable) -> None:
     """Set the intervals of a buffer to `init_range`.
 
     Raises:
-        UnknownNameError, ArgumentError: A param that is not in the table, that is not an interval, or whose value
-            exceeds the scene file's.
+        UnknownNameError, ArgumentError: A param that is not in the table, not an interval, or beyond the scene file's
+            limits.
     """
     names, parts = ("column", "other", "present", "least", "most", "delta", "band"), []
     for name, value in adr.init_range.items():

@@ -225,7 +225,7 @@ def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Look up the grasps of candidates in the arm's map. Grasps for a start should also be usable for it."""
+    """Reject candidates whose grasps the arm's map rejects, or that the kind of start cannot use."""
     work.launch_lanes(_look_up, [reach, work.kinds, work.layouts, work.search], reach_search)
 
 
@@ -242,7 +242,7 @@ def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, ro
 
 @wp.func
 def first_passed(reach_search: ReachSearch, row: int) -> int:
-    """Return the first of a row's candidates that passed. Otherwise advance the row to its next starts, return -1."""
+    """Return the first of a row's candidates that passed, or advance the row to its next starts and return -1."""
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]

@@ -147,7 +147,7 @@ def _test_narrow_pairs(
 ):
     block, lane = wp.tid()
     num = narrow_pair_num(search)
-    # Lanes of a block wait for each other, so few pairs are spread over several blocks per multiprocessor.
+    # Lanes of a block wait for each other, so a small number of pairs is spread over several blocks per multiprocessor.
     most = wp.clamp(num // _SPREAD + 1, 1, wp.block_dim())
     # Most pairs belong to candidates that are already known to collide. The others wait until every lane has a pair.
     waiting = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=int)

@@ -1,8 +1,8 @@
 """Clip the support's triangles to each relation, and measure the pieces.
 
 A *combination* is one convex piece of every relation. A piece is the part of a triangle inside a combination, and its
-number is combination * triangles + triangle. Several lanes share the pieces of a region, and more lanes if there are
-fewer regions.
+number is combination * triangles + triangle. Several lanes share the pieces of a region. Their number grows as the
+number of regions falls.
 """
 
 import warp as wp
